@@ -3,8 +3,10 @@
 import ast
 import re
 from collections.abc import Iterator
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
+from tokenize import COMMENT, generate_tokens
 
 import pytest
 
@@ -95,6 +97,18 @@ def test_a_docstring_begins_with_a_noun_or_a_verb(path):
     found += [f"{path}:{line} {text.splitlines()[0]}" for line, text in field_docs(tree)
               if re.match(rf"({'|'.join(HEADLESS_FIELD)})\b", text.strip())]
     complain(found)
+
+
+@pytest.mark.parametrize("path", FILES, ids=ids)
+def test_docstrings_and_comments_name_things_in_place_of_what(path):
+    text, tree = path.read_text(encoding="utf-8"), parsed(path)
+    docstrings = docstring_nodes(tree)
+    docs = {node.lineno: node.value for node in ast.walk(tree)
+            if isinstance(node, ast.Constant) and id(node) in docstrings}
+    comments = {token.start[0]: token.string for token in generate_tokens(StringIO(text).readline)
+                if token.type == COMMENT}
+    complain([f"{path}:{line} {part}" for line, part in (docs | comments).items()
+              if re.search(r"\bwhat\b", re.sub(r"`[^`]*`", "", str(part)), re.IGNORECASE)])
 
 
 @pytest.mark.parametrize("path", FILES, ids=ids)

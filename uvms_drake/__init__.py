@@ -8,7 +8,7 @@
                         └────────────┬────────────┘                            └──┬───┘
                                      └──────────────── sensing ◀──────────────────┘ (𝔮, ζ)
 
-What a script needs is here, by `import uvms_drake as uv`; a name is loaded when it is first used.
+Names for scripts are here, by `import uvms_drake as uv`; one is loaded when it is first used.
 """
 
 from importlib import import_module

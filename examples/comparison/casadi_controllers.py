@@ -110,8 +110,8 @@ class ShootingController:
 class OneIterationController(ShootingController):
     """One quadratic program per step, with a full step: a real-time iteration.
 
-    Only the first step after a reset is solved to convergence, because the warm start is what one
-    iteration improves.
+    Only the first step after a reset is solved to convergence, because one iteration
+    improves the warm start only.
     """
 
     def __init__(self, name: str, problem: Problem):

@@ -1,4 +1,4 @@
-"""Robot files as they are found, from the file to the press: steps, times and what each needed.
+"""Robot files as they are found, from the file to the press: steps, times and changes.
 
 It takes made-up files of the shapes that people have through `robot --from`, `robot`,
 `scenario --new`, `certify` and `run`, and writes the table robot_import.md beside it. Nothing is
@@ -36,7 +36,7 @@ bound | within tolerance | off in the last 5 s |
 
 @dataclass
 class Case:
-    """A file, and what its robot is to do."""
+    """A file, and the task of its robot."""
 
     shape: str
     force: float

@@ -1,6 +1,6 @@
 """Arms of other numbers of joints: robots of made-up links, their certificates.
 
-`pytest -s -m long tests/certificate/test_arms.py` prints the table of `models/README.md`.
+`pytest -s -m long tests/certificate/test_arms.py` prints their verdicts and times.
 """
 
 import time

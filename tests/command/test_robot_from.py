@@ -25,7 +25,7 @@ def test_what_it_writes_is_accepted_without_an_edit(name, tmp_path, capsys):
     assert take(FILES / name, robot) == 0
     out = capsys.readouterr().out
     assert out.startswith("Taken from the file:\n  1. ")
-    assert "\nFor you to give (what stands in the files until then is an ESTIMATE):\n" in out
+    assert "\nFor you to give (the number in the files until then is an ESTIMATE):\n" in out
     assert out.split("\nwritten to ")[0].strip() in (robot / "README.md").read_text("utf-8")
     assert main(["robot", str(robot)]) == 0
     assert capsys.readouterr().err == ""
@@ -160,8 +160,8 @@ def test_of_two_arms_one_is_held_fast_and_told(tmp_path, capsys):
     assert take(file, tmp_path / "found") == 0
     out = capsys.readouterr().out
     assert "arm: 3 joints, shoulder_joint, boom_joint, stick_joint" in out
-    assert "another arm, of 'j0' to 'j2', is held fast" in out
-    assert "fixed, beside the chain: j0 at 0.5, j1 at 0.5, j2 at 0.5" in out
+    assert "another arm, of 'j0' to 'j2', is fixed" in out
+    assert "fixed, not in the chain: j0 at 0.5, j1 at 0.5, j2 at 0.5" in out
 
 
 def test_rotors_that_nothing_turns_and_an_arm_on_the_side_are_asked_about(tmp_path, capsys):

@@ -98,9 +98,9 @@ REFUSED = {
                              "joint elbow: limit = [2.1, 0.1]: must be lower below upper"),
     "a link without an end": ([(".urdf", '</link>\n  <link name="fore">', '<link name="fore">')],
                               "diver.urdf: line 47: must be XML: mismatched tag"),
-    # What stands beside the chain.
+    # Joints that are not in the chain.
     "a propeller": ([side("prop", "continuous")],
-                    "joint prop_joint: must be of type fixed, as 'prop' stands beside the chain "
+                    "joint prop_joint: must be of type fixed, as 'prop' is not in the chain "
                     "vehicle → shoulder → elbow → tip on fore"),
     "a root above the vehicle": ([(".urdf", END, '<link name="base"/><joint name="to_base" '
                                    'type="fixed"><parent link="base"/><child link="vehicle"/>'

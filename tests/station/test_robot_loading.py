@@ -100,7 +100,7 @@ BROKEN = {
                                "link vehicle: joint held of type 'weld' fixes it to 'world': it "),
     "two arms": ([link("left", '<joint name="second" type="revolute"><parent>vehicle</parent>'
                                "<child>left</child><axis><xyz>0 0 1</xyz></axis></joint>")],
-                 "sdf: joint second: must be of type fixed, as 'left' stands beside the "
+                 "sdf: joint second: must be of type fixed, as 'left' is not in the "
                  "chain vehicle → shoulder → elbow → tip on forearm"),
     "a ball joint": ([(".sdf", ELBOW, ELBOW.replace("revolute", "ball"))],
                      "sdf: line 92: joint elbow: type = 'ball': must be one of revolute, "

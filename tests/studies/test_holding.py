@@ -81,7 +81,7 @@ def test_the_motor_that_is_advised_is_strong_enough(force, tmp_path, capsys):
 
 
 def test_water_for_the_dry_links_is_advised_where_it_helps(tmp_path, capsys):
-    advice = "water in hydrodynamics.yaml for what is dry, forearm, upper_arm"
+    advice = "water in hydrodynamics.yaml of the dry links forearm, upper_arm"
     dry = copied(UP, tmp_path / "dry")
     assert advice in said(tmp_path, dry, 1.0, capsys)
     assert advice not in said(tmp_path, dry, 60.0, capsys)  # The force is too much by itself.

@@ -32,7 +32,7 @@ def write_random_robot(folder: Path, rng: np.random.Generator) -> Path:
         joints.append(_joint(i, parent, f"link{i}", offset, rng))
         parent, offset = f"link{i}", np.array([length, 0.0, 0.0])
     fixed = []
-    for k in range(int(rng.integers(0, 3))):  # What is beside the chain.
+    for k in range(int(rng.integers(0, 3))):  # Joints off the chain.
         links.append(_link(f"part{k}", 0.3, np.full(3, 0.1), np.zeros(3), rng))
         fixed.append((f"part{k}_joint", rng.choice(["vehicle", parent]), f"part{k}",
                       rng.uniform(-0.2, 0.2, 3)))

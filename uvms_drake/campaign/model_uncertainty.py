@@ -2,7 +2,7 @@
 
 They act as a disturbance, and the tube holds wherever d comes from. So they are scaled down until
 the disturbance that they induce takes no more than a share of d̃; the drawn disturbance gets the
-rest. The scale is an estimate along the first plan. The run measures what is really induced, and
+rest. The scale is an estimate along the first plan. The run measures the induced one, and
 does not count as one inside of the bounds if it was too much. Where d̃ is zero nothing is covered:
 then the scenario's own errors are the largest that are drawn, and every run counts.
 """
@@ -58,7 +58,7 @@ class Unknowns(NamedTuple):
     """Mass of the payload [kg]."""
 
     def put_into(self, scenario: Scenario, scale: float = 1.0) -> Scenario:
-        """Returns the scenario with `scale` times of it all, on top of what is in it already."""
+        """Returns the scenario with `scale` times all of it, added to its own errors."""
         known, surface = scenario.model_error, scenario.surface_error
         relative = {name: getattr(known, name) * (1.0 + scale * getattr(self, name))
                     for name in FACTORS}

@@ -34,14 +34,14 @@ def add_robot(commands: argparse._SubParsersAction) -> None:
     robot.add_argument("model", nargs="?", metavar="ROBOT",
                        help="name of a shipped robot, or a robot's folder")
     robot.add_argument("--posture", type=float, nargs="+", metavar="RAD",
-                       help="joint angles for what depends on them (default: middle of limits)")
+                       help="joint angles for the sheet and pictures (default: middle of limits)")
     robot.add_argument("--output", type=folder, metavar="DIR", help="where to write its pictures")
     robot.add_argument("--new", type=folder, metavar="DIR",
                        help="write the folder of a new robot, a box with two joints, every line "
                             "explained")
     robot.add_argument("--from", dest="source", type=folder, nargs=2, metavar=("FILE", "DIR"),
                        help="write the folder of the robot in a URDF or SDFormat file as it is "
-                            "found, and list what was taken, changed and is missing")
+                            "found, and list values taken, changed and missing")
 
 
 def show_robot(args: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from uvms_drake.model.robot_import.importer import import_robot
 
 
 def write_robot(file: Path, robot: Path) -> int:
-    """Writes a robot's folder, which must not be there yet, and prints what became of the file.
+    """Writes a robot's folder, which must not be there yet, and prints the notes of the import.
 
     Args:
         file: URDF or SDFormat, as it was found.

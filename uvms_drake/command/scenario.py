@@ -51,7 +51,7 @@ def new_scenario(args: argparse.Namespace) -> int:
     with new_at(file):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
-    # What `run` would refuse is refused here, and leaves no file.
+    # A scenario that `run` would refuse is refused here, and leaves no file.
     try:
         with reported_in(f"the scenario made for {robot.name}"):
             scenario = load_scenario(str(file))

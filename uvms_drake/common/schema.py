@@ -1,7 +1,7 @@
 """Holds raw YAML data against dataclasses, so that a mistake is reported by its key; writes them.
 
 `yaml_load_typed` stops at the first mistake too, but names neither the path of the key nor, for
-arrays and tags, what would have been right; and it lets NaN and ragged arrays through.
+arrays and tags, the allowed values; and it lets NaN and ragged arrays through.
 `yaml_dump_typed` refuses an object whose type the field does not name, as one of a user's own.
 """
 
@@ -33,7 +33,7 @@ KEPT = 16
 """Number of texts whose content is remembered: PyYAML takes longer than to build the rest of a
 station, and the runs of a campaign read the same robot again and again."""
 LARGEST = 1e50
-"""Largest number in a file: what is computed from it, such as a square, is finite too."""
+"""Largest number in a file: results such as its square are finite too."""
 
 
 def read_yaml(path: Path) -> object:
@@ -95,7 +95,7 @@ def _content(schema: type, text: str) -> typing.Any:
 
 
 def line_of(text: str, key: str) -> int | None:
-    """Returns the line of a YAML text where the value of a dotted key is, or what should have it.
+    """Returns the line of a YAML text with the value of a dotted key, or with its nearest parent.
 
     None, if the text has nothing of it.
     """
@@ -105,7 +105,7 @@ def line_of(text: str, key: str) -> int | None:
             node, yaml.MappingNode) else [
             (f"[{i}]", item, item) for i, item in enumerate(node.value)]
         matching = [entry for entry in entries
-                 if key == entry[0] or key.startswith((f"{entry[0]}.", f"{entry[0]}["))]
+                    if key == entry[0] or key.startswith((f"{entry[0]}.", f"{entry[0]}["))]
         if not matching:
             break
         head, start, node = max(matching, key=lambda entry: len(entry[0]))
@@ -114,7 +114,7 @@ def line_of(text: str, key: str) -> int | None:
 
 
 def _require_plain(root: yaml.Node | None) -> None:
-    """Raises for what YAML 1.1 reads otherwise than people do, in silence.
+    """Raises for texts that YAML 1.1 silently reads otherwise than people do.
 
     A key that a mapping has twice, of which PyYAML takes the last; and a number that is not
     decimal: 010 is eight, and 1:30 is ninety.
@@ -215,7 +215,7 @@ def _entry(name: str, value: typing.Any, declared: typing.Any, leave_out: Collec
 
 
 def _struct(head: str, value: object, first: typing.Any, leave_out: Collection[str]) -> str:
-    """Returns the lines of a part below its name, or beside the dash of a list."""
+    """Returns the lines of a part below its name, or after the dash of a list."""
     tag = "" if type(value) is first else f" !{type(value).__name__}"
     body = textwrap.indent(dump_typed(value, leave_out), "  ")
     if not body:
@@ -281,7 +281,7 @@ def _conform_struct(schema: typing.Any, value: object, key: str) -> dict[str, ob
     for name, item in value.items():
         path = f"{key}.{name}" if key else str(name)
         if name == "_tag":
-            if item == f"!{schema.__name__}":  # What it is anyway.
+            if item == f"!{schema.__name__}":  # The only type there is.
                 continue
             raise InvalidParameter(key or "the file", item,
                                    f"!{schema.__name__}, or left out: there is no choice")

@@ -14,7 +14,7 @@ from uvms_drake.model.uvms import Uvms, add_uvms
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot whose files can be used: what checks, a station and a picture begin with."""
+    """A robot whose files can be used: the input of checks, of a station and of a picture."""
 
     files: RobotFiles
     """Content of its files."""

@@ -24,7 +24,7 @@ from uvms_drake.model.uvms import Uvms, slides
 Complaints = Iterator[InvalidParameter]
 
 FLOATS = (0.8, 1.25)
-"""Displaced mass over mass of what can be a robot that swims."""
+"""Displaced mass over mass of a robot that can swim."""
 UNSTABLE = 1e-3
 """Depth of the centre of buoyancy below that of mass that is taken as rounding [m]."""
 TURNS, UNLIMITED = 6.0 * np.pi, 1e4
@@ -74,7 +74,7 @@ def the_tip_is_on_the_last_link(uvms: Uvms) -> Complaints:
         return
     if not uvms.joints:
         yield InvalidParameter("frame tip", uvms.tip.body().name(),
-                               f"attached to '{last.name()}', or to what is fixed to it")
+                               f"attached to '{last.name()}', or to a body fixed to it")
         return
     mover = uvms.joints[-1].name()
     yield InvalidParameter(
@@ -128,7 +128,7 @@ def inertias_are_given(uvms: Uvms) -> Complaints:
         if not M.IsPhysicallyValid():
             yield InvalidParameter(
                 f"link {body.name()}: inertial", principal_moments(body),
-                "what a body can have: a mass, and principal moments of inertia about its centre "
+                "physically possible: a mass, and principal moments of inertia about its centre "
                 "of mass of which none exceeds the sum of the others [kg m²]")
         elif (radius := radius_of_gyration(body)) > LARGEST:
             yield InvalidParameter(
@@ -137,7 +137,7 @@ def inertias_are_given(uvms: Uvms) -> Complaints:
         elif np.array_equal(M.CopyToFullMatrix6(), np.eye(6)):
             yield InvalidParameter(
                 f"link {body.name()}: inertial", "1 kg, 1 kg m²",
-                "given: these are what SDFormat takes where a link has none; a frame needs no link")
+                "given: these are SDFormat's defaults where a link has none; a frame needs no link")
 
 
 def joints_move_something(uvms: Uvms) -> Complaints:

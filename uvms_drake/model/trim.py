@@ -31,7 +31,7 @@ class Trim:
 def middle_posture(uvms: Uvms) -> np.ndarray:
     """Returns the middle of the joints' limits (n,) [rad, m].
 
-    It is zero, or what its single limit leaves that is nearest to zero, for a joint without both.
+    For a joint without both it is zero, or the admissible value nearest to zero.
     """
     limits = np.array([[joint.position_lower_limits()[0], joint.position_upper_limits()[0]]
                        for joint in uvms.joints]).reshape(-1, 2)

@@ -1,9 +1,9 @@
-"""A robot in a `MultibodyPlant`: how it is put there, and what is found there.
+"""A robot in a `MultibodyPlant`: adds it, and finds its bodies, joints and frames.
 
 A robot is a folder with `<name>.sdf` or `<name>.urdf`, `hydrodynamics.yaml` and `package.xml`, and
 with `thrusters.yaml` if they are known. Its SDFormat or URDF file has a floating body `vehicle` in
 FRD axes, a serial chain of revolute and prismatic joints, and a frame `tip` (the paper's Σ_E).
-What else it may say is in `robot_check`.
+Further requirements are in `robot_check`.
 """
 
 from dataclasses import dataclass

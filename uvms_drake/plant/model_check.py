@@ -1,7 +1,7 @@
 """The controller's model against the plant, for a robot that neither has seen before.
 
 The two share no equation of motion: the model is a chain of links with 6×6 inertias, the plant is
-Drake's with the water beside it. What a file can say and only one of them reads shows here, in
+Drake's with the forces of the water. Parts of a file that only one of them reads show here, in
 random states.
 """
 
@@ -23,7 +23,7 @@ from uvms_drake.plant.hydrodynamics import Hydrodynamics, drag_force
 STATES = 2
 """Number of random states that are tried."""
 AGREEMENT = 1e-7
-"""Largest difference that is taken as rounding, of the size of what is compared."""
+"""Largest difference that is taken as rounding, relative to the size of the quantity."""
 BALANCE = 1e-5
 """The same for the balance of power, which is by differences."""
 STEP = 1e-4
@@ -32,7 +32,7 @@ _FROM_DRAKE = [3, 4, 5, 0, 1, 2]
 
 
 def model_complaints(uvms: Uvms) -> list[InvalidParameter]:
-    """Returns in what the controller's model of a robot differs from the plant.
+    """Returns the differences between the controller's model of a robot and the plant.
 
     Args:
         uvms: The robot, alone in a finalized plant that is continuous.
@@ -63,7 +63,7 @@ def random_state(model: UvmsModel, rng: np.random.Generator) -> np.ndarray:
 
 def _differences(uvms: Uvms, model: UvmsModel, coordinates: Coordinates, water: Hydrodynamics,
                  state: np.ndarray, tau: np.ndarray) -> Iterator[tuple[str, float, float]]:
-    """Yields what is compared, the relative difference, and what is allowed."""
+    """Yields the name of a quantity, its relative difference, and the allowed one."""
     context, drake = water.CreateDefaultContext(), coordinates.to_drake(state)
     config, zeta = np.split(state, 2)
     kinematics = model.kinematics(config)
@@ -103,7 +103,7 @@ def _tip_of(uvms: Uvms, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _imbalance(uvms: Uvms, model: UvmsModel, coordinates: Coordinates, state: np.ndarray,
                zeta_dot: np.ndarray) -> tuple[str, float, float]:
-    """Returns by how much ζᵀτ of the model misses the rate of energy and what drag takes."""
+    """Returns by how much ζᵀτ of the model misses the rate of energy and the power of drag."""
     config, zeta = np.split(state, 2)
     power = float(zeta @ model.inverse_dynamics(model.kinematics(config), zeta, zeta_dot))
     tangent = np.concatenate([configuration_rate(config, zeta), zeta_dot])

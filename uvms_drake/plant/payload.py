@@ -64,7 +64,7 @@ def holding_wrench(payload: Payload, density: float, acceleration: np.ndarray, o
     """Returns (f, n) of (1) (..., 6) [N, N m] about E in its axes, in which all vectors are.
 
     Args:
-        payload: What is held.
+        payload: The payload.
         density: Of the water [kg/m³].
         acceleration: (a_E, α) (..., 6) [m/s², rad/s²].
         omega: ω, angular velocity of E (..., 3) [rad/s].
@@ -98,7 +98,7 @@ def with_payload(plant: MultibodyPlant, uvms: Uvms, payload: Payload) -> Uvms:
 
 
 class PayloadWrench(LeafSystem):
-    """Tells the wrench by which the hand holds a payload, see (1).
+    """Wrench by which the hand holds a payload, see (1).
 
     .. pydrake_system::
 
@@ -124,7 +124,7 @@ class PayloadWrench(LeafSystem):
     Args:
         plant: A finalized plant.
         body: The payload's, as `with_payload` adds it.
-        payload: What is held.
+        payload: The payload.
         density: Of the water [kg/m³].
     """
 

@@ -159,7 +159,7 @@ def make_uvms_plant(
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     builder.Connect(water.GetOutputPort("acceleration"), state.GetInputPort("v_dot"))
 
-    # What the hand holds, for a wrist sensor.
+    # The payload, for a wrist sensor.
     payload = None if error is None or not error.payload.present else (
         PayloadWrench.AddToBuilder(builder, plant, uvms, error.payload))
 

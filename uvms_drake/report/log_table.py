@@ -23,7 +23,7 @@ COMPONENTS = {"force_last_valid": ("x", "y", "z"), "target": ("x", "y", "z"),
 def log_columns(record: Record) -> dict[str, np.ndarray]:
     """Returns the columns (T,) by name, in SI units.
 
-    There are those of a mission and of a contact that is felt, if there is one.
+    There are those of a mission and of a sensed contact, if there is one.
     """
     return {f"{name}/{part}" if part else name: values
             for name, parts, table in _tables(record)
@@ -48,7 +48,7 @@ def _tables(record: Record) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 
 def format_log(record: Record) -> str:
-    """Returns the log as CSV, to ten digits; what is not known is `nan`.
+    """Returns the log as CSV, to ten digits; unknown values are `nan`.
 
     By six, of 5 ms a sample every second time repeats after 1000 s, and at a depth of 3000 m only
     centimetres are left.

@@ -139,9 +139,9 @@ def summarise_contact(record: Record) -> dict[str, Any]:
 
 
 def _summarise_class(record: Record) -> dict[str, object]:
-    """Returns `out_of_class`, what bounds of its class the wall was seen to exceed.
+    """Returns `out_of_class`, the bounds of its class that the wall was seen to exceed.
 
-    Nothing if the contact is not felt. At the instants of the log, so at least these.
+    Empty without a sensed contact. At the instants of the log, so at least these.
     """
     specified = record.model.surface.contact
     if specified is None:
@@ -200,7 +200,7 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
 def summarise_tube(record: Record) -> dict[str, object]:
     """Returns the bounds, the worst deviations and how often they were left.
 
-    `e` is what the law feeds back, `error`: y − ȳ, or χ − χ̄ alone; see `FIELDS`. `exits` counts
+    `e` is the error of the law, `error`: y − ȳ, or χ − χ̄ alone; see `FIELDS`. `exits` counts
     the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the
     whole task, position, orientation, joints and velocity, set-wise and along the run; see
     `TubeMonitor`.
@@ -324,8 +324,8 @@ def _format_constraints(constraints: dict) -> list[str]:
 def _format_robustness(summary: dict) -> list[str]:
     tube, disturbance = summary["tube"], summary["disturbance"]
     return [
-        f"{'disturbance':<14}{disturbance['worst']:.4g} at most with what the controller does not "
-        f"know ({disturbance['applied']:.4g} applied)",
+        f"{'disturbance':<14}{disturbance['worst']:.4g} at most with the part that the controller "
+        f"does not know ({disturbance['applied']:.4g} applied)",
         f"{'':<14}" + ("no bound is declared" if disturbance["exceeded"] is None else
                        f"bound {disturbance['bound']:.4g} [{disturbance['unit']}], exceeded "
                        f"{disturbance['exceeded']} times"),

@@ -36,7 +36,7 @@ class LostForce(ForceFault):
 
 @dataclass
 class FrozenForce(ForceFault):
-    """The measured force stays what it was at `start`.
+    """The measured force keeps its value at `start`.
 
     A force from before the touch, taken for new, would let the tip press without end. After as many
     equal readings as a `ForceFaultDetector` has `repeats`, it is lost. Those before it are older

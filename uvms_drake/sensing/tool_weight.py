@@ -12,8 +12,8 @@ from uvms_drake.model.frames.spatial import cross
 class Tool:
     """Tool beyond a wrist sensor, without which it would measure the contact alone.
 
-    Only its weight and its buoyancy are felt: what it takes to accelerate it, its mass and added
-    mass times some 0.1 m/s², and its drag are left out.
+    Only its weight and its buoyancy are in the reading: its inertia force, mass and added mass
+    times some 0.1 m/s², and its drag are left out.
     """
 
     mass: float = 0.0

@@ -5,8 +5,8 @@ Everything is a closed form or a search over postures, and none of it is proven:
 
     τ_eq = b + Jᵀ𝔉,   u_eq = M⁻¹τ_eq,   uᵢ = |u_eq,i| + s (τ_max,i − |τ_eq,i|) / Mᵢᵢ,            (1)
 
-s the share of what is left of a force that one axis may use while others are in use, too.
-Where τ_max is unknown, u is the need of the task. The disturbance is what a current exerts
+s the share of the remaining force that one axis may use while others are in use, too.
+Where τ_max is unknown, u is the need of the task. The disturbance is the force of a current
 on the hull and friction on the joints, over Mᵢᵢ; the gains k = σ are the smallest of `GAINS` whose
 bound of the deviation, ‖J_pos Ŵ‖d̃/(kσ) at the posture, is a fifth of the force on the wall.
 """
@@ -38,7 +38,7 @@ SIDEWAYS, ROLLED = 0.3, 1.0
 STEEP = 0.35
 """Pitch of the tool from which the wall is turned to face it [rad]."""
 FORWARD_SHARE = 0.75
-"""Share of the largest reach ahead that the tip should have."""
+"""Share of the largest forward reach that the tip should have."""
 MARGIN = 0.3
 """Distance of a posture from the joints' limits, but for narrow ones [rad]."""
 HALF_RANGE = 0.25
@@ -48,7 +48,7 @@ SHARES = (0.6, 0.8)
 CURRENT = 0.2
 """Speed of the water that the certificate is to cover [m/s]."""
 FRICTION = 0.1
-"""Friction of a joint that it is to cover [N m]; of a weak motor a fifth of what it gives."""
+"""Friction of a joint that it is to cover [N m]; of a weak motor a fifth of its effort."""
 TILTING = 1.5
 """Angular over linear disturbance of the hull [rad/m]."""
 TAKEN = 2.5
@@ -58,7 +58,7 @@ MANOEUVRE = (0.05, 0.1, 1.0)
 SPARE = 8.0
 """Multiple of these that it is given where the limit is unknown."""
 MOST = (2.0, 6.0, 20.0)
-"""Inputs that are enough, besides what the task needs: linear, angular, of a joint."""
+"""Inputs that are enough, in addition to those of the task: linear, angular, of a joint."""
 GAINS = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0)
 """Candidates for k = σ [1/s]."""
 STIFFNESS = 1000.0
@@ -102,7 +102,7 @@ class FirstScenario:
     disturbance: np.ndarray
     """Semi-axes of its ellipsoid (6+n,) [m/s², rad/s²]."""
     covered: float
-    """Share of what `CURRENT` and `FRICTION` are, that it covers."""
+    """Covered share of `CURRENT` and `FRICTION`."""
     gain: float
     """k = σ [1/s]."""
     lag: float
@@ -162,7 +162,7 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
 
 
 def _too_weak(uvms: Uvms, model: UvmsModel, config: np.ndarray, force: np.ndarray, i: int) -> str:
-    """Returns why a robot cannot press with a force (3,) at 𝔮 (6+n,), and what would help.
+    """Returns why a robot cannot press with a force (3,) at 𝔮 (6+n,), with advice.
 
     `i` is the coordinate of which least is left.
     """
@@ -193,7 +193,7 @@ def _least_rest(model: UvmsModel, config: np.ndarray, strength: Strength) -> np.
 def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     """Returns joint angles (n,) [rad] that are good to press with, and σ_min(J_sq) there.
 
-    Sought is the largest σ_min(J_sq) with the tool level and far ahead: of three joints and more,
+    Sought is the largest σ_min(J_sq) with the tool level and far forward: of three joints and more,
     J_sq is that of `best_rows`; of fewer, of the tip's position.
     """
     n = model.num_joints

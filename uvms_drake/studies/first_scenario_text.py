@@ -11,7 +11,7 @@ LAG_MARGIN = 0.5
 TEXT = """\
 # {robot} presses {force:g} N on a wall of known stiffness; made by `uvms-drake scenario --new`.
 #
-# Ideal here: the wrench on the vehicle is what the law asks for, at once, on all six axes;
+# Ideal here: the wrench on the vehicle is the commanded one, at once, on all six axes;
 # states are exact and the feedback is continuous.{lag}
 # All else is as in the scenario `base`; SI units, radians, axes NED and FRD.
 
@@ -30,7 +30,7 @@ surface: !UnilateralPlane
   transition: 0.002  # m
 
 # Semi-axes are bound times weight: {covered}a current of {current:.2g} m/s on the hull, and
-# friction of {friction:.2g} N m at each joint, or a fifth of what a weak motor gives.
+# friction of {friction:.2g} N m at each joint, or a fifth of a weak motor's effort.
 disturbance: !SinusoidalDisturbance
   bound: {bound}
   weights: {weights}  # m/s2 (3), rad/s2
@@ -39,7 +39,7 @@ task:
   force: {wrench}  # N, N m; exerted on the wall
   pose: {pose}  # m, rad; the vehicle is level with these
   frame: {frame}  # rad, of the task: zero for a wall that stands upright
-  # The tool level and far ahead, the arm far from singular: σ_min(J_sq) is {dexterity:.2g}.
+  # The tool level and far forward, the arm far from singular: σ_min(J_sq) is {dexterity:.2g}.
   posture: {posture}  # rad
   force_tolerance: {tolerance}  # N
 
@@ -53,9 +53,9 @@ limits:
   static_force: {static}  # N, three times the task's, or 3 N more
   q_lower: {q_lower}  # rad; no wider than the task needs
   q_upper: {q_upper}
-  # The force that holds the task, and of what this leaves, over the inertia with the water,
+  # The force that holds the task, and of the remaining force, over the inertia with the water,
   # 60 % of those of thrusters ({thrust}) and 80 % of those of motors;
-  # no more than is of use. Where the source is unknown what there is, what the task needs.
+  # no more than is of use. Where the available force is unknown, the need of the task.
   u: {u}  # m/s2 (3), rad/s2
   # The forces themselves, to have them checked, too; tube.tau then has to be there for a run
   # without a certificate.
@@ -84,7 +84,7 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
     Args:
         found: Its numbers.
         model: As `model` has it: a name or a path from the file's folder.
-        robot: What to call it.
+        robot: Name of the robot.
     """
     n, force = len(found.posture), float(np.linalg.norm(found.force))
     bound = float(found.disturbance[0])

@@ -1,7 +1,7 @@
-"""Whether a robot can hold a task at rest: weight and force apart, and what would help.
+"""Whether a robot can hold a task at rest: weight and force apart, with advice.
 
-With w = b(𝔮) what weight and buoyancy take, j = J_𝔭ᵀ times the direction of pressing what a newton
-on the wall takes, and r what has to be left to move with, coordinate i can be held where
+With w = b(𝔮) the generalised force of weight and buoyancy, j = J_𝔭ᵀ times the direction of pressing
+that of a newton on the wall, and r the reserve for motion, coordinate i can be held where
 
     |wᵢ + F jᵢ| ≤ aᵢ = τ_max,i − rᵢ,                                                             (1)
 
@@ -89,7 +89,7 @@ def what_helps(uvms: Uvms, config: np.ndarray, holding: Holding, force: float) -
     Args:
         uvms: The robot.
         config: 𝔮 (6+n,) of the task.
-        holding: What holds it, at the thrusters and motors that there are.
+        holding: Forces that hold it, at its thrusters and motors.
         force: F that was asked for [N].
     """
     found = []
@@ -107,8 +107,8 @@ def what_helps(uvms: Uvms, config: np.ndarray, holding: Holding, force: float) -
         lighter = replace(holding, weight=model.inverse_dynamics(
             model.kinematics(config), rest, rest))
         if np.all(lighter.missing(force) <= 0.0):
-            found.append(f"water in hydrodynamics.yaml for what is dry, {', '.join(names)}: what "
-                         "floats by itself would do")
+            found.append(f"water in hydrodynamics.yaml of the dry links {', '.join(names)}: a "
+                         "neutral weight would do")
     strong = replace(holding, reserve=holding.reserve_if_strong)
     lacking = np.where(holding.missing(force) > 0.0, strong.missing(force), 0.0)
     found.append(" and ".join(

@@ -56,7 +56,7 @@ class InputLimit(Limit):
         return self.units[0 if straight.get(signal.rsplit("_", 1)[1]) else 1]
 
     def complaint(self, at: Points) -> str:
-        """Returns which value would have to be within what at rest, weight and force apart."""
+        """Returns each value at rest and its allowed range, weight and force apart."""
         rest = np.zeros_like(at.config)
         alone = replace(at, u=-at.model.drift(at.config, rest, np.zeros(6)))
         values, by_weight = self.values(at), self.values(alone)

@@ -38,12 +38,12 @@ class LinearRegulator(NamedTuple):
 
 def linear_regulator(A: np.ndarray, B: np.ndarray, F: np.ndarray, Q: np.ndarray, R: np.ndarray
                      ) -> LinearRegulator | None:
-    """Returns the solution of (1), or None if floating point cannot tell it.
+    """Returns the solution of (1), or None if rounding prevents it.
 
     Args:
         A: Matrix of the state (n, n).
         B: Matrix of the input (n, m); its pair with A is stabilisable.
-        F: What the cost of the input is about (m, n).
+        F: Gain of the input from which its cost counts (m, n).
         Q: Weight of the state (n, n).
         R: Weight of a − Fξ (m, m), positive definite.
     """
@@ -53,7 +53,7 @@ def linear_regulator(A: np.ndarray, B: np.ndarray, F: np.ndarray, Q: np.ndarray,
         return LinearRegulator(F - K, P)
     gain = -DiscreteTimeLinearQuadraticRegulator(A=A, B=B, Q=Q, R=R)[0]
     last = np.inf
-    # In exact numbers P falls at every step; once it does not, what is left is rounding.
+    # In exact numbers P falls at every step; once it does not, the rest is rounding.
     for _ in range(STEPS):
         P = _cost_of(A + B @ gain, Q + (gain - F).T @ R @ (gain - F))
         if not np.isfinite(P).all() or np.trace(P) >= last:
@@ -71,7 +71,7 @@ def linear_regulator(A: np.ndarray, B: np.ndarray, F: np.ndarray, Q: np.ndarray,
 
 
 def _share(residual: np.ndarray, stage: np.ndarray) -> float:
-    """Returns the largest |ξᵀ residual ξ| over ξᵀ stage ξ; infinite if that cannot be told."""
+    """Returns the largest |ξᵀ residual ξ| over ξᵀ stage ξ; infinite if stage is not positive."""
     try:
         root = np.linalg.inv(np.linalg.cholesky(stage))
     except np.linalg.LinAlgError:

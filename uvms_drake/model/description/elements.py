@@ -1,7 +1,7 @@
 """The elements of URDF and SDFormat that a robot's file may have, and those that are not read.
 
 Each table names an element by its tag, or by that of its parent and its own where a tag has two
-meanings. What is in neither table is unknown.
+meanings. An element in neither table is unknown.
 """
 
 from dataclasses import dataclass, field
@@ -34,7 +34,7 @@ YES, NO = Value(words=("true", "1")), Value(words=("false", "0"))
 
 @dataclass(frozen=True)
 class Element:
-    """Names and kinds of what an element may have; names are separated by spaces."""
+    """Names and kinds of children and attributes of an element; names are separated by spaces."""
 
     attributes: dict[str, Value] = field(default_factory=dict)
     text: Value | None = None
@@ -45,7 +45,7 @@ class Element:
     needs: str = ""
     """Attributes and children that must be there."""
     unread: str = ""
-    """Children and attributes that mean something to others, and are told as not read."""
+    """Children and attributes with a meaning elsewhere, which are reported as not read."""
     quiet: str = ""
     """Elements about looks or contact of shapes: nothing here depends on them."""
     kept: str = ""

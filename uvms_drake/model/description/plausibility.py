@@ -1,7 +1,8 @@
-"""A robot's URDF or SDFormat, held against the elements that it may have.
+"""Check of a robot's URDF or SDFormat against the elements that it may have.
 
 Drake's parsers take a default for an element whose name is mistyped, the first of two that stand
-for the same, and of `1,5` the 1. All these are mistakes here, and what is not read is told.
+for the same, and of `1,5` the 1. All these are mistakes here; elements that are not read are
+reported.
 """
 
 import difflib
@@ -41,7 +42,7 @@ class Findings:
     complaints: list[str] = field(default_factory=list)
     """Each with its line."""
     unread: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
-    """Lines of what is not read, by its name."""
+    """Lines of the elements that are not read, by their name."""
     notes: list[str] = field(default_factory=list)
 
     def refuse(self, node: Node, owner: str, key: str, value: object, allowed: str) -> None:
@@ -79,7 +80,7 @@ def _check(node: Node, table: dict[str, Element], spec: Element, owner: str, pat
     if owned:
         owner, path = f"{node.tag} {node.attributes['name']}", ""
     _check_attributes(node, spec, owner, path, found)
-    # Children that are read, those left to Drake, and those that are told or refused.
+    # Children that are read, those left to Drake, and those that are reported or refused.
     children, seen = [], dict[str, Node]()
     once, many = spec.once.split(), spec.many.split()
     for child in node.children:
@@ -101,7 +102,7 @@ def _check(node: Node, table: dict[str, Element], spec: Element, owner: str, pat
             found.refuse(child, owner, key, None, "expanded: by the program xacro, to a URDF")
         elif child.tag not in spec.quiet.split():
             _leave_out(child, child.tag, spec, owner, path, found)
-    # What must be there, and the text between the tags.
+    # Required elements, and the text between the tags.
     for name in spec.needs.split():
         if name not in seen and name not in node.attributes:
             found.refuse(node, owner, f"{path}.{name}".strip("."), None, "there")
@@ -131,7 +132,7 @@ def _check_attributes(node: Node, spec: Element, owner: str, path: str, found: F
 
 def _leave_out(node: Node, name: str, spec: Element, owner: str, path: str, found: Findings
                ) -> None:
-    """Tells of an element or attribute that is not read, or refuses one that is mistyped."""
+    """Reports an element or attribute that is not read, or refuses one that is mistyped."""
     key = f"{path}.{name}".strip(".")
     known = [*spec.attributes, *spec.once.split(), *spec.many.split(), *spec.unread.split()]
     close = difflib.get_close_matches(name, known, n=1)
@@ -188,7 +189,7 @@ def _check_value(node: Node, text: str, value: Value, owner: str, key: str, foun
 
 
 def _check_joint(joint: Node, kind: str, found: Findings) -> None:
-    """Checks the limits of a joint that moves, and takes away what means nothing."""
+    """Checks the limits of a joint that moves, and removes those without a meaning."""
     # Where the two formats have it.
     name, form = f"joint {joint.attributes['name']}", joint.attributes["type"]
     axis = joint if kind == "urdf" else joint.find("axis") or Node("axis", joint.line)
@@ -216,7 +217,7 @@ def _check_joint(joint: Node, kind: str, found: Findings) -> None:
     elif bounds and bounds[1] - bounds[0] < NARROW:
         found.refuse(limit or joint, name, "limit", bounds, f"a range of {NARROW:g} or more, in "
                      "rad or m, or the joint of type fixed")
-    # Friction is told and taken out, or Drake would tell it once more.
+    # Friction is reported and taken out, or Drake would warn of it once more.
     damping = axis.find("dynamics")
     values = {} if damping is None else dict(damping.attributes) if kind == "urdf" else {
         child.tag: child.text for child in damping.children}
@@ -231,7 +232,7 @@ def _check_joint(joint: Node, kind: str, found: Findings) -> None:
 
 
 def unread_notes(found: Findings) -> Iterator[str]:
-    """Yields a sentence for each kind of what is not read."""
+    """Yields a sentence for each kind of element that is not read."""
     for name, lines in found.unread.items():
         listed = ", ".join(map(str, lines[:LISTED])) + (
             f" and {len(lines) - LISTED} more" if len(lines) > LISTED else "")

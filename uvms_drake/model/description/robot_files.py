@@ -1,4 +1,4 @@
-"""The files of a robot's folder, read and checked: what a plant is made of."""
+"""The files of a robot's folder, read and checked: the source of a plant."""
 
 import logging
 from collections.abc import Iterator
@@ -40,7 +40,7 @@ class RobotFiles:
     thrusters: ThrusterParameters | None
     """None if they are not known."""
     text: str = ""
-    """The file as Drake reads it: without collision shapes, and without what it would not read."""
+    """The file as Drake reads it: without collision shapes and elements that it would ignore."""
     included: dict[str, str] = field(default_factory=dict)
     """Files that it includes, likewise, by a name in the package `INCLUDED`."""
     notes: list[str] = field(default_factory=list)
@@ -140,11 +140,11 @@ class _Reader:
         self.included[name] = self.read(path)
         uri.text = f"package://{INCLUDED}/{name}"
 
-    def _locate(self, uri: str, beside: Path) -> Path:
+    def _locate(self, uri: str, folder: Path) -> Path:
         """Returns the file of a URI; raises `LookupError` with the reason if it names none."""
         scheme, _, rest = uri.partition("://")
         if not rest:
-            return (beside / uri).resolve()
+            return (folder / uri).resolve()
         if scheme == "file":
             return Path(rest)
         package, _, path = rest.partition("/")
@@ -160,7 +160,7 @@ def parse_robot(plant: MultibodyPlant, files: RobotFiles) -> tuple[ModelInstance
     Raises:
         InvalidFile: Drake cannot read it, or takes another inertia than the file has.
     """
-    # Drake reads the text that was checked; what that includes is put where it is found.
+    # Drake reads the text that was checked; included files are written to where it finds them.
     parser, log = Parser(plant), list[str]()
     package = str(files.folder / "package.xml")
     try:
@@ -171,10 +171,10 @@ def parse_robot(plant: MultibodyPlant, files: RobotFiles) -> tuple[ModelInstance
             for name, text in files.included.items():
                 (Path(folder) / name).write_text(text, encoding="utf-8")
             instances = parser.AddModelsFromString(files.text, files.file.suffix[1:])
-    except Exception as error:  # RuntimeError, ValueError and others, by what is wrong.
+    except Exception as error:  # RuntimeError, ValueError and others, by the mistake.
         raise InvalidFile([f"{files.file}: must be a readable robot: "
                            f"{_with_file(_one_line(error), files.file)}"]) from None
-    # What Drake says in its log only.
+    # Warnings that Drake writes to its log only.
     replaced = [text for text in log if "inertia" in text]
     if replaced:
         raise InvalidParameter(

@@ -25,8 +25,8 @@ def shipped_robots() -> list[str]:
 def model_dir(model: str) -> Path:
     """Returns the folder of a robot, given the name of a shipped one or a path.
 
-    The robot's name is that of the folder: of `.` and of what ends in `..` the real one, and of a
-    link the name of its target, if no file has the link's.
+    The robot's name is that of the folder: of `.` and of a path ending in `..` the real one, and of
+    a link the name of its target, if no file has the link's.
     """
     shipped = shipped_robots()
     if model in shipped:

@@ -1,4 +1,4 @@
-"""The serial chain of a robot's joints, from the vehicle to the tip, and what stands beside it."""
+"""The serial chain of a robot's joints, from the vehicle to the tip, and the joints off it."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def serial_joints(plant: MultibodyPlant, instance: ModelInstanceIndex, file: Pat
         file: Of the robot, for the error.
 
     Raises:
-        InvalidFile: The vehicle is not the root, or joints stand beside the chain; names them all.
+        InvalidFile: The vehicle is not the root, or joints stand off the chain; names them all.
     """
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
     inboard: dict[str, Joint] = {}
@@ -47,7 +47,7 @@ def serial_joints(plant: MultibodyPlant, instance: ModelInstanceIndex, file: Pat
     listed = " → ".join(["vehicle", *chain, f"tip on {tip}"])
     raise InvalidFile([
         f"{file}: joint {joint.name()}: must be of type fixed, as '{joint.child_body().name()}' "
-        f"stands beside the chain {listed}" for joint in moving if joint.name() not in chain])
+        f"is not in the chain {listed}" for joint in moving if joint.name() not in chain])
 
 
 def _carriers(joint: Joint, inboard: dict[str, Joint]) -> list[Joint]:

@@ -1,7 +1,7 @@
 """The thrusters of a robot: an optional YAML file `thrusters.yaml` beside its SDFormat file.
 
-Positions and axes are in the vehicle's frame B (FRD). What a thruster gives for a command follows
-a table, a first-order lag later and after a dead time.
+Positions and axes are in the vehicle's frame B (FRD). The force of a thruster follows its
+command by a table, a first-order lag later and after a dead time.
 """
 
 from dataclasses import dataclass, field
@@ -168,7 +168,7 @@ def _rank(B: np.ndarray) -> int:
 
 
 def _weakest(B: np.ndarray, count: int) -> list[str]:
-    """Returns so many axes that are nearest to what no force of the thrusters gives."""
+    """Returns so many axes that are nearest to the null space of the thrust map's transpose."""
     lost = np.linalg.svd(B)[0][:, 6 - count:]
     found = np.argsort(-np.linalg.norm(lost, axis=1), kind="stable")[:count]
     return [AXES[i] for i in sorted(found)]

@@ -1,4 +1,4 @@
-"""XML with the line of every element, read and written so that the lines stay what they are.
+"""XML with the line of every element, read and written so that the lines stay the same.
 
 Prefixes such as `drake:` are parts of the names, whether they are declared or not, as they are to
 Drake's parsers.

@@ -61,7 +61,7 @@ class Body:
 
 
 def z_is_up(tree: Tree, chain: Chain, waters: Waters, notes: Notes) -> bool:
-    """Whether the vehicle's link has z up, as ROS and Gazebo have it, and says by what."""
+    """Whether the vehicle's link has z up, as ROS and Gazebo have it; the evidence is noted."""
     name = chain.root.lower()
     if "frd" in name or "ned" in name.split("_"):
         notes.taken.append(f"axes: FRD, z down, by the name of link '{chain.root}'")
@@ -85,14 +85,14 @@ def z_is_up(tree: Tree, chain: Chain, waters: Waters, notes: Notes) -> bool:
 
 
 def ask_for_forward_axis(bodies: list[Body], notes: Notes) -> None:
-    """Asks whether x is ahead, if the arm is not ahead of the vehicle's middle."""
+    """Asks whether x is forward, if the arm is not in front of the vehicle's middle."""
     if len(bodies) < 2:
         return
     p = bodies[0].of(bodies[1].links[0])[:3, 3] - bodies[0].com
     if p[0] < abs(p[1]):
         notes.asked.append(f"the axes: the arm begins at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m "
-                           "from the vehicle's centre of mass, and x is taken as ahead. If another "
-                           "axis is, surge and sway are not what they are called")
+                           "from the vehicle's centre of mass, and x is taken as forward. If "
+                           "another axis is, surge and sway are exchanged or reversed")
 
 
 def lump(tree: Tree, chain: Chain, waters: Waters, notes: Notes, flips: bool) -> list[Body]:
@@ -101,8 +101,8 @@ def lump(tree: Tree, chain: Chain, waters: Waters, notes: Notes, flips: bool) ->
     Args:
         tree: The robot, with all that is fixed where it shall be.
         chain: Vehicle and arm.
-        waters: What is known of the water, by link.
-        notes: What is mended is added.
+        waters: Effects of the water, by link.
+        notes: Corrections are added.
         flips: Whether the vehicle is to be turned from z up to z down.
     """
     X_root = tree.links[chain.root].X
@@ -154,7 +154,7 @@ def _add_masses(body: Body, notes: Notes) -> None:
 
 
 def possible(name: str, inertia: np.ndarray, notes: Notes) -> np.ndarray:
-    """Returns an inertia (3, 3) that a body can have, if what is in the way may be rounding.
+    """Returns an inertia (3, 3) that a body can have, if the violation may be rounding.
 
     No principal moment exceeds the sum of the others: the others are raised by the least.
     """

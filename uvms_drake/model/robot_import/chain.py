@@ -1,4 +1,4 @@
-"""Chooses vehicle and arm in a tree: the root, the chain of joints, and what is fixed beside it."""
+"""Chooses vehicle and arm in a tree: the root, the chain of joints, and the fixed rest."""
 
 import re
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ class Chain:
 
 
 def choose_chain(tree: Tree, rotors: set[str], notes: Notes) -> Chain:
-    """Returns vehicle and arm, every other joint fixed, and says what was chosen and fixed.
+    """Returns vehicle and arm, every other joint fixed, and notes the choices.
 
     Args:
         tree: The robot; joints that are fixed off zero are moved there.
@@ -59,7 +59,7 @@ def choose_chain(tree: Tree, rotors: set[str], notes: Notes) -> Chain:
     jaws = {joint.name for path in paths for joint in path if path[:len(arm)] == arm}
     for joint in free:
         if joint not in arm:
-            why[joint.name] = "a jaw" if joint.name in jaws and arm else "beside the chain"
+            why[joint.name] = "a jaw" if joint.name in jaws and arm else "not in the chain"
     _fix(tree, joints, why, notes)
     # Links that move as one; the heaviest of the vehicle's gives the frame if the root is a dummy.
     chain = Chain(root, arm)
@@ -71,7 +71,7 @@ def choose_chain(tree: Tree, rotors: set[str], notes: Notes) -> Chain:
             notes.changed.append(f"root '{root}' has no mass: skipped; the vehicle's frame is that "
                                  f"of the heaviest link that is fixed to it, '{chain.root}'")
     notes.taken.append(f"vehicle: link '{chain.root}' of {tree.links[chain.root].mass:g} kg, with "
-                       f"what is fixed to it: {listed(_others(chain.groups[0], chain.root))}")
+                       f"these fixed to it: {listed(_others(chain.groups[0], chain.root))}")
     notes.taken.append(f"arm: {len(arm)} joints, {listed([joint.name for joint in arm], 20)}"
                        if arm else "arm: none, for no joint moves; the tool is bolted on")
     return chain
@@ -164,7 +164,7 @@ def _tell_rivals(arm: list[Joint], paths: list[list[Joint]], notes: Notes) -> No
     """Says which other arms were left out."""
     rivals = [path for path in paths if len(path) == len(arm) > 1 and path[0] is not arm[0]]
     for path in rivals:
-        notes.changed.append(f"another arm, of '{path[0].name}' to '{path[-1].name}', is held fast:"
+        notes.changed.append(f"another arm, of '{path[0].name}' to '{path[-1].name}', is fixed:"
                              " a robot has one here; that of the better names was taken")
 
 

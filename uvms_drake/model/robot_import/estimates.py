@@ -32,7 +32,7 @@ GEAR = 100.0
 LEAST_MOTOR = 0.05
 """Least inertia of a motor as its joint feels it [kg m², kg]."""
 OF_LARGEST = 0.02
-"""Least inertia of a motor, over that of what the arm's strongest one moves."""
+"""Least inertia of a motor, over that of the load of the arm's strongest one."""
 SPEED = 1.0
 """Speed that thrusters of unknown force are to reach [m/s]."""
 WATER = "hydrodynamics.yaml"
@@ -84,8 +84,8 @@ def estimate_water(bodies: list[Body], tip: np.ndarray, waters: Waters, notes: N
         if not body.drag:
             body.drag = _box_drag(body, density) if end is None else _rod_drag(body, end, density)
             guesses.setdefault("drag", []).append(body.name)
-    reasons = {"displaced_volume": f"{ARM_FLOATS:g} of what carries its mass",
-               "added_mass": "what the vehicle displaces; of links, a cylinder across",
+    reasons = {"displaced_volume": f"{ARM_FLOATS:g} of the volume that carries its mass",
+               "added_mass": "the displaced water of the vehicle; of links, a cylinder across",
                "drag": f"a box, or a cylinder across in three strips, with C_D = {DRAG:g}"}
     for key, names in guesses.items():
         notes.ask(WATER, f"bodies.*.{key}", f"of {listed(names, 20)}. ESTIMATE: {reasons[key]}")
@@ -139,7 +139,7 @@ def estimate_motors(bodies: list[Body], notes: Notes) -> None:
 
 
 def thrust_limit(vehicle: Body) -> float:
-    """Returns the force [N] that pulls the vehicle ahead or aside at `SPEED`."""
+    """Returns the force [N] that pulls the vehicle forward or sideways at `SPEED`."""
     drag = sum((strip.linear + strip.quadratic * SPEED for strip in vehicle.drag), np.zeros(6))
     return float(f"{max(SPEED * drag[:2].max(), 1.0):.2g}")
 

@@ -63,7 +63,7 @@ def import_robot(file: Path, name: str) -> Imported:
     Raises:
         InvalidParameter: The file cannot be read, or is no robot.
     """
-    # The file, and what it is of: bodies of a vehicle and its arm.
+    # The file, and its robot: bodies of a vehicle and its arm.
     notes = Notes(f"{name}.sdf")
     tree = read_tree(file)
     _tell_unread(tree, notes)
@@ -133,7 +133,7 @@ def _tell_unread(tree: Tree, notes: Notes) -> None:
 
 
 def _undriven(placed: Placed, limit: float, notes: Notes) -> list[str]:
-    """Returns the axes that no thruster drives, and asks for what is not known of thrusters."""
+    """Returns the axes that no thruster drives, and asks for the unknown numbers of thrusters."""
     unknown = [thruster.name for thruster, _, _ in placed if thruster.force.size < 2]
     if unknown:
         notes.ask("thrusters.yaml", "kinds.*.curves", f"no limit of {listed(unknown)} in the file. "

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 TITLES = (("taken", "Taken from the file"), ("changed", "Changed"),
-          ("asked", "For you to give (what stands in the files until then is an ESTIMATE)"))
+          ("asked", "For you to give (the number in the files until then is an ESTIMATE)"))
 
 
 @dataclass
@@ -17,7 +17,7 @@ class Notes:
     asked: list[str] = field(default_factory=list)
 
     def ask(self, file: str, key: str, question: str) -> None:
-        """Asks for a number: the file and key to set, and what it is about."""
+        """Asks for a number: the file and key to set, and its meaning."""
         self.asked.append(f"{file}, {key}: {question}")
 
     def format(self) -> str:

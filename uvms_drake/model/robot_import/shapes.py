@@ -15,8 +15,8 @@ from uvms_drake.model.robot_import.reading.poses import pose
 from uvms_drake.model.robot_import.reading.tree import Link, Shape
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-BESIDE = re.compile(r'^(?:mtllib|map_\w+)\s+(.+?)\s*$|"uri"\s*:\s*"(?!data:)([^"]+)"', re.M)
-"""Files that an OBJ, its materials or a glTF need beside them."""
+REFERENCES = re.compile(r'^(?:mtllib|map_\w+)\s+(.+?)\s*$|"uri"\s*:\s*"(?!data:)([^"]+)"', re.M)
+"""Files that an OBJ, its materials or a glTF refer to, in their own folder."""
 
 
 def edges(shape: Shape) -> np.ndarray:
@@ -81,7 +81,7 @@ class Drawn:
 
 
 def drawn(bodies: list[Body], robot: str, notes: Notes) -> Drawn:
-    """Returns the shapes of the bodies that are drawn, and says what becomes of meshes."""
+    """Returns the shapes of the bodies that are drawn, and notes the treatment of meshes."""
     out = Drawn()
     fates: dict[str, list[str]] = {}
     for body in bodies:
@@ -110,7 +110,7 @@ def _mesh(link: Link, shape: Shape, robot: str, out: Drawn, fates: dict[str, lis
     file = resolve(shape.uri, link.node.file)
     target = "" if file is None else f"{_folder(file, out)}/{name}"
     if file is not None and reason_not_drawn(file) is None:
-        for path in (file, *_beside(file)):
+        for path in (file, *_references(file)):
             out.files[f"{_folder(file, out)}/{path.relative_to(file.parent)}"] = path.read_bytes()
         fates.setdefault("kept", []).append(name)
     elif file is not None and file.suffix.lower() == ".stl" and (text := _as_obj(file)):
@@ -143,13 +143,13 @@ def _as_obj(file: Path) -> str:
         return ""
 
 
-def _beside(file: Path) -> list[Path]:
+def _references(file: Path) -> list[Path]:
     """Returns the files below a mesh's folder that it needs: materials, buffers, pictures."""
     found: list[Path] = []
     waiting = [file]
     while waiting:
         text = waiting.pop().read_text(encoding="utf-8", errors="replace")
-        for names in BESIDE.findall(text):
+        for names in REFERENCES.findall(text):
             path = file.parent / (names[0] or names[1])
             inside = path.resolve().is_relative_to(file.parent.resolve())
             if path.is_file() and inside and path not in found:

@@ -26,7 +26,7 @@ def place_tip(tree: Tree, bodies: list[Body], notes: Notes, flips: bool) -> np.n
     Args:
         tree: Of the file, which may have a frame for it.
         bodies: Vehicle and arm.
-        notes: To which is added what it is.
+        notes: The choice is added.
         flips: Whether the vehicle was turned, and a frame of the file with it.
     """
     # The end of the last body, if no frame has a tip's name.
@@ -53,7 +53,7 @@ def place_tip(tree: Tree, bodies: list[Body], notes: Notes, flips: bool) -> np.n
     if abs(cosines[axis]) < ALIGNED:
         notes.taken.append(f"tip: '{name}' of the file, with its own x")
         notes.ask(notes.sdf, "frame tip, pose", "none of the axes of "
-                  f"'{name}' is along the tool; ESTIMATE: its x is what presses")
+                  f"'{name}' is along the tool; ESTIMATE: its x is the direction of pressing")
         X = X @ turn
     elif axis == 0 and not sign:
         notes.taken.append(f"tip: '{name}' of the file, x along the tool"

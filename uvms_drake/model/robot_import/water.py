@@ -3,7 +3,7 @@
 gz-sim's Hydrodynamics has Fossen's derivatives: M_A = −X_u̇ and D = −X_u, so that they are negative
 (its first version had +X_u̇, as some files still have). uuv_simulator's has M_A itself, and damping
 as derivatives, D = −(X_u + X_u|u| |u|). Both act at the link's origin, in its axes, and so does
-SDFormat's `fluid_added_mass`, which is M_A. Signs are those of what can be: M_A and D are positive.
+SDFormat's `fluid_added_mass`, which is M_A. Signs are the physical ones: M_A and D are positive.
 """
 
 import re
@@ -172,13 +172,13 @@ def _square(node: Node) -> np.ndarray:
 
 def _take_damping(key: str, water: Water, linear: np.ndarray, quadratic: np.ndarray, notes: Notes
                   ) -> None:
-    """Takes the diagonals of drag that slows down, and says what else there is."""
+    """Takes the diagonals of drag, with the sign that slows down, and notes the other entries."""
     taken = []
     for name, D in (("linear", linear), ("quadratic", quadratic)):
         d = np.diag(D).copy()
         off = D - np.diag(d)
         if np.any(off):
-            notes.changed.append(f"{key}: {np.count_nonzero(off)} entries of {name} drag beside "
+            notes.changed.append(f"{key}: {np.count_nonzero(off)} entries of {name} drag off "
                                  f"the diagonal left out, the largest {np.max(np.abs(off)):g}")
         if np.all(d <= 0.0) and np.any(d):
             notes.changed.append(f"{key}: {name} drag that would speed up by its sign: turned")
@@ -193,7 +193,7 @@ def _take_damping(key: str, water: Water, linear: np.ndarray, quadratic: np.ndar
 def symmetric(key: str, M: np.ndarray, notes: Notes) -> np.ndarray:
     """Returns the symmetric part of an added mass (6, 6) that is positive semidefinite.
 
-    What rounding can be is mended and said, by entry; more is refused.
+    Differences of the size of rounding are corrected and noted, by entry; others are refused.
 
     Raises:
         InvalidParameter: It is no added mass.
@@ -209,7 +209,7 @@ def symmetric(key: str, M: np.ndarray, notes: Notes) -> np.ndarray:
     M = 0.5 * (M + M.T)
     values, vectors = np.linalg.eigh(M)
     require(bool(values[0] >= -ROUNDED * scale), key, f"smallest eigenvalue {values[0]:.3g}",
-            "positive: the water would push what it is to hold back")
+            "positive: the water would accelerate the body")
     if values[0] < -1e-9 * scale:
         notes.changed.append(f"{key}: its smallest eigenvalue, {values[0]:.3g}, set to zero")
         M = (vectors * np.maximum(values, 0.0)) @ vectors.T

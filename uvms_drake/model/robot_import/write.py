@@ -27,7 +27,7 @@ def row(values: Iterable[float]) -> str:
 
 
 def listing(values: Iterable[float]) -> str:
-    """Returns numbers as a list of YAML; with a point, for its 1e-05 is a text without."""
+    """Returns numbers as a list of YAML; with a point, as YAML reads 1e-05 as a text."""
     return "[" + ", ".join(_yaml(float(value)) for value in values) + "]"
 
 
@@ -51,11 +51,11 @@ def format_sdf(name: str, source: str, bodies: list[Body], joints: list[str], ti
         bodies: Vehicle and arm, in axes of their own.
         joints: Names of the joints.
         tip: Pose of the tip in the last body (4, 4).
-        shapes: What is drawn of each body.
+        shapes: Drawn shapes of each body.
     """
     lines = ['<?xml version="1.0"?>',
              f"<!-- {comment(name)}, made of {comment(source)} by `uvms-drake robot` with `from`;",
-             "     README.md says what was taken and changed, and what is an ESTIMATE. SI. -->",
+             "     README.md lists numbers taken, changed and ESTIMATED. SI units. -->",
              '<sdf version="1.9" xmlns:drake="http://drake.mit.edu">',
              f'  <model name="{name}">']
     for i, body in enumerate(bodies):
@@ -63,7 +63,7 @@ def format_sdf(name: str, source: str, bodies: list[Body], joints: list[str], ti
         if body.joint is not None:
             lines += _joint(body, bodies[i - 1].name, joints[i - 1])
     lines += ["", f'    <frame name="tip" attached_to="{bodies[-1].name}">'
-              "  <!-- what presses, x along the tool -->",
+              "  <!-- point of contact, x along the tool -->",
               f"      <pose>{_pose(tip)}</pose>", "    </frame>", "  </model>", "</sdf>"]
     return "\n".join(lines) + "\n"
 
@@ -126,7 +126,7 @@ def _joint(body: Body, parent: str, name: str) -> list[str]:
 
 def format_water(name: str, density: float, bodies: list[Body]) -> str:
     """Returns hydrodynamics.yaml."""
-    lines = [f"# What the water does to {name}; README.md says what is an ESTIMATE. SI units, axes",
+    lines = [f"# Water on {name}; README.md lists each ESTIMATE. SI units, axes",
              f"# and origins of the bodies in {name}.sdf, order (x, y, z, roll, pitch, yaw).",
              "", f"fluid_density: {_yaml(density)}  # [kg/m³]", "", "bodies:"]
     for body in bodies:
@@ -156,7 +156,7 @@ def format_thrusters(name: str, placed: list[tuple[Thruster, np.ndarray, np.ndar
     """
     # Thrusters, each of a kind that is written when it first occurs.
     kinds: dict[tuple[object, ...], str] = {}
-    lines = [f"# The thrusters of {name}; README.md says what is an ESTIMATE. SI units, in",
+    lines = [f"# The thrusters of {name}; README.md lists each ESTIMATE. SI units, in",
              "# the vehicle's frame (FRD). An axis points to where a positive force pushes.", "",
              f"undriven: [{', '.join(undriven)}]", "", "kinds:"]
     rows = []

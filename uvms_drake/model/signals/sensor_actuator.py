@@ -27,8 +27,8 @@ algebraic loop, which Drake refuses."""
 
 
 PAYLOAD, PAYLOAD_AT_REST = "payload", "payload_at_rest"
-"""Names of the signals (6) [N, N m] of a plant whose hand holds something: the wrench by which it
-does, about the origin of the end-effector in its axes, and what is left of it without motion."""
+"""Names of the signals (6) [N, N m] of a plant with a payload: the wrench on the payload, about
+the origin of the end-effector in its axes, and the static part of it."""
 
 
 class Signals(dict[str, OutputPort]):

@@ -46,7 +46,7 @@ class SensedContact:
     force_ripple: float = 2.0
     """Bound of the part of it that may change at any rate [N]."""
     force_error: float = 4.2
-    """Bound ν of the error of a reading of the force, in norm, but for what `delay` says [N]."""
+    """Bound ν of the error of a reading of the force, in norm, without that of `delay` [N]."""
     delay: float = 0.11
     """Largest age of the force in a reading [s]: five lags and a period of the sensor."""
     period: float = 0.01

@@ -83,7 +83,7 @@ def wanted(record: Record, part: slice) -> np.ndarray:
 
 
 def draw_certified(axis: Axes, record: Record, goals: np.ndarray, bound: float) -> None:
-    """Draws within what the force is certified to be from when on the plan is at the task.
+    """Draws the certified band of the force from the instant at which the plan is at the task.
 
     Args:
         axis: Where to draw.

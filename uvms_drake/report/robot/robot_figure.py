@@ -1,7 +1,7 @@
 """The robot at the end of a run: a still that needs neither a browser nor a graphics card.
 
-It is seen by parallel rays, so that its scale is the same everywhere; what is in front hides what
-is behind pixel by pixel, and a face is the lighter the more it is turned to the light.
+It is seen by parallel rays, so that its scale is the same everywhere; nearer parts hide
+farther ones pixel by pixel, and a face is the lighter the more it is turned to the light.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ ARROW = 0.4
 
 
 def draw_robot(record: Record) -> Figure:
-    """Draws the robot at the last sample, what it presses on, the way of its tip, and the force."""
+    """Draws the robot at the last sample, the surface, the path of its tip, and the force."""
     scenario, tip, force = record.scenario, record.chi[-1, :3], record.force[-1, :3]
     solids = [(triangles[normals_of(triangles) @ EYE > 0.0], color)
               for triangles, color in robot_triangles(scenario.model, record.config[-1])]
@@ -48,7 +48,7 @@ def draw_robot(record: Record) -> Figure:
     scale = PIXELS / (high - low)[0]
     picture = rasterised([((triangles @ R.T - [*low, 0.0]) * scale, shaded(triangles, color))
                           for triangles, color in solids], (high - low) * scale)
-    # On paper, with what has no body.
+    # On paper, with the parts without a body.
     width = 2.0 * COLUMN_WIDTH
     figure = Figure(figsize=(width, width * picture.shape[0] / picture.shape[1]))
     axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))

@@ -66,7 +66,7 @@ def sweeps(posture: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndar
 
 
 class _Scene:
-    """The robot at the origin, level, and what is drawn with it."""
+    """The robot at the origin, level, and the objects drawn with it."""
 
     def __init__(self, stage: Stage, uvms: Uvms, model: str, chain: UvmsModel):
         self._stage, self._uvms, self._chain = stage, uvms, chain

@@ -129,7 +129,7 @@ def thrust_of(thrusters: ThrusterModel, wrench: np.ndarray) -> Thrust:
 
     Args:
         thrusters: At the voltage of the robot's file.
-        wrench: What holds the vehicle (6,) [N, N m].
+        wrench: Wrench that holds the vehicle (6,) [N, N m].
     """
     largest = np.array([[largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0)]
                         for axis in range(6)])
@@ -254,7 +254,7 @@ def _arm_lines(sheet: RobotSheet) -> list[str]:
              f"{_row(np.degrees(sheet.tip[3:]))}°, in the vehicle's frame"]
     if not sheet.joints:
         return lines
-    lines = [f"posture     {_row(sheet.posture)} rad, of which what is above depends, and the tip",
+    lines = [f"posture     {_row(sheet.posture)} rad, on which the above depends, and the tip",
              *lines, f"reach       {_row(sheet.reach[0])} to {_row(sheet.reach[1])} m"]
     if len(sheet.joints) > 2:
         least, median, here = sheet.dexterity

@@ -21,7 +21,7 @@ from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.uvms import add_uvms
 
 SIDES = 36
-"""Number of sides of what is round."""
+"""Number of sides of round shapes."""
 GREY = Rgba(0.7, 0.7, 0.7, 1.0)
 
 

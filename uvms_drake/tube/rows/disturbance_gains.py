@@ -90,7 +90,7 @@ class DisturbanceInputs:
             reading_off(contact, self.turning), contact.torque_error, settings.seed)
         self.reading = factor * each
         self.check = together(claimed.check, lambda: (
-            largest_of("what a reading adds to u and τ", factor * each, second),))
+            largest_of("effect of a reading on u and τ", factor * each, second),))
         stretch, sine = euler_stretch(declared.pitch), np.sin(declared.pitch)
         turning = stretch * np.hypot(stretch, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
         vehicle, attitude = self.zeta([0]), self.zeta([1])

@@ -7,27 +7,27 @@ LEVELS = 6
 """Number of folders above a file in which packages and models are sought."""
 
 
-def resolve(uri: str, beside: Path) -> Path | None:
+def resolve(uri: str, file: Path) -> Path | None:
     """Returns the file or folder that a URI names, None if it is not there.
 
     Args:
         uri: `package://NAME/...`, `model://NAME/...`, `file://...` or a path.
-        beside: The file in which it stands.
+        file: The file that refers to it.
     """
     scheme, mark, rest = uri.partition("://")
     if not mark:
-        places: Iterator[Path] = iter([beside.parent / uri])
+        places: Iterator[Path] = iter([file.parent / uri])
     elif scheme == "file":
-        places = iter([Path(rest), beside.parent / rest])
+        places = iter([Path(rest), file.parent / rest])
     else:
         name, _, path = rest.partition("/")
-        places = (folder / path for folder in _packages(name, beside))
+        places = (folder / path for folder in _packages(name, file))
     return next((place for place in places if place.exists()), None)
 
 
-def _packages(name: str, beside: Path) -> Iterator[Path]:
+def _packages(name: str, file: Path) -> Iterator[Path]:
     """Yields the folders that a package or model of this name may be."""
-    for folder in list(beside.resolve().parents)[:LEVELS]:
+    for folder in list(file.resolve().parents)[:LEVELS]:
         if folder.name == name or f"<name>{name}</name>" in _text(folder / "package.xml"):
             yield folder
         yield folder / name

@@ -221,7 +221,7 @@ def _include(node: Node, tree: Tree, prefix: str, depth: int, outer: _Model | No
 
 
 def _take(inner: Tree, tree: Tree, X: np.ndarray) -> None:
-    """Moves what is in one tree into another, at a pose."""
+    """Moves the elements of a tree into another one, at a pose."""
     moved(inner, X)
     items: list[Link | Joint] = [*inner.links.values(), *inner.joints.values()]
     for item in items:
@@ -321,7 +321,7 @@ def _shape(node: Node) -> Shape | None:
 
 
 def is_sdf(root: Node, file: Path) -> bool:
-    """Whether a file is SDFormat; of what is neither that nor URDF an error tells.
+    """Whether a file is SDFormat; one that is neither that nor URDF is an error.
 
     Raises:
         InvalidParameter: Its root element is neither `<sdf>` nor `<robot>`.
