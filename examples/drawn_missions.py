@@ -18,7 +18,6 @@ from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.scenario import Scenario
 
 FAULTS = ("!LostForce {{start: {0}, duration: 2.0}}", "!FrozenForce {{start: {0}, duration: 2.0}}",
-          "!SaturatedForce {{start: {0}, duration: 2.0, largest: 6.0}}",
           "!SolverFailure {{start: {0}, duration: 2.0}}", "!LostState {{start: {0}}}")
 """Faults with their start [s], during the hold or the slide if the wall is within reach."""
 SHAPES = ("!Plane {{point: {0}, normal: {1}}}",

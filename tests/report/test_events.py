@@ -15,6 +15,7 @@ from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER, warn
 from uvms_drake.control.feedback.tube_monitor import FIELDS
 from uvms_drake.report.events import ALARMING, Event, events, intervals
+from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station.scenario.scenario import load_scenario
 
 
@@ -118,15 +119,16 @@ def test_a_limited_command_is_an_event_that_alarms():
     assert "input_limited" in ALARMING
 
 
-def test_a_lost_force_says_how_far_it_retreats():
+def test_a_lost_force_says_why_and_how_far_it_retreats():
     record = synthetic_record(4.0)
     lost = ((record.time > 1.0) & (record.time < 2.0)).astype(float)[:, None]
     chi = np.zeros_like(record.chi_nominal)
     chi[:, 1] = -0.03 * record.time
-    event, = of_kind(replace(record, chi_nominal=chi, signals={"force_lost": lost}), "force_lost")
+    signals = {"force_lost": lost, "force_status": ForceStatus.FROZEN * lost}
+    event, = of_kind(replace(record, chi_nominal=chi, signals=signals), "force_lost")
     assert "force_lost" in ALARMING
     assert (event.start, event.end) == (pytest.approx(1.02), pytest.approx(2.0))
-    assert event.text == "no valid force measurement: retreat by at most 28.8 mm"
+    assert event.text == "no valid force measurement (frozen): retreat by at most 28.8 mm"
     assert of_kind(replace(record, signals={"force_lost": 0.0 * lost}), "force_lost") == []
 
 

@@ -33,7 +33,7 @@ ZERO = np.zeros(6)
 MOUNTING = np.array([0.02, -0.03, -0.11, 0.4, -0.7, 2.1])
 TURNED = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 1.9, 0.15, 0.9, 0.57, 0.3])
 """A configuration with nothing along an axis."""
-PERFECT = ForceSensor(lag=0.0, noise=ZERO, bias=ZERO, drift=ZERO, tare=0.0)
+PERFECT = ForceSensor(lag=0.0, noise=ZERO, resolution=ZERO, bias=ZERO, drift=ZERO, tare=0.0)
 TOOL = Tool(mass=3.0, centre=np.array([0.01, 0.02, 0.2]), displaced=1.2,
             buoyancy=np.array([-0.02, 0.01, 0.15]))
 TURNING = 0.15
@@ -245,7 +245,7 @@ def test_a_force_that_is_readable_is_in_the_range_whatever_comes_to_it(model):
     settings = replace(ForceSensor(), range=np.array([60.0, 70.0, 80.0, 40.0, 40.0, 30.0]),
                        drift=np.full(6, 0.1), tool=TOOL)
     most = readable_force(settings, 30.0)
-    other_errors = 5.0 + 3.0 + 3.0 * 0.25 + TOOL.largest_hold(9.81)[0]
+    other_errors = 5.0 + 3.0 + 3.0 * 0.25 + 0.5 * 0.0625 + TOOL.largest_hold(9.81)[0]
     assert most == pytest.approx(60.0 - other_errors)
     assert settings.reading(30.0, 1.0).largest == most
     assert readable_force(replace(settings, range=np.ones(6)), 30.0) == 0.0
@@ -302,8 +302,8 @@ RATE = np.array([30.0, 20.0, 50.0, 1.0, 2.0, 0.5])
 
 
 @pytest.mark.parametrize("settings", [
-    ForceSensor(), ForceSensor(tare=0.0), ForceSensor(lag=0.0, rate=25.0),
-    ForceSensor(drift=np.full(6, 0.5), noise=ZERO)])
+    ForceSensor(), ForceSensor(tare=0.0), ForceSensor(lag=0.0, rate=25.0, resolution=ZERO),
+    ForceSensor(drift=np.full(6, 0.5), noise=ZERO, resolution=ZERO)])
 def test_the_worst_case_reaches_the_bound_and_does_not_exceed_it(model, settings):
     """Noise, drift and a falling force of one sign, and the opposite noise during the tare."""
     largest, tared = settings.noise_multiple * settings.noise, settings.tare_samples
@@ -337,6 +337,25 @@ def test_no_copy_and_no_force_of_that_rate_exceeds_the_bound(model, seed):
         ratios.append(np.abs(bench.error(time)) / in_tip_axes(settings, total))
     assert np.max(ratios) <= 1.0
     assert np.max(ratios) > 0.1
+
+
+@pytest.mark.parametrize("tare", [0.0, 0.2])
+def test_a_reading_is_a_multiple_of_the_resolution_and_off_by_its_bound_at_most(model, tare):
+    """Half a step, and half a step more of the mean of the tare; both are attained."""
+    r = np.array([0.5, 0.2, 0.01, 0.02, 0.003, 0.0])
+    settings = replace(PERFECT, resolution=r, tare=tare, bias=np.full(6, 5.0))
+    bound = error_bound(replace(settings, bias=ZERO), 9.0, ZERO)
+    np.testing.assert_allclose(bound.total, r * (1.0 if tare else 0.5))
+    off = Imperfection(0.499 * r * (tare > 0.0), ZERO, lambda k: ZERO)
+    bench = Bench(model, settings, off, wrench=lambda t: -0.499 * r * (t > 0.2) + r * t * (t > 0.2))
+    readings, errors = [], []
+    for time in np.arange(0.215, 2.0, 0.01):
+        errors.append(np.abs(bench.error(time)))
+        readings.append(bench.port("reading"))
+    steps = np.array(readings)[:, :5] / r[:5]
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    assert np.all(np.max(errors, axis=0)[:3] <= bound.total[:3] + 0.011 * r[:3])
+    assert np.all(np.max(errors, axis=0)[:3] > 0.9 * bound.total[:3])
 
 
 def test_a_tool_of_the_wrong_weight_reaches_its_line(model):

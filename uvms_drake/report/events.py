@@ -21,6 +21,7 @@ from uvms_drake.report.signals import (
     settling_index,
     wrench_unit,
 )
+from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.diagram import (
     MONITOR_SLACK,
@@ -154,10 +155,12 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
 
 
 def _retreat_text(record: Record, when: slice) -> str:
-    """Describes the largest displacement of the plan from its position at the beginning."""
+    """Describes the reason, and the largest displacement of the plan from its first position."""
     place = record.chi_nominal[when, :3]
     displacement = np.max(np.linalg.norm(place - place[0], axis=1))
-    return f"no valid force measurement: retreat by at most {1e3 * displacement:.3g} mm"
+    reason = ForceStatus(int(record.signals["force_status"][when.start, 0]))
+    return (f"no valid force measurement ({reason.name.lower()}): retreat by at most "
+            f"{1e3 * displacement:.3g} mm")
 
 
 def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:

@@ -24,6 +24,8 @@ class ForceError(NamedTuple):
 
     noise: np.ndarray
     """Noise of the sample."""
+    resolution: np.ndarray
+    """Rounding of the sample, and of the mean of the tare."""
     bias: np.ndarray
     """Bias, or its remainder after the tare."""
     drift: np.ndarray
@@ -46,13 +48,14 @@ def error_bound(sensor: "ForceSensor", time: float, rate: np.ndarray, turning: f
                 gravity: float = 9.81) -> ForceError:
     """Returns the bound of F̂ − F_S at a time after the tare.
 
-    With N samples of the tare, σ̄ = mσ the largest noise, Λ the largest weight of the tool and ε its
-    relative error, (1) of sensing/theory.md#error-bound-of-the-force-sensor is, β = σ̄,
+    With N samples of the tare, σ̄ = mσ the largest noise, r the resolution, Λ the largest weight of
+    the tool and ε its relative error, (1) of sensing/theory.md#error-bound-of-the-force-sensor is,
+    β = σ̄,
 
-        |F̂ − F_S| ≤ σ̄ + β + s̄ (t − (N−1)h/2) + (2|ε|Λ + TωΛ) + T(ρ + ωΛ) + hρ,
+        |F̂ − F_S| ≤ σ̄ + r + β + s̄ (t − (N−1)h/2) + (2|ε|Λ + TωΛ) + T(ρ + ωΛ) + hρ,
 
-    and without a tare (N = 0) ≤ σ̄ + b̄ + s̄ t + |ε|Λ + T(ρ + ωΛ) + hρ. The range is not reached, the
-    measured attitude is true, and nothing is touched during the tare.
+    and without a tare (N = 0) ≤ σ̄ + r/2 + b̄ + s̄ t + |ε|Λ + T(ρ + ωΛ) + hρ. The range is not
+    reached, the measured attitude is true, and nothing is touched during the tare.
 
     Args:
         sensor: The sensor.
@@ -68,6 +71,7 @@ def error_bound(sensor: "ForceSensor", time: float, rate: np.ndarray, turning: f
     drift, lag = np.asarray(sensor.drift, dtype=float), sensor.lag
     return ForceError(
         noise=largest_noise,
+        resolution=(1.0 if count else 0.5) * np.asarray(sensor.resolution, dtype=float),
         bias=largest_noise if count else np.asarray(sensor.bias, dtype=float),
         drift=drift * (time - max(count - 1, 0) * period / 2.0),
         tool=2.0 * wrong + lag * weight_rate if count else wrong,
@@ -79,7 +83,7 @@ def readable_force(sensor: "ForceSensor", time: float, gravity: float = 9.81) ->
     """Returns the largest norm of a force [N] that the range never cuts up to a time [s].
 
     That is the least end of the range along the axes of the sensor, less the other terms of a raw
-    value: bias, drift, noise and the weight of the tool.
+    value: bias, drift, noise, rounding and the weight of the tool.
 
     Args:
         sensor: The sensor.
@@ -87,6 +91,7 @@ def readable_force(sensor: "ForceSensor", time: float, gravity: float = 9.81) ->
         gravity: ‖g‖ [m/s²].
     """
     other = (sensor.noise_multiple * np.asarray(sensor.noise, dtype=float)
+             + 0.5 * np.asarray(sensor.resolution, dtype=float)
              + np.asarray(sensor.bias, dtype=float) + time * np.asarray(sensor.drift, dtype=float)
              + sensor.tool.largest_hold(gravity))
     return max(float(np.min((np.asarray(sensor.range, dtype=float) - other)[:3])), 0.0)

@@ -1,13 +1,14 @@
-"""Detector of frozen and saturated readings of a force sensor.
+"""Detector of frozen, saturated and missing readings of a force sensor.
 
-A sensor with noise never repeats itself: m equal values of a component in a row, in Σ_I or in the
-axes of the tip, are no readings, nor is a force whose norm is at the declared end of the range.
-Until then readings pass that are at least the least force of the last mT, as the safe region asks
-of a window W = mT. Proof, and faults that it cannot detect:
-sensing/theory.md#detection-of-a-frozen-force.
+A sensor whose noise exceeds its resolution does not repeat all six components of its reading for
+long: m equal readings in a row, in Σ_I or in the axes of the tip, are none, nor is a force whose
+norm is at the declared end of the range. Until then readings pass that are at least the least force
+of the last mT, as the safe region asks of a window W = mT. Proof, probability, and faults that it
+cannot detect: sensing/theory.md#detection-of-a-frozen-force.
 """
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -23,28 +24,58 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
-from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.model.end_effector import force_in_tip
+from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.uvms_model import UvmsModel
 
 SAME = 1e-9
-"""Largest difference of two equal forces, by the rounding of a rotation there and back [N]."""
+"""Largest difference of two equal forces, by the rounding of a rotation there and back [N, N m]."""
+
+
+class ForceStatus(IntEnum):
+    """Status of a reading."""
+
+    VALID = 0
+    FROZEN = 1
+    """All components repeat, for longer than noise and resolution allow."""
+    SATURATED = 2
+    """The force is at the end of the declared range."""
+    MISSING = 3
+    """It is not finite."""
 
 
 class RepeatCount(NamedTuple):
     """State of the detector."""
 
     last: np.ndarray
-    """The last force, in Σ_I (3) and in the axes of the tip (3) [N]; NaN before there is one."""
+    """The last wrench, in Σ_I and in the axes of the tip (2, 6) [N, N m]; NaN before there is
+    one."""
     times: np.ndarray
-    """Number of times in a row that each of them has been read (6,)."""
+    """Number of times in a row that each of them has been read (2,)."""
 
 
-def counted(before: RepeatCount, force: np.ndarray) -> RepeatCount:
-    """Returns the state after a sample of a force (6,) [N]; a gap leaves it."""
-    if not np.all(np.isfinite(force)):
+def counted(before: RepeatCount, wrench: np.ndarray) -> RepeatCount:
+    """Returns the state after a sample of a wrench (2, 6) [N, N m]; a gap leaves it."""
+    if not np.all(np.isfinite(wrench)):
         return before
-    same = np.abs(force - before.last) <= SAME
-    return RepeatCount(force, np.where(same, before.times + 1.0, 1.0))
+    same = np.all(np.abs(wrench - before.last) <= SAME, axis=-1)
+    return RepeatCount(wrench, np.where(same, before.times + 1.0, 1.0))
+
+
+def status(force: np.ndarray, times: np.ndarray, repeats: int, largest: float) -> ForceStatus:
+    """Returns the status of a reading.
+
+    Args:
+        force: 𝔉_s (6,) [N, N m].
+        times: Numbers of equal readings in a row (2,), see `RepeatCount`.
+        repeats: m, of a frozen sensor; 0: none is detected.
+        largest: Norm of a force at the end of the range [N].
+    """
+    if not np.all(np.isfinite(force)):
+        return ForceStatus.MISSING
+    if not math.hypot(*force[:3]) < largest:
+        return ForceStatus.SATURATED
+    return ForceStatus.FROZEN if 0 < repeats <= np.max(times) else ForceStatus.VALID
 
 
 class ForceFaultDetector(LeafSystem):
@@ -58,16 +89,19 @@ class ForceFaultDetector(LeafSystem):
         - force_measured
         output_ports:
         - force_valid
+        - force_status
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, for the attitude of the tip.
-    - `force_measured`, `force_valid`: 𝔉_s (6), force in Σ_I [N, N m].
+    - `force_measured`, `force_valid`: 𝔉_s (6), force in Σ_I and torque conjugate to Euler rates [N,
+      N m].
+    - `force_status`: a `ForceStatus` (1).
 
-    The discrete state is that of `RepeatCount` (12), and the number of samples (1).
+    The discrete state is that of `RepeatCount` (14), and the number of samples (1).
 
     Args:
         model: The controller's model.
         period: T, between two samples [s].
-        repeats: m; 0: no detection, as a sensor without noise needs.
+        repeats: m; 0: no detection, of a sensor that is as quiet as a frozen one.
         tare: Time after its first sample at which detection begins [s]: a sensor that is tared may
             read zero all the time.
         largest: Norm of a force at the end of the range [N].
@@ -79,20 +113,22 @@ class ForceFaultDetector(LeafSystem):
         require(0.0 < period < np.inf, "period", period, "positive")
         require(repeats == 0 or repeats >= 2, "repeats", repeats, "0, or 2 or more")
         self._model, self._repeats, self._largest = model, repeats, largest
+        self._from_task = block_diagonal(model.R_WT, np.eye(3))
         self._passed = math.ceil(tare / period - 1e-6)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._port = self.DeclareVectorInputPort("force_measured", 6)
-        self.DeclareDiscreteState(np.append(np.full(6, np.nan), np.zeros(6)))
+        self.DeclareDiscreteState(np.append(np.full(12, np.nan), np.zeros(2)))
         self.DeclareDiscreteState(1)
         if repeats:
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._look)
-        self.DeclareVectorOutputPort("force_valid", 6, self._calc, {
-            self.xd_ticket(), self._port.ticket()})
+        known = {self.xd_ticket(), self._port.ticket()}
+        self.DeclareVectorOutputPort("force_valid", 6, self._calc, known)
+        self.DeclareVectorOutputPort("force_status", 1, self._calc_status, known)
 
     @staticmethod
     def _remembered(context: Context) -> RepeatCount:
         state = context.get_discrete_state(0).value()
-        return RepeatCount(state[:6], state[6:])
+        return RepeatCount(state[:12].reshape(2, 6), state[12:])
 
     def _look(self, context: Context, state: DiscreteValues) -> EventStatus:
         turns = context.get_discrete_state(1).value()
@@ -102,17 +138,22 @@ class ForceFaultDetector(LeafSystem):
         config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
         if not (np.all(np.isfinite(config)) and np.all(np.isfinite(force))):
             return EventStatus.Succeeded()
-        attitude = self._model.task_pose(config)[3:6]
-        R_WE = self._model.R_WT @ rotation_matrix(attitude)
-        both = np.concatenate([force[:3], force[:3] @ R_WE])
-        state.set_value(0, np.concatenate(counted(self._remembered(context), both)))
+        # A frozen reading is constant in its own axes, and moves with the attitude in others.
+        in_tip = force_in_tip(self._model.task_pose(config)[:6], force @ self._from_task)
+        last, times = counted(self._remembered(context), np.stack([force, in_tip]))
+        state.set_value(0, np.append(last.ravel(), times))
         return EventStatus.Succeeded()
 
+    def _status(self, context: Context) -> ForceStatus:
+        return status(self._port.Eval(context), self._remembered(context).times, self._repeats,
+                      self._largest)
+
     def _calc(self, context: Context, output: BasicVector) -> None:
-        force = self._port.Eval(context)
-        stuck = self._repeats and max(self._remembered(context).times) >= self._repeats
-        none = stuck or not math.hypot(*force[:3]) < self._largest
-        output.SetFromVector(np.full(6, np.nan) if none else force)
+        valid = self._status(context) is ForceStatus.VALID
+        output.SetFromVector(self._port.Eval(context) if valid else np.full(6, np.nan))
+
+    def _calc_status(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self._status(context))])
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, period: float, *,

@@ -40,7 +40,8 @@ class FrozenForce(ForceFault):
 
     A force from before the touch, taken for new, would let the tip press without end. After as many
     equal readings as a `ForceFaultDetector` has `repeats`, it is lost. Those before it are older
-    than they seem by less than the window W of the safe region allows for.
+    than they seem by less than the window W of the safe region allows for. Of a sensor that is as
+    quiet as a frozen one (`sensing.repeated_readings`) it is not detected.
     """
 
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
@@ -52,8 +53,9 @@ class FrozenForce(ForceFault):
 class SaturatedForce(ForceFault):
     """No component of the measured force is larger than `largest`.
 
-    A `ForceFaultDetector` detects it like a frozen sensor: a component stays at the end of its
-    range. Where the range is declared, such a force is no reading from the first one on.
+    A `ForceFaultDetector` rejects a force from the declared end of the sensor's range on, from the
+    first reading on. A sensor that saturates below is not detected: its readings hide a part of the
+    force, and the tip may press harder by that part.
     """
 
     largest: float = 10.0

@@ -1,14 +1,14 @@
-"""A wrist sensor of force and torque: lagging, sampled, noisy, biased and drifting.
+"""A wrist sensor of force and torque: lagging, sampled, quantised, noisy, biased and drifting.
 
 Frames: W is World (Σ_I), E the end-effector (Σ_E), S the sensor, fixed to E. A wrench F_S is the
 force and the torque about the origin of S, in its axes, that act *on* the surface, as 𝔉 does. By
 virtual power F_E = A(𝔬)ᵀ𝔉, with χ̇ = A(𝔬)V_E, and F_E = X F_S (`transfer`). With L the wrench that
 holds the tool beyond the sensor (`Tool.hold`), P that of a payload unknown to the model
-(`plant.payload`), a bias b, a drift s, noise νₖ at tₖ = k h and L̂ₖ the model's L at the measured
-attitude,
+(`plant.payload`), a bias b, a drift s, noise νₖ at tₖ = k h, a resolution r and L̂ₖ the model's L at
+the measured attitude,
 
     T ẋ = F_S + L + P − x,     x(0) the same without accelerations,                             (1)
-    rawₖ = clip(x(tₖ) + b + s tₖ + νₖ),     F̂ₖ = rawₖ − L̂ₖ − tare,                              (2)
+    rawₖ = clip(r round((x(tₖ) + b + s tₖ + νₖ)/r)),     F̂ₖ = rawₖ − L̂ₖ − tare,                 (2)
     𝔉_s(t) = A(𝔬)⁻ᵀ X F̂ₖ,     tₖ ≤ t < tₖ₊₁,                                                    (3)
 
 `tare` the mean of raw − L̂ over the first samples, during which nothing is touched and F̂ is zero.
@@ -50,6 +50,7 @@ from uvms_drake.model.signals.sensor_actuator import (
 )
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_error_bound import error_bound, in_tip_axes, readable_force, transfer
+from uvms_drake.sensing.repeated_readings import repeat_probability
 from uvms_drake.sensing.tip_pose import tip_pose
 from uvms_drake.sensing.tool_weight import Tool
 
@@ -82,6 +83,12 @@ def cut_noise(sigma: np.ndarray, multiple: float, seed: int, index: int) -> np.n
     return sigma * np.clip(unit, -multiple, multiple)
 
 
+def quantised(wrench: np.ndarray, resolution: np.ndarray) -> np.ndarray:
+    """Returns the nearest multiples (6,) of a resolution (6,) [N, N m]; 0: the value itself."""
+    step = np.where(resolution > 0.0, resolution, 1.0)
+    return np.where(resolution > 0.0, step * np.round(wrench / step), wrench)
+
+
 class Samples(NamedTuple):
     """State of a sensor: its samples."""
 
@@ -112,7 +119,8 @@ class ForceSensor(Part):
     are those of the wrist sensor in the Girona 1000's own scenario for Stonefish (CIRS,
     `girona1000_vectorial.scn`); the others are unpublished, and assumed: the lag is that of a
     low-pass of 8 Hz (one of 5 Hz is in use), and a bias of newtons is why such a sensor "must be
-    tared" (Reach Bravo).
+    tared" (Reach Bravo). The scenario for Stonefish has no resolution; this one is the data sheet's
+    of an ATI Mini45 (SI-145-5), 1/16 N and 1/752 N m, and about that of 16 bits over this range.
     """
 
     motions = ("dynamic",)
@@ -125,6 +133,9 @@ class ForceSensor(Part):
     """Standard deviation σ of a sample (6,) [N (3), N m (3)]."""
     noise_multiple: float = 3.0
     """Multiple of σ to which the noise is cut, so that it is bounded."""
+    resolution: np.ndarray = field(
+        default_factory=lambda: np.array([0.0625] * 3 + [0.00133] * 3))
+    """Step r of the readings (6,) [N (3), N m (3)]; zero for none."""
     bias: np.ndarray = field(default_factory=lambda: np.array([5.0] * 3 + [0.1] * 3))
     """Bound of each component of b (6,) [N (3), N m (3)]; b is drawn by the scenario's seed."""
     drift: np.ndarray = field(default_factory=lambda: np.array([0.002] * 3 + [0.00004] * 3))
@@ -143,7 +154,7 @@ class ForceSensor(Part):
         require_rate("rate", self.rate)
         for key in ("lag", "noise_multiple"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
-        for key in ("noise", "bias", "drift", "range"):
+        for key in ("noise", "resolution", "bias", "drift", "range"):
             value = vector(key, getattr(self, key), 6)
             require(bool(np.all(value >= 0.0)), key, value, "zero or positive")
         require(self.tare == 0.0 or 1.0 <= self.tare * self.rate < np.inf, "tare", self.tare,
@@ -159,9 +170,9 @@ class ForceSensor(Part):
     def reading(self, time: float, turning: float) -> ForceReading:
         """Returns its properties up to a time; see `force_error_bound.error_bound`."""
         still = error_bound(self, time, np.zeros(6), turning).total
-        noisy = self.noise_multiple > 0.0 and bool(np.all(np.asarray(self.noise)[:3] > 0.0))
-        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare, noisy,
-                            readable_force(self, time))
+        repeated = repeat_probability(self.noise, self.noise_multiple, self.resolution)
+        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare,
+                            repeated, readable_force(self, time))
 
     @property
     def tare_samples(self) -> int:
@@ -229,6 +240,7 @@ class WristSensor(LeafSystem):
         self._gravity = (model.gravity @ model.R_WT).tolist()
         self._from_task = block_diagonal(model.R_WT, np.eye(3))
         self._range = np.asarray(settings.range, dtype=float)
+        self._resolution = np.asarray(settings.resolution, dtype=float)
         self._X = transfer(np.asarray(settings.mounting, dtype=float))
         self._X_inverse = np.linalg.inv(self._X)
         # The tool's wrench is linear in gravity: L = H g_E.
@@ -284,8 +296,9 @@ class WristSensor(LeafSystem):
         x = (context.get_continuous_state_vector().CopyToVector() if self._settings.lag > 0.0
              else self._wrench(context, self._payload_port))
         off, assumed = self._off, 1.0 + self._settings.tool.error
-        raw = np.clip(x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
-                      -self._range, self._range)
+        raw = np.clip(quantised(
+            x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
+            self._resolution), -self._range, self._range)
         samples = samples.with_next(raw - assumed * self._hold(measured), tare)
         state.set_value(np.hstack(samples))
 

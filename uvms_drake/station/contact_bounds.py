@@ -10,6 +10,7 @@ from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.signals.sensor_actuator import ForceReading
 from uvms_drake.model.surface import SensedContact
+from uvms_drake.sensing.repeated_readings import run_of_frozen
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
@@ -19,6 +20,9 @@ SAFE_REGION = "control/theory.md#safe-region-of-an-unknown-wall"
 """Theorem of the conditions on readings and forces."""
 BETWEEN_KNOTS = 0.12
 """Relative excess of the tip's speed over its limit between the knots of a plan."""
+LONGEST_FREEZE = 0.25
+"""Longest time for which a frozen reading is taken for a force before it is detected [s]; the safe
+region allows for it at every reading. A sensor that needs longer has no detection."""
 UNEVEN = 1.2
 """Largest change of the tip's acceleration along n between two readings [m/s²]; assumed, not
 proven. Ten times that of runs, with friction that turns and adversarial disturbances; tangential
@@ -78,15 +82,17 @@ def turning_of(scenario: Scenario) -> float:
 def sensing_of(scenario: Scenario) -> ForceSensorModel:
     """Returns the sensor's data for safe region and fault detector.
 
-    Repeated readings are a fault only if the sensor has noise; a sensor slower than the detector
-    is then read several times for each value.
+    Equal readings are a fault only if the sensor's noise exceeds its resolution; a sensor slower
+    than the detector is read several times for each value.
     """
     contact, reading = sensed_contact(scenario), _known_reading(scenario)
     repeats, tare, largest = 0, 0.0, np.inf
     if reading is not None:
         tare, largest = reading.tare, reading.largest
-        if reading.noisy:
-            repeats = 2 + math.ceil(reading.period / contact.period - 1e-9)
+        if run := run_of_frozen(reading.repeated):
+            repeats = 2 + math.ceil((run - 1) * reading.period / contact.period - 1e-9)
+        if repeats * contact.period > LONGEST_FREEZE:
+            repeats = 0
     return ForceSensorModel(
         force_max=contact.force, noise=contact.force_error, period=contact.period,
         window=contact.delay, repeats=repeats, tare=tare, largest=largest)

@@ -59,9 +59,11 @@ def add_force_measurement(builder: DiagramBuilder, scenario: Scenario, model: Co
         return
     # A sensed contact: fault detection, hold and release, filter normal to n.
     contact, sensing = sensed_contact(scenario), sensing_of(scenario)
-    valid = ForceFaultDetector.AddToBuilder(
+    detector = ForceFaultDetector.AddToBuilder(
         builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
-        largest=sensing.largest, state=state, force_measured=valid).get_output_port()
+        largest=sensing.largest, state=state, force_measured=valid)
+    valid = detector.GetOutputPort("force_valid")
+    signals["force_status"] = detector.GetOutputPort("force_status")
     builder.Connect(valid, controller.GetInputPort("force_valid"))
     signals["force_lost"] = controller.GetOutputPort("force_lost")
     force = HoldLastValue.AddToBuilder(

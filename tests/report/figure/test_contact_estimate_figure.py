@@ -97,7 +97,8 @@ def test_what_happened_is_marked_and_named(record):
     status[[3, 8]], depth[150:], desired[120:, 0] = 4.0, 0.0, 25.0
     missing = np.where(abs(record.time - 3.5) < 0.19, 1.0, 0.0)[:, None]
     eventful = replace(record, mpc_status=status, penetration=depth, desired_force=desired,
-                       signals={**record.signals, "force_lost": missing})
+                       signals={**record.signals, "force_lost": missing,
+                                "force_status": 3.0 * missing})
     marks = marks_of(eventful)
     assert {name: np.round(times, 6).tolist() for name, times in marks.items()} == {
         "first touch": [2.02], "contact lost": [3.0], "retargeted": [2.4],

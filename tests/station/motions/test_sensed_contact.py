@@ -74,7 +74,7 @@ def test_a_sensor_that_is_slow_or_silent_or_tares_for_long_is_trusted(overrides)
 
 def test_of_a_sensor_that_nothing_is_known_of_no_reading_is_refused():
     contact = load_scenario("girona500_contact")
-    assert (sensing_of(contact).repeats, sensing_of(contact).tare) == (3, 0.5)
+    assert (sensing_of(contact).repeats, sensing_of(contact).tare) == (4, 0.5)
     unknown = sensing_of(replace(contact, sensing=[]))
     assert (unknown.repeats, unknown.tare) == (0, 0.0)
 

@@ -33,7 +33,8 @@ class ForceSensorModel:
     patience: int = 10
     """Number of readings in a row that may be missing; from then on the tip retreats."""
     repeats: int = 3
-    """m, number of equal readings in a row that are invalid; 0: none. See `ForceFaultDetector`."""
+    """m, number of readings in a row, equal in all six components, of a frozen sensor; 0: none is
+    detected. See `ForceFaultDetector`."""
     tare: float = 0.0
     """Duration of the tare at the start, without contact [s]."""
     largest: float = np.inf

@@ -71,9 +71,9 @@ class ForceReading(NamedTuple):
     """h [s]."""
     tare: float = 0.0
     """Duration of the tare at the start, without contact [s]."""
-    noisy: bool = False
-    """Whether noise changes all three components of the force in every reading, so that two equal
-    readings indicate a frozen sensor."""
+    repeated: float = 1.0
+    """Largest probability that a reading repeats the last one in all six components, see
+    `sensing.repeated_readings`; 1: none is known."""
     largest: float = np.inf
     """Largest norm of a force that is surely within the sensor's range [N]."""
 

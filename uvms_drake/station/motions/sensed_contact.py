@@ -18,6 +18,7 @@ from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.between_knots import off_parabola, stopping_distance
 from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.sensing.repeated_readings import CHANCE, chance_of_run, run_of_frozen
 from uvms_drake.station.contact_bounds import (
     BETWEEN_KNOTS,
     SAFE_REGION,
@@ -146,6 +147,10 @@ class SensedContactMotion(Dynamic):
                       contact.force_error, ">=", off, theorem=SAFE_REGION),
             Condition("sensing, largest force within the range [N]", reading.largest, ">",
                       measured.size + measured.error, theorem=SAFE_REGION),
+            Condition("sensing, probability that a working sensor is taken for frozen, a reading",
+                      chance_of_run(reading.repeated, run_of_frozen(reading.repeated))
+                      if sensing_of(scenario).repeats else 0.0, "<=", CHANCE,
+                      theorem="sensing/theory.md#detection-of-a-frozen-force"),
             Condition("contact.clearance, not less than the path of the tip in the tare [m]",
                       contact.clearance, ">=",
                       fastest_advance(contact) * reading.tare, theorem=SAFE_REGION),
