@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from uvms_drake.certificate.certify import declared_set
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.frames.euler import rate_matrix
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.station.contact_bounds import UNEVEN, between_knots, largest_reading_error
+from uvms_drake.station.contact_bounds import (
+    UNEVEN,
+    between_knots,
+    largest_reading_error,
+    sensing_of,
+)
 from uvms_drake.station.motions.motions import limits_of, motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -23,6 +29,13 @@ def test_the_error_of_a_reading_grows_with_the_time_between_two():
     change = UNEVEN / 4.0 * np.diff([h * (45.0 + 500.0 * h) for h in (0.01, 0.1)])[0]
     assert late - known == pytest.approx(change)
     assert known - calm > 0.5
+
+
+def test_a_second_part_that_measures_the_force_is_refused():
+    two = load_scenario("girona500_contact", ["sensing=[!ForceSensor {}, !ForceSensor {rate: 50}]"])
+    with pytest.raises(InvalidParameter, match=(
+            r"^sensing\[1\] = 'ForceSensor': must be left out: sensing\[0\] measures the force")):
+        sensing_of(two)
 
 
 def test_no_angle_of_a_plan_goes_further_between_its_knots_and_some_as_far():

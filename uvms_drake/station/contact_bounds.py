@@ -47,8 +47,13 @@ def reading_of(scenario: Scenario) -> ForceReading:
 
 def _known_reading(scenario: Scenario) -> ForceReading | None:
     """Returns the error bounds of the measured force; None if no part measures it."""
-    readings = (part.reading(scenario.duration, turning_of(scenario)) for part in scenario.sensing)
-    return next((reading for reading in readings if reading is not None), None)
+    readings = {i: reading for i, part in enumerate(scenario.sensing) if (
+        reading := part.reading(scenario.duration, turning_of(scenario))) is not None}
+    if len(readings) > 1:
+        first, second, *_ = readings
+        raise InvalidParameter(f"sensing[{second}]", type(scenario.sensing[second]).__name__,
+                               f"left out: sensing[{first}] measures the force already")
+    return next(iter(readings.values()), None)
 
 
 def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds) -> float:

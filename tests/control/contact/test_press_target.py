@@ -14,6 +14,7 @@ from support.pressing import (
 from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.contact.press_target import (
     SEARCH_DEPTH,
+    PressTarget,
     retreat_depth,
     search_speed,
     target_depth,
@@ -107,6 +108,20 @@ def test_it_comes_back_to_a_wall_that_it_has_left_and_follows_one_that_yields():
     for x, expected in ((0.3, 0.51), (0.505, 0.515)):
         found = target_depth(20.0, np.array([x, 0.3]), False, 2000.0, 0.5, 0.6)
         assert found == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("deepest", "depth"), [
+    (np.inf, 0.6), (-np.inf, 0.6), (np.nan, 0.6), (-1e12, -1e12), (0.55, 0.55), (0.7, 0.6)])
+def test_a_largest_depth_that_is_not_finite_is_none(deepest, depth):
+    target = PressTarget(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    context = target.CreateDefaultContext()
+    for name, value in (("desired_force", [20.0]), ("reading", [0.5, 0.0, 0.0, 10.0]),
+                        ("touched", [1.0]), ("slope", [100.0]), ("tilt", np.zeros(3)),
+                        ("contact_depth", [0.4]), ("safe_depth", [0.9]), ("force_lost", [0.0]),
+                        ("deepest", [deepest])):
+        target.GetInputPort(name).FixValue(context, value)
+    found = target.GetOutputPort("target").Eval(context)
+    np.testing.assert_allclose(found, [depth, 0.0, 0.0])
 
 
 def test_without_readings_it_retreats_from_the_wall_or_from_the_last_reading():

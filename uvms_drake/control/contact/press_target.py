@@ -123,7 +123,7 @@ class PressTarget(LeafSystem):
     - `desired_force` (1): F_des along n [N].
     - `place` (3): a point of the line along n on which to press, in Σ_I [m]; the default if it is
       not connected or not finite.
-    - `deepest` (1): largest target depth [m]; no limit if it is not connected or not a number.
+    - `deepest` (1): largest target depth [m]; no limit if it is not connected or not finite.
     - The others: those of a `ContactEstimator`.
     - `target` (3): the point of that line at `target_depth`, or at `retreat_depth` while the force
       is lost, in Σ_I [m].
@@ -162,7 +162,8 @@ class PressTarget(LeafSystem):
                                  lateral_error=float(np.linalg.norm(off)),
                                  search_lead=self._search_lead)
         if self._deepest_port.HasValue(context):
-            depth = np.fmin(depth, self._deepest_port.Eval(context))
+            deepest = self._deepest_port.Eval(context)
+            depth = np.where(np.isfinite(deepest), np.minimum(depth, deepest), depth)
         return depth
 
     def _line(self, context: Context) -> np.ndarray:

@@ -114,13 +114,16 @@ class SensedContact:
              ) -> float:
         """Returns the largest |n·𝐅 − F| of a tip whose plan steers for F [N]; inf if none is.
 
-        With E = E_n + αE_t, d = c₊s < 1 at the speed s = Ė_n + α(Ė_t + 2v) of tip and wall,
-        Δ = min(2E + 2αvW, sW) since the reading, W the delay, and a± = cos θ ± μ sin θ, it is
+        With E = E_n + αE_t, d = c₊s < 1 at the speed s = Ė_n + α(Ė_t + 2v) of tip and wall, W the
+        delay, D = 2αvW, c = 1/(a₋(1 − d)) and a± = cos θ ± μ sin θ, it is
 
-            b(ℓ) = (1 + d) a₊ ((F + ν + κ₊(E + ℓ)) / (a₋(1 − d)) + κ₊Δ) − F,
+            b(ℓ) = (1 + d) a₊ max(c(F + ν + κ₊(E + ℓ)) + κ₊ min(sW, 2E + D),
+                                  c(F + ν) + κ₊(2E + min(sW, D))) − F,
 
-        model/surface/theory.md#force-band-of-a-sensed-contact. ℓ = |n·𝔪| + α‖P_t 𝔪‖ of a plan that
-        is short of its target by 𝔪: zero in a hold at the target.
+        the largest over all estimates of the stiffness in [0, κ₊] and all errors of the tip in its
+        tube at the reading and now: model/surface/theory.md#force-band-of-a-sensed-contact.
+        ℓ = |n·𝔪| + α‖P_t 𝔪‖ of a plan that is short of its target by 𝔪: zero in a hold at the
+        target.
 
         Args:
             force: F [N].
@@ -136,9 +139,12 @@ class SensedContact:
         least, most = np.cos(self.angle) - lateral, np.cos(self.angle) + lateral
         if d >= 1.0 or least <= 0.0:
             return float(np.inf)
-        before = (force + self.force_error + self.stiffness * (E + short)) / (least * (1.0 - d))
-        nearer = min(2.0 * E + apart * self.delay, s * self.delay)
-        return float((1.0 + d) * most * (before + self.stiffness * nearer) - force)
+        before, drift = (force + self.force_error) / (least * (1.0 - d)), apart * self.delay
+        # Errors E at the reading and now, by an estimate κ₊; −E at the reading, by one of zero.
+        stiff = (E + short) / (least * (1.0 - d)) + min(s * self.delay, 2.0 * E + drift)
+        soft = 2.0 * E + min(s * self.delay, drift)
+        static = before + self.stiffness * max(stiff, soft)
+        return float((1.0 + d) * most * static - force)
 
     def peak(self, force: float, speed: float) -> float:
         """Returns the largest normal force φ (1 + c₊ δ̇) at φ ≤ `force` [N], δ̇ ≤ `speed` [m/s]."""
