@@ -32,7 +32,7 @@ from uvms_drake.station.contact_bounds import largest_force, sensed_contact, sen
 from uvms_drake.station.motions.motions import make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
-from uvms_drake.station.step_size import check_step, friction_rate
+from uvms_drake.station.step_size import friction_rate, with_step
 from uvms_drake.tube.terminal_set import TerminalLoop
 
 pytestmark = pytest.mark.long
@@ -110,14 +110,14 @@ def test_the_step_is_short_enough_for_the_friction(drawn, base, ocp):
     config = ocp.model.configuration(ocp.y_des)
     rates = [friction_rate(scenario, ocp.model, config) for scenario in drawn]
     assert max(rates) == pytest.approx(friction_rate(base, ocp.model, config))
-    check_step(drawn[int(np.argmax(rates))], ocp.model)
+    with_step(drawn[int(np.argmax(rates))], ocp.model)
     smooth = replace(base, surface=replace(base.surface, friction=0.0))
     steepest = steepest_friction(smooth, ocp)
     unit = friction_rate(replace(base, surface=replace(base.surface, creep=1.0)), ocp.model, config)
     just = replace(base.surface, creep=1.001 * unit / steepest)
-    check_step(replace(base, surface=just), ocp.model)
+    with_step(replace(base, surface=just), ocp.model)
     with pytest.raises(InvalidParameter, match="max_step_size"):
-        check_step(replace(base, surface=replace(just, creep=0.9 * just.creep)), ocp.model)
+        with_step(replace(base, surface=replace(just, creep=0.9 * just.creep)), ocp.model)
 
 
 def test_what_is_followed_is_followed_late(ocp):

@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.station.step_size`."""
 
+import copy
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +18,12 @@ from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 from uvms_drake.station.step_size import (
     ACCURACY,
-    check_step,
     floored,
     friction_rate,
     largest_step,
     loop_rates,
     step_error,
+    with_step,
 )
 
 
@@ -54,37 +56,66 @@ def test_the_rates_are_the_eigenvalues_of_the_loop():
 
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_shipped_scenario_has_a_step_that_is_short_enough(name):
+    """One that is chosen divides the period of the logs, and one more step in it is not needed."""
     scenario = load_scenario(name)
-    check_step(scenario, load_model(scenario))
+    model = load_model(scenario)
+    stepping = with_step(scenario, model)
+    assert with_step(stepping, model) is stepping
+    step = stepping.simulator.max_step_size
+    if scenario.simulator.max_step_size == 0.0:
+        parts = scenario.log_period / step
+        assert parts == pytest.approx(round(parts))
+        longer = copy.copy(stepping.simulator)
+        longer.max_step_size = scenario.log_period / max(round(parts) - 1, 0.999)
+        with pytest.raises(InvalidParameter) if parts > 1.5 else nullcontext():
+            with_step(replace(scenario, simulator=longer), model)
+
+
+def test_a_step_that_no_rate_is_known_for_has_to_be_given(monkeypatch):
+    monkeypatch.setattr("uvms_drake.station.step_size._rates_at_task", lambda *_: np.empty(0))
+    scenario = load_scenario("girona500_ideal")
+    with pytest.raises(InvalidParameter, match=r"max_step_size = 0\.0: must be positive: no plan"):
+        with_step(scenario, load_model(scenario))
+    given = load_scenario("girona500_ideal", ["simulator.max_step_size=0.02"])
+    assert with_step(given, load_model(given)) is given
+
+
+def test_a_chosen_step_follows_the_gains():
+    for k, step in ((20.0, 0.02), (100.0, 0.01), (200.0, 0.005)):
+        scenario = load_scenario("girona500_ideal", [f"ancillary.k={k}", f"ancillary.sigma={k}"])
+        chosen = with_step(scenario, load_model(scenario)).simulator.max_step_size
+        assert chosen == pytest.approx(step)
 
 
 def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they_need():
     gains = ["ancillary.k=200", "ancillary.sigma=200"]
-    scenario = load_scenario("girona500_ideal", gains)
+    scenario = load_scenario("girona500_ideal", [*gains, "simulator.max_step_size=0.02"])
     model = load_model(scenario)
     with pytest.raises(InvalidParameter) as caught:
-        check_step(scenario, model)
+        with_step(scenario, model)
     assert str(caught.value) == (
         "simulator.max_step_size = 0.02: must be at most 0.0055 s with runge_kutta3: the loop has "
         "a rate of 200 1/s, and longer steps are inaccurate")
     shorter = load_scenario("girona500_ideal", [*gains, "simulator.max_step_size=0.0055"])
-    check_step(shorter, model)
+    with_step(shorter, model)
 
 
 def test_a_stiff_wall_is_the_integrators_where_a_held_command_does_not_cancel_it():
     stiff = ["surface.stiffness=1e5", "surface.transition=1e-4", "limits.static_force=null",
              "mpc.time_step=0.1"]
+    stiff += ["simulator.max_step_size=0.02"]
     cancelled = load_scenario("girona500_ideal", stiff)
-    check_step(cancelled, load_model(cancelled))
+    with_step(cancelled, load_model(cancelled))
     held = load_scenario("girona500_ideal", [*stiff, "actuation=[{}]"])
     with pytest.raises(InvalidParameter, match=r"^simulator\.max_step_size"):
-        check_step(held, load_model(held))
+        with_step(held, load_model(held))
 
 
 def test_dry_joints_that_the_step_is_too_long_for_are_refused():
-    scenario = load_scenario("girona500_ideal", ["model_error.joint_friction.coulomb=[0.5]"])
+    scenario = load_scenario("girona500_ideal", [
+        "model_error.joint_friction.coulomb=[0.5]", "simulator.max_step_size=0.02"])
     with pytest.raises(InvalidParameter, match=r"at most 0\.000\d+ s .* a rate of 1\.\d+e\+03"):
-        check_step(scenario, load_model(scenario))
+        with_step(scenario, load_model(scenario))
 
 
 def sliding(friction, speed):
@@ -117,12 +148,13 @@ def test_the_rate_of_friction_is_that_of_a_tip_that_slides_at_half_its_creep():
 
 def test_friction_that_the_step_is_too_long_for_is_refused():
     slow = "surface=!ShapedSurface {friction: 0.3, creep: 0.005}"
-    scenario = load_scenario("girona500_ideal", [slow, "limits.static_force=null"])
+    scenario = load_scenario("girona500_ideal", [
+        slow, "limits.static_force=null", "simulator.max_step_size=0.02"])
     model = load_model(scenario)
     with pytest.raises(InvalidParameter, match=r"^simulator\.max_step_size = 0\.02: must be at "
                        r"most 0\.00\d+ s with runge_kutta3: the loop has a rate of \d+ 1/s, and"):
-        check_step(scenario, model)
-    check_step(replace(scenario, surface=ShapedSurface(friction=0.3, creep=0.2)), model)
+        with_step(scenario, model)
+    with_step(replace(scenario, surface=ShapedSurface(friction=0.3, creep=0.2)), model)
 
 
 def test_a_step_is_rounded_down():

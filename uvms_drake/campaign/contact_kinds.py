@@ -174,7 +174,7 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
 
 
 def steepest_friction(scenario: Scenario, ocp: Ocp) -> float:
-    """Returns the largest rate of a drawn wall's friction [1/s], see `check_step`.
+    """Returns the largest rate of a drawn wall's friction [1/s], see `with_step`.
 
     It is that of the scenario's own wall, for which the step is short enough; if that has no
     friction, the largest rate that the step resolves.

@@ -42,7 +42,7 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 from uvms_drake.station.simulation import simulate
-from uvms_drake.station.step_size import check_step
+from uvms_drake.station.step_size import with_step
 
 CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
 OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES, WALLS_FILE)
@@ -74,12 +74,11 @@ def run_campaign(args: argparse.Namespace) -> int:
                 "left out: a campaign draws them")
         require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
                 "left out: no run could be repeated")
-        model = check_inputs(scenario)
+        scenario = with_step(scenario, check_inputs(scenario))
         if args.model_error > 0.0 and motion_of(scenario).has_forces:
             check_draws(scenario, args.model_error)
         require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
                                            outside=args.outside), certified=not args.uncertified)
-        check_step(scenario, model)
         note(scenario)
         with closing(Bar("certifying the surfaces (two minutes)", stream_of(args))) as progress:
             certificate = None if args.uncertified else sound(

@@ -106,7 +106,7 @@ def add_plot(commands: argparse._SubParsersAction) -> None:
 
 def run_scenario(args: argparse.Namespace) -> int:
     """Simulates a scenario, prints the summary and writes the files."""
-    from uvms_drake.station.step_size import check_step
+    from uvms_drake.station.step_size import with_step
 
     require(args.meshcat or args.host is None, "--host", args.host, "left out without --meshcat")
     overrides = scenario_overrides(args)
@@ -133,7 +133,7 @@ def run_scenario(args: argparse.Namespace) -> int:
         # The run itself, and its files; an interrupted run is kept, too.
         with reported_in(source):
             model = load_model(scenario)
-            check_step(scenario, model)
+            scenario = with_step(scenario, model)
             note(scenario)
         show = _open_meshcat(args) if args.meshcat else None
         with postponed() as interrupted:

@@ -33,7 +33,7 @@ def new_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.station.scenario.scenario import load_scenario
     from uvms_drake.station.scenario.scenario_file import reported_in
     from uvms_drake.station.simulation import release
-    from uvms_drake.station.step_size import check_step
+    from uvms_drake.station.step_size import with_step
     from uvms_drake.studies.first_scenario import first_scenario
     from uvms_drake.studies.first_scenario_text import format_first_scenario
 
@@ -56,8 +56,7 @@ def new_scenario(args: argparse.Namespace) -> int:
         with reported_in(f"the scenario made for {robot.name}"):
             scenario = load_scenario(str(file))
             known = check_inputs(scenario)
-            check_step(scenario, known)
-            release(make_station(scenario, model=known))
+            release(make_station(with_step(scenario, known), model=known))
     except BaseException:
         file.unlink()
         for path in above:

@@ -18,6 +18,7 @@ from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import RENAMED, Record
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.step_size import with_step
 
 PROGRESS_PERIOD = 0.1
 """Simulated time between two calls of `progress` [s]."""
@@ -49,6 +50,8 @@ def simulate(
         RunFailed: The run started, but failed.
     """
     model = model or load_model(scenario)
+    if scenario.simulator.max_step_size == 0.0:
+        scenario = with_step(scenario, model)
     station = make_station(scenario, meshcat, certified=certified, model=model)
     try:
         simulator = Simulator(station)

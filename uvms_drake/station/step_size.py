@@ -1,4 +1,4 @@
-"""Checks the integrator's step against the rates of the closed loop, before a run.
+"""Chooses the integrator's step by the rates of the closed loop, or checks it, before a run.
 
 A fixed step h multiplies a mode exp(λt) by R(hλ) instead of exp(hλ), with R the scheme's stability
 function. A too large kh then changes the effect of the gain k. The rates λ are the eigenvalues of
@@ -7,6 +7,7 @@ the rate of friction on the tip and in the joints. A sampled command is constant
 the law does not cancel the surface then.
 """
 
+import copy
 import math
 from dataclasses import replace
 
@@ -21,6 +22,7 @@ from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions.motions import make_ocp, motion_of
 from uvms_drake.station.problem import true_surface
+from uvms_drake.station.scenario.cost_check import check_cost
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
 ORDERS = {"explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3, "bogacki_shampine3": 3,
@@ -58,17 +60,18 @@ def largest_step(scheme: str, rates: np.ndarray) -> float:
 def largest_rate(scenario: Scenario) -> float:
     """Returns the largest real rate for which the step of a scenario is accurate [1/s].
 
-    It is infinite if no step is checked.
+    It is infinite if no step is checked, or the step is chosen by the rates.
     """
     settings = scenario.simulator
-    if settings.use_error_control:
+    if settings.use_error_control or settings.max_step_size == 0.0:
         return np.inf
     return largest_step(settings.integration_scheme, np.array([-1.0])) / step_of(scenario)
 
 
 def step_of(scenario: Scenario) -> float:
     """Returns the largest step of the integrator [s], given the periods of events."""
-    return min(scenario.simulator.max_step_size, scenario.log_period, scenario.mpc.time_step)
+    given = scenario.simulator.max_step_size or np.inf
+    return min(given, scenario.log_period, scenario.mpc.time_step)
 
 
 def loop_rates(station: Diagram, context: Context) -> np.ndarray:
@@ -104,14 +107,45 @@ def friction_rate(scenario: Scenario, model: UvmsModel, config: np.ndarray) -> f
     return float(np.linalg.eigvalsh(L_inverse @ C @ L_inverse.T)[-1])
 
 
-def check_step(scenario: Scenario, model: ContactModel) -> None:
-    """Raises `InvalidParameter` if a fixed step is too long for the loop of a scenario.
+def with_step(scenario: Scenario, model: ContactModel) -> Scenario:
+    """Returns a scenario with a step of the integrator above zero, checked if it was given.
 
-    Without a plan at the task nothing is checked. The model is the controller's.
+    In place of zero it is the longest accurate one that divides `log_period`. Without a plan at
+    the task a given step is not checked. The model is the controller's.
+
+    Raises:
+        InvalidParameter: A given step is too long for the loop, or none could be chosen.
     """
     settings = scenario.simulator
+    given, longest = settings.max_step_size > 0.0, step_of(scenario)
     if settings.use_error_control or settings.integration_scheme not in ORDERS:
-        return
+        return scenario if given else _stepping(scenario, longest)
+    rates = _rates_at_task(scenario, model)
+    if len(rates) == 0:
+        require(given, "simulator.max_step_size", settings.max_step_size,
+                "positive: no plan holds the task, at whose rates it would be chosen")
+        return scenario
+    largest = largest_step(settings.integration_scheme, rates)
+    if not given:
+        return _stepping(scenario, longest / math.ceil(longest / largest))
+    fastest = float(np.max(np.abs(rates)))
+    require(longest <= largest, "simulator.max_step_size", settings.max_step_size,
+            f"at most {floored(largest):g} s with {settings.integration_scheme}: the loop has a "
+            f"rate of {fastest:.3g} 1/s, and longer steps are inaccurate")
+    return scenario
+
+
+def _stepping(scenario: Scenario, step: float) -> Scenario:
+    """Returns a scenario with a chosen step; raises `InvalidParameter` if a run would take long."""
+    check_cost(scenario.duration, scenario.log_period, step, scenario.mpc.time_step,
+               scenario.mpc.horizon)
+    settings = copy.copy(scenario.simulator)
+    settings.max_step_size = step
+    return replace(scenario, simulator=settings)
+
+
+def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
+    """Returns the rates of the loop and of friction at the task [1/s]; none without a plan."""
     # At rest at the task, without a disturbance: an adversary's jumps with the state. A plan of any
     # length is constant there.
     quiet = replace(scenario, disturbance=ConstantDisturbance(bound=0.0), faults=[],
@@ -125,15 +159,9 @@ def check_step(scenario: Scenario, model: ContactModel) -> None:
         simulator.Initialize()
         simulator.AdvancePendingEvents()  # Sampled signals are constant from here on.
     except RunFailed:
-        return
-    rates = np.append(loop_rates(station, simulator.get_mutable_context()),
-                      -friction_rate(scenario, model, config))
-    largest = largest_step(settings.integration_scheme, rates)
-    step = step_of(scenario)
-    fastest = float(np.max(np.abs(rates)))
-    require(step <= largest, "simulator.max_step_size", settings.max_step_size,
-            f"at most {floored(largest):g} s with {settings.integration_scheme}: the loop has a "
-            f"rate of {fastest:.3g} 1/s, and longer steps are inaccurate")
+        return np.empty(0)
+    return np.append(loop_rates(station, simulator.get_mutable_context()),
+                     -friction_rate(scenario, model, config))
 
 
 def floored(step: float) -> float:

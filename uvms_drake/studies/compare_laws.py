@@ -27,6 +27,7 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.step_size import step_of
 from uvms_drake.tube.laws.dynamic import TASK_RADII, TRANSPOSE, lemma_constants
 
 LAWS: tuple[AncillaryLaw, ...] = (
@@ -106,7 +107,7 @@ def worst_deviation(scenario: Scenario, model: ContactModel, law: AncillaryLaw, 
     builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))
     # From rest at the task, with fixed steps that resolve the gain k.
     simulator = Simulator(builder.Build())
-    step = min(scenario.simulator.max_step_size, 1.0 / (STEPS_PER_TIME_CONSTANT * law.k))
+    step = min(step_of(scenario), 1.0 / (STEPS_PER_TIME_CONSTANT * law.k))
     ResetIntegratorFromFlags(simulator, "runge_kutta3", step)
     simulator.get_mutable_integrator().set_fixed_step_mode(True)
     context = simulator.get_mutable_context()

@@ -131,7 +131,8 @@ class Scenario:
     ancillary: AnyLaw = field(default_factory=Resolved)
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     simulator: SimulatorConfig = field(default_factory=lambda: SimulatorConfig(
-        integration_scheme="runge_kutta3", max_step_size=0.01, use_error_control=False))
+        integration_scheme="runge_kutta3", max_step_size=0.0, use_error_control=False))
+    """Integrator; a step of zero is chosen by the rates of the loop, see `step_size.with_step`."""
     log_period: float = 0.02
     """Time between two samples of every logged signal [s]."""
     visual: VisualConfig = field(default_factory=VisualConfig)
@@ -226,7 +227,8 @@ def _check_simulator(settings: SimulatorConfig) -> None:
     schemes = GetIntegrationSchemes()
     require(settings.integration_scheme in schemes, "simulator.integration_scheme",
             settings.integration_scheme, f"one of {', '.join(schemes)}")
-    _require_positive("simulator.max_step_size", settings.max_step_size)
+    require(0.0 <= settings.max_step_size < np.inf, "simulator.max_step_size",
+            settings.max_step_size, "positive, or 0 for as long as is accurate")
     _require_positive("simulator.accuracy", settings.accuracy)
     require(settings.start_time == 0.0, "simulator.start_time", settings.start_time, "0")
     rate = settings.target_realtime_rate
