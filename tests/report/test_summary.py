@@ -102,7 +102,8 @@ def test_the_overshoot_is_not_negative():
 
 def test_the_last_seconds_are_averaged():
     last = summarise(pressing([99.0, 20.0, 20.0, 20.0, 20.0, 20.0, 26.0]))["force"]["last_5_s"]
-    assert last == {"mean_error_norm": 1.0, "worst_normal_error": 6.0}
+    assert last == {"mean_error_norm": 1.0, "worst_normal_error": 6.0,
+                    "worst_tangential_error": 0.0}
 
 
 def test_a_force_of_zero_has_no_direction():
@@ -119,12 +120,13 @@ def test_errors_are_in_the_unit_of_what_is_desired(wrench, unit):
     summary = summarise(desiring(wrench, synthetic_record()))
     text = format_summary(summary)
     assert f"{np.linalg.norm(wrench):.4g} {unit} desired, " in text
-    assert f"error {summary['force']['final_error_norm']:.3g} {unit} at the end" in text
-    assert (f"at the end, {abs(summary['force']['final_error_normal']):.3g} N along the direction\n"
-            in text) == (wrench[0] > 0)
-    assert f"error {summary['force']['last_5_s']['mean_error_norm']:.3g} {unit} on average" in text
-    assert ("N at its peak" in text) == ("along the direction at most" in text) == (wrench[0] > 0)
-    assert ("no force desired, " in text) == (wrench[0] == 0)
+    force = summary["force"]
+    assert (f"error {force['final_error_norm']:.3g} {unit} at the end, "
+            f"{force['last_5_s']['mean_error_norm']:.3g} {unit} on average in the last 5 s"
+            in text) == (wrench[0] == 0)
+    assert (f"normal error {abs(force['final_error_normal']):.3g} N at the end" in text) == (
+        wrench[0] > 0)
+    assert ("N at its peak" in text) == ("tangential error" in text) == (wrench[0] > 0)
 
 
 def test_settling_index():
@@ -252,6 +254,7 @@ def test_exits_are_those_of_the_monitor():
     assert tube["first_exit_s"] == 0.75
     text = format_summary(summary)
     assert "exits: 2 set-wise (first at 0.75 s), 3 along the run" in text
+    assert "exits" not in format_summary(summarise(reporting()))
 
 
 def test_the_worst_ratio_is_that_of_task_position_orientation_joints_and_velocity():
@@ -301,7 +304,7 @@ def test_a_plan_that_was_kept_because_it_is_sounder_is_no_failure_and_the_last_e
     summary = summarise(replace(record, mpc_status=status))
     mpc = summary["mpc"]
     assert (mpc["kept"], mpc["failures"], mpc["fallbacks"], mpc["solves"]) == (3, 0, 0, len(status))
-    assert "0 dropped, 3 kept" in format_summary(summary)
+    assert f"MPC           {len(status)} solves, 3 kept\n" in format_summary(summary)
     kept, *others = summary["events"]
     assert kept["kind"] == "plan_kept"
     assert others == summarise(record)["events"]
@@ -365,7 +368,7 @@ def test_separate_times_above_the_bound_are_counted(above, times):
     d[list(above), 0] = 0.1001
     summary = summarise(replace(record, effective_disturbance=d))
     assert summary["disturbance"]["exceeded"] == times
-    assert f"exceeded {times} times" in format_summary(summary)
+    assert (f"exceeded {times} times" in format_summary(summary)) == (times > 0)
 
 
 def test_the_table_says_that_the_tube_is_declared_and_what_is_violated():
@@ -377,7 +380,8 @@ def test_the_table_says_that_the_tube_is_declared_and_what_is_violated():
     u[0, 0] = 9.0
     scenario = replace(record.scenario, ancillary=Transpose())
     text = format_summary(summarise(replace(record, u=u, scenario=scenario)))
-    assert next(line for line in text.splitlines() if "VIOLATED" in line).startswith("u_surge")
+    _, row = (line for line in text.splitlines() if "VIOLATED" in line)
+    assert row.startswith("u_surge")
     assert "law transpose; |chi - chi_nominal|" in text
 
 
@@ -434,7 +438,7 @@ def test_a_run_without_events_has_none():
 def test_a_surface_that_is_never_reached_is_said():
     record = pressing(np.zeros(4))
     text = format_summary(summarise(record))
-    assert "along the direction 0 N at its peak, never in contact" in text
+    assert "normal force 0 N at its peak, never in contact" in text
 
 
 def test_what_is_a_length_is_in_millimetres_and_what_has_a_unit_says_it():
@@ -443,7 +447,7 @@ def test_what_is_a_length_is_in_millimetres_and_what_has_a_unit_says_it():
     chi[[0, -1]] = record.chi_des + np.outer([0.1, 0.001], [3.0, 0.0, 4.0, 1.0, 0.0, 0.0])
     text = format_summary(summarise(replace(record, chi=chi)))
     assert "task error    500 mm and 100 mrad at the start, 5 mm and 1 mrad at the end" in text
-    assert "bound 0.1 [m/s², rad/s²], exceeded 0 times" in text
+    assert "bound 0.1 [m/s², rad/s²]\n" in text
     assert "mm, mrad (bound 6)," in text
 
 
@@ -451,7 +455,7 @@ def test_a_force_that_nobody_desires_is_not_judged():
     lines = format_summary(summarise(desiring([0] * 6, synthetic_record()))).splitlines()
     (line,) = (line for line in lines if line.startswith("force "))
     assert line.split() == ["force", "no", "force", "desired"]
-    assert lines[lines.index(line) + 1].split()[:2] == ["first", "touch"]
+    assert lines[lines.index(line) + 1].split()[:2] == ["largest", "force"]
 
 
 def test_contact_is_told_by_touch_losses_and_static_force_on_the_real_surface():
@@ -464,7 +468,7 @@ def test_contact_is_told_by_touch_losses_and_static_force_on_the_real_surface():
     force[5, 0] = 20.0  # Settled from the third second on.
     record = replace(record, chi=chi, penetration=depth, force=force)
     contact = summarise(record)["contact"]
-    assert contact == {"first_touch_s": 1.0, "losses": 1,
+    assert contact == {"first_touch_s": 1.0, "losses": 1, "largest_force": 20.5,
                        "largest_static_force": pytest.approx(20.5)}
     moved = replace(record.scenario, surface_error=SurfaceError(shift=np.array([0.01, 0.0, 0.0])))
     assert summarise(replace(record, scenario=moved))["contact"]["largest_static_force"] \

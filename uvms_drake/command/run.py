@@ -153,7 +153,8 @@ def run_scenario(args: argparse.Namespace) -> int:
 
 def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
     """Prints the summary of a run, its files and the verdict; returns the exit status."""
-    from uvms_drake.report.summary import broken, format_summary
+    from uvms_drake.report.headline import broken
+    from uvms_drake.report.summary import format_summary
 
     certified = summary["tube"]["certified"]
     print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}")

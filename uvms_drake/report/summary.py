@@ -18,6 +18,7 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import ALARMING, events
+from uvms_drake.report.headline import headline, used
 from uvms_drake.report.mission.mission import format_mission, summarise_mission
 from uvms_drake.report.signals import (
     constraint_signals,
@@ -35,6 +36,8 @@ from uvms_drake.station.record import Record
 
 LAST_SECONDS = 5.0
 """Length of the window at the end over which the force is averaged [s]."""
+COUNTERS = ("solves", "failures", "late", "fallbacks", "dropped", "kept", "refused_targets")
+"""Counters of the MPC; but for the first they are of exceptional samples, and usually zero."""
 EVENT_LINES = 12
 """Largest number of lines for events in the table for a terminal."""
 
@@ -99,25 +102,32 @@ def summarise_task_error(record: Record) -> dict[str, object]:
 
 
 def summarise_force(record: Record) -> dict[str, Any]:
-    """Returns how well 𝔉 came to and stayed at 𝔉_des [N, N m]."""
+    """Returns how well 𝔉 came to and stayed at 𝔉_des [N, N m].
+
+    Normal is along 𝔉_des, tangential is across it: friction, and the tilt of the surface.
+    """
     desired = record.desired_force[-1]
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
     index = settling_index(error, record.scenario.task.force_tolerance)
     magnitude = float(np.linalg.norm(desired[:3]))
     direction = desired[:3] / magnitude if magnitude > 0.0 else np.zeros(3)
     normal = record.force[:, :3] @ direction
+    across = np.linalg.norm(record.force[:, :3] - np.outer(normal, direction), axis=1)
     end = record.time >= record.time[-1] - LAST_SECONDS
     return {
         "desired": desired,
+        "tolerance": record.scenario.task.force_tolerance,
         "final": record.force[-1],
         "final_error_norm": error[-1],
         "final_error_normal": normal[-1] - magnitude,
+        "final_error_tangential": across[-1] if magnitude > 0.0 else None,
         "worst_error_norm_after_settling": None if index is None else np.max(error[index:]),
         "settling_time_s": None if index is None else record.time[index],
         "peak_normal": np.max(normal) if magnitude > 0.0 else None,
         "overshoot": None if record.penetration[0] > 0.0 else _overshoot(normal, magnitude, index),
         "last_5_s": {"mean_error_norm": np.mean(error[end]),
-                     "worst_normal_error": np.max(np.abs(normal[end] - magnitude))},
+                     "worst_normal_error": np.max(np.abs(normal[end] - magnitude)),
+                     "worst_tangential_error": np.max(across[end])},
     }
 
 
@@ -134,6 +144,7 @@ def summarise_contact(record: Record) -> dict[str, Any]:
     wanted = np.any(record.desired_force[settled + 1:], axis=1)
     return {"first_touch_s": record.time[np.argmax(touching)] if np.any(touching) else None,
             "losses": np.count_nonzero(wanted & (np.diff(touching[settled:].astype(int)) < 0)),
+            "largest_force": np.max(np.linalg.norm(record.force[:, :3], axis=1)),
             "largest_static_force": np.max(surface.static_force(record.chi)),
             **_summarise_class(record)}
 
@@ -239,20 +250,11 @@ def _worst_ratios(record: Record, report: dict[str, float]) -> dict[str, float |
 def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
     """Returns the summary as a table, with at most so many lines of events; None is no limit."""
     return "\n".join([
-        *_format_run(summary), "", *_format_force(summary["force"]),
-        *_format_contact(summary["contact"]), *format_mission(summary["mission"]), "",
+        headline(summary), "", *_format_run(summary), "", *_format_force(summary),
+        *format_mission(summary["mission"]), "",
         *_format_constraints(summary["constraints"]), *format_thrusters(summary["thrusters"]), "",
         *_format_robustness(summary), "",
         *_format_events(summary["events"], event_lines)])
-
-
-def broken(summary: dict) -> list[str]:
-    """Returns the limits that a run has violated and, of a certified one, how it left its tube."""
-    names = [name for name, row in summary["constraints"].items() if not row["margin"] >= 0.0]
-    tube = summary["tube"]
-    return names + [f"the tube, {what}" for key, what in (
-        ("exits", "set-wise"), ("exits_along_the_run", "along the run"))
-        if tube["certified"] and tube[key]]
 
 
 def _format_run(summary: dict) -> list[str]:
@@ -263,8 +265,9 @@ def _format_run(summary: dict) -> list[str]:
         f"{'scenario':<14}{summary['scenario']}, seed {summary['seed']}: "
         f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s "
         f"({_number(summary['real_time_factor'], '.2f')} times real time)",
-        f"{'MPC':<14}{mpc['solves']} solves, {mpc['failures']} failures, {mpc['late']} late, "
-        f"{mpc['fallbacks']} fallbacks, {mpc['dropped']} dropped, {mpc['kept']} kept",
+        f"{'MPC':<14}" + ", ".join(
+            f"{mpc[key]} {key.replace('_', ' ')}" for key in COUNTERS
+            if mpc[key] or key == "solves"),
         f"{'':<14}step {_number(step['p50'], '.1f')} ms median, "
         f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
         f"{'':<14}plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the "
@@ -273,36 +276,41 @@ def _format_run(summary: dict) -> list[str]:
     ]
 
 
-def _format_force(force: dict) -> list[str]:
+def _format_force(summary: dict) -> list[str]:
+    """Returns the lines of the force: along its direction first, then across, then the contact."""
+    force, contact = summary["force"], summary["contact"]
+    overshoot, last, unit = force["overshoot"], force["last_5_s"], wrench_unit(force["desired"])
+    if summary["mission"]:
+        return [f"{'force':<14}of the mission's steps, below", *_format_contact(contact)]
+    if not np.any(force["desired"]):
+        return [f"{'force':<14}no force desired", *_format_contact(contact)]
     settled = (f"within the tolerance for good after {force['settling_time_s']:.2f} s"
                if force["settling_time_s"] is not None else "never settled within the tolerance")
-    overshoot, last, unit = force["overshoot"], force["last_5_s"], wrench_unit(force["desired"])
-    if not np.any(force["desired"]):
-        return [f"{'force':<14}no force desired"]
+    lines = [f"{'force':<14}{np.linalg.norm(force['desired']):.4g} {unit} desired, {settled}"]
+    window = f"the last {min(LAST_SECONDS, summary['duration_s']):g} s"
+    if force["peak_normal"] is None:  # A torque alone.
+        lines.append(f"{'':<14}error {force['final_error_norm']:.3g} {unit} at the end, "
+                     f"{last['mean_error_norm']:.3g} {unit} on average in {window}")
+        return [*lines, *_format_contact(contact)]
     impact = "started in contact" if overshoot is None else (
         "never in contact" if force["peak_normal"] == 0.0 else
-        f"impact overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
-    peak, off, across = "no force desired", "", ""
-    if force["peak_normal"] is not None:
-        peak = f"along the direction {force['peak_normal']:.4g} N at its peak"
-        off = f", along the direction at most {last['worst_normal_error']:.3g} N"
-        if force["peak_normal"] > 0.0:  # The rest is across: a wall that is inclined, or rubs.
-            across = f", {abs(force['final_error_normal']):.3g} N along the direction"
-    return [
-        f"{'force':<14}{np.linalg.norm(force['desired']):.4g} {unit} desired, {settled}; "
-        f"error {force['final_error_norm']:.3g} {unit} at the end{across}",
-        f"{'':<14}{peak}, {impact}",
-        f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} {unit} on "
-        f"average{off}",
-    ]
+        f"overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
+    lines += [
+        f"{'':<14}normal error {abs(force['final_error_normal']):.3g} N at the end, at most "
+        f"{last['worst_normal_error']:.3g} N in {window}",
+        f"{'':<14}tangential error {force['final_error_tangential']:.3g} N at the end, at most "
+        f"{last['worst_tangential_error']:.3g} N in {window}",
+        f"{'':<14}normal force {force['peak_normal']:.4g} N at its peak, {impact}"]
+    return [*lines, *_format_contact(contact)]
 
 
 def _format_contact(contact: dict) -> list[str]:
     if contact["first_touch_s"] is None:
         return []
-    return [f"{'':<14}first touch at {contact['first_touch_s']:.2f} s, static force at most "
-            f"{contact['largest_static_force']:.4g} N along the wall's own normal, "
-            f"contact lost {contact['losses']} times",
+    lost = f", contact lost {contact['losses']} times" if contact["losses"] else ""
+    return [f"{'':<14}largest force in contact {contact['largest_force']:.4g} N, static force at "
+            f"most {contact['largest_static_force']:.4g} N",
+            f"{'':<14}first touch at {contact['first_touch_s']:.2f} s{lost}",
             *_format_class(contact)]
 
 
@@ -327,8 +335,9 @@ def _format_robustness(summary: dict) -> list[str]:
         f"{'disturbance':<14}{disturbance['worst']:.4g} at most with the part that the controller "
         f"does not know ({disturbance['applied']:.4g} applied)",
         f"{'':<14}" + ("no bound is declared" if disturbance["exceeded"] is None else
-                       f"bound {disturbance['bound']:.4g} [{disturbance['unit']}], exceeded "
-                       f"{disturbance['exceeded']} times"),
+                       f"bound {disturbance['bound']:.4g} [{disturbance['unit']}]"
+                       + (f", exceeded {disturbance['exceeded']} times"
+                          if disturbance["exceeded"] else "")),
         *_format_tube(tube),
         f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
     ]
@@ -339,18 +348,18 @@ def _format_tube(tube: dict) -> list[str]:
     since = "" if first is None else f" (first at {first:.2f} s)"
     if tube["worst_e"] is None:
         return [f"{'tube':<14}law {tube['law']}; not watched: the robot hovered until the end"]
+    along = tube["worst_ratio"]["trajectory"]
+    exits = [f"{tube['exits']} set-wise{since}"] * bool(tube["exits"]) + [
+        f"{tube['exits_along_the_run']} along the run"] * bool(tube["exits_along_the_run"])
     return [
         f"{'tube':<14}law {tube['law']}; "
         f"|{error} - {error}_nominal| {1e3 * tube['worst_e']:.3g} mm, mrad "
         f"(bound {1e3 * tube['bound_e']:.3g}),",
         f"{'':<14}|zeta - zeta_nominal| {1e3 * tube['worst_z']:.3g} mm/s, mrad/s "
         f"(bound {1e3 * tube['bound_z']:.3g})",
-        f"{'':<14}worst deviation over its bound: "
-        f"{_number(tube['worst_ratio']['set'], '.3f')} set-wise, "
-        f"{_number(tube['worst_ratio']['trajectory'], '.3f')} along the run",
-        f"{'':<14}exits: {tube['exits']} set-wise{since}, "
-        + ("no bound along the run" if tube["worst_ratio"]["trajectory"] is None
-           else f"{tube['exits_along_the_run']} along the run"),
+        f"{'':<14}{used(tube)}"
+        + ("" if along is None else f", {100.0 * along:.3g} % of the bound along the run"),
+        *([f"{'':<14}exits: {', '.join(exits)}"] if exits else []),
     ]
 
 
