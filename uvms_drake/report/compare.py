@@ -1,0 +1,175 @@
+"""Comparison of several runs: their figures of merit, the keys that differ, signals overlaid."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pydrake.common.yaml import yaml_load_data
+
+from uvms_drake.common.errors import shortened
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.report.figure_style import (
+    BLACK,
+    BLUE,
+    DESIRED,
+    GREEN,
+    LIMIT,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    legend_above,
+    panels,
+)
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
+
+COLORS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
+MOST = len(COLORS)
+"""Largest number of runs in a comparison, one for each colour."""
+WIDEST = 40
+"""Largest number of characters of a value in the table of keys."""
+METRICS: dict[str, tuple[str, ...]] = {
+    "settled [s]": ("force", "settling_time_s"),
+    "normal force error, end [N]": ("force", "final_error_normal"),
+    "normal force error, worst in the last 5 s [N]": ("force", "last_5_s", "worst_normal_error"),
+    "tangential force error, end [N]": ("force", "final_error_tangential"),
+    "largest force in contact [N]": ("contact", "largest_force"),
+    "first touch [s]": ("contact", "first_touch_s"),
+    "losses of contact [-]": ("contact", "losses"),
+    "disturbance, worst of all [m/s², rad/s²]": ("disturbance", "worst"),
+    "part of the tube used [-]": ("tube", "worst_ratio", "set"),
+    "exits of the tube [-]": ("tube", "exits"),
+    "MPC samples without a new plan [-]": ("mpc", "fallbacks"),
+    "MPC step, median [ms]": ("mpc", "step_ms", "p50"),
+    "times real time [-]": ("real_time_factor",),
+}
+"""Path in summary.json of each figure of merit, by its name with unit."""
+
+
+def metrics_of(summary: Mapping[str, Any]) -> dict[str, float | None]:
+    """Returns the figures of merit of a run by name; None where there is none."""
+    out = {}
+    for name, path in METRICS.items():
+        value: Any = summary
+        for key in path:
+            value = value[key]
+        out[name] = value
+    margins = {name: row["margin"] for name, row in summary["constraints"].items()}
+    out["limits violated [-]"] = sum(not margin >= 0.0 for margin in margins.values())
+    return out
+
+
+def differing_keys(scenarios: Sequence[Scenario]) -> dict[str, list[str]]:
+    """Returns the keys of which not all scenarios have the same value, and the value of each.
+
+    A key that a scenario does not have, as another kind of part has others, is `-`.
+    """
+    flat = [dict(_leaves(yaml_load_data(dump_scenario(each)))) for each in scenarios]
+    keys = dict.fromkeys(key for each in flat for key in each)
+    table = {key: [each.get(key, "-") for each in flat] for key in keys if key != "description"}
+    return {key: values for key, values in table.items() if len(set(values)) > 1}
+
+
+def _leaves(data: object, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yields dotted keys and values as text; a list without mappings is one value."""
+    if isinstance(data, dict):
+        for name, value in data.items():
+            yield from _leaves(value, f"{key}.{name}" if key else str(name))
+    elif isinstance(data, list) and any(isinstance(item, dict) for item in data):
+        for i, item in enumerate(data):
+            yield from _leaves(item, f"{key}.{i}")
+    else:
+        yield key, "null" if data is None else str(data)
+
+
+def format_comparison(names: Sequence[str], summaries: Sequence[Mapping[str, Any]],
+                      differences: Mapping[str, Sequence[str]]) -> str:
+    """Returns both tables as Markdown, a column for each run.
+
+    Args:
+        names: Names of the runs.
+        summaries: Their summaries.
+        differences: As of `differing_keys`.
+    """
+    columns = [metrics_of(each) for each in summaries]
+    rows = [[name, *(_text(column[name]) for column in columns)] for name in columns[0]]
+    keys = [[key, *(shortened(value, WIDEST) for value in values)]
+            for key, values in differences.items()]
+    text = _table(["", *names], rows)
+    if not keys:
+        return f"{text}\n\nno key of the scenarios differs"
+    return f"{text}\n\n{_table(['key', *names], keys)}"
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None else str(value) if isinstance(value, int) else f"{value:.4g}"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Returns a table in Markdown, its columns aligned for a terminal."""
+    cells = [[cell.replace("|", "/") for cell in row] for row in (header, *rows)]
+    widths = [max(3, *map(len, column)) for column in zip(*cells, strict=True)]
+    lines = ["| " + " | ".join(f"{cell:<{width}}" for cell, width in zip(
+        row, widths, strict=True)) + " |" for row in cells]
+    rule = "|" + "|".join("-" * (width + 2) for width in widths) + "|"
+    return "\n".join([lines[0], rule, *lines[1:]])
+
+
+def normal_force(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Returns force and desired force (T,) [N] along the direction of the last 𝔉_des.
+
+    Along that of a sensed contact if there is one; the norms where no force is desired.
+    """
+    last = record.desired_force[-1, :3]
+    contact = record.model.surface.contact
+    direction = last if contact is None else contact.direction
+    size = float(np.linalg.norm(direction))
+    if size == 0.0:
+        return (np.linalg.norm(record.force[:, :3], axis=1),
+                np.linalg.norm(record.desired_force[:, :3], axis=1))
+    return (record.force[:, :3] @ direction / size, record.desired_force[:, :3] @ direction / size)
+
+
+def draw_comparison(names: Sequence[str], records: Sequence[Record]) -> Figure:
+    """Draws force, pose error, tube and disturbance of all runs over each other.
+
+    Args:
+        names: Names of the runs, for the legend.
+        records: Their records.
+    """
+    figure, axes = panels(5, 6.6)
+    for name, record, color in zip(names, records, COLORS, strict=False):
+        style = {"color": color, "linewidth": 0.9}
+        force, desired = normal_force(record)
+        axes[0].plot(record.time, force, label=name, **style)
+        axes[0].plot(record.time, desired, color=color, linewidth=0.6,
+                     linestyle=DESIRED["linestyle"])
+        error = 1e3 * pose_difference(record.chi, record.chi_des)
+        axes[1].plot(record.time, np.linalg.norm(error[:, :3], axis=1), **style)
+        axes[2].plot(record.time, np.linalg.norm(error[:, 3:], axis=1), **style)
+        bound = record.scenario.tube.e
+        axes[3].plot(record.time, 100.0 * record.deviation_of("task") / bound if bound > 0.0
+                     else np.full(len(record.time), np.nan), **style)
+        declared = record.scenario.disturbance
+        axes[4].plot(record.time, declared.norm(record.effective_disturbance), **style)
+    axes[3].axhline(100.0, **LIMIT)
+    for axis, label in zip(axes, (
+            "normal force\n(desired thin) [N]", "position error\n[mm]", "orientation error\n[mrad]",
+            "deviation over\nthe tube [%]", "disturbance\n[m/s², rad/s²]"), strict=True):
+        axis.set_ylabel(label)
+    for axis in axes[1:4]:
+        _logarithmic(axis)
+    legend_above(figure, axes[0], 2)
+    return figure
+
+
+def _logarithmic(axis: Axes) -> None:
+    """Makes an axis logarithmic over four decades, if it shows anything above zero."""
+    values = np.concatenate([np.asarray(line.get_ydata(), dtype=float)
+                             for line in axis.get_lines()])
+    largest = float(np.max(values[np.isfinite(values)], initial=0.0))
+    if largest > 0.0:
+        axis.set_yscale("log")
+        axis.set_ylim(1e-4 * largest, 2.0 * largest)
