@@ -16,7 +16,7 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.control.limits import TubeRadii
+from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
@@ -59,6 +59,14 @@ def test_weights_are_in_the_file_where_there_are_some(certificate):
     assert data["weights"] == weights.tolist()
     again = Certificate.from_data(data)
     np.testing.assert_array_equal(again.weights, weights)
+    assert again.to_data() == data
+
+
+def test_the_radii_of_a_hold_survive_their_file(certificate):
+    hold = HoldRadii(1.3, 4e-4, 6e-4, 0.016, 0.0025, 2.1, 0.03)
+    data = replace(certificate, tube=TubeRadii(hold=hold, u=np.zeros(0))).to_data()
+    again = Certificate.from_data(json.loads(json.dumps(data)))
+    assert again.tube.hold == hold and again.tube.likely_hold is None
     assert again.to_data() == data
 
 

@@ -10,7 +10,7 @@ import pytest
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.certificate.table import HELP, format_certificate, verdict
-from uvms_drake.control.limits import TubeRadii
+from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.mission_legs import Leg
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
@@ -18,6 +18,7 @@ from uvms_drake.tube.constants.constants import QUANTITIES, Constant
 from uvms_drake.tube.contact.tip_jerk import JERK
 from uvms_drake.tube.law_tube import WEIGHTED
 from uvms_drake.tube.search.estimate import Estimate
+from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                     inputs="", versions={})
@@ -63,13 +64,13 @@ def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
 
 
 def test_every_step_of_a_mission_has_a_row_and_comes_back_from_a_file():
-    legs = (Leg("Approach", 10.0, None, 1.0, 60.0, ""), Leg("Hold", 10.0, 8.5, 5.0, 60.0, ""),
+    legs = (Leg("Approach", 10.0, None, 1.0, 60.0, ""), Leg("Hold", 10.0, 8.5, 5.0, 60.0, "", 3.25),
             Leg("Slide", 12.0, 9.5, 25.0, 50.0, "mission.steps[2], how fast: 2 <= 1"))
     certificate = replace(EMPTY, legs=legs)
     rows = format_certificate(certificate).split("mission:")[1].splitlines()[2:5]
-    assert [row.split()[:6] for row in rows] == [
-        ["0", "Approach", "10", "-", "1", "60"], ["1", "Hold", "10", "8.5", "5", "60"],
-        ["2", "Slide", "12", "9.5", "25", "50"]]
+    assert [row.split()[:7] for row in rows] == [
+        ["0", "Approach", "10", "-", "-", "1", "60"], ["1", "Hold", "10", "8.5", "3.25", "5", "60"],
+        ["2", "Slide", "12", "9.5", "-", "25", "50"]]
     assert rows[2].endswith("not certified: mission.steps[2], how fast: 2 <= 1")
     data = certificate.to_data()
     del data["sha256"], data["certified"]
@@ -109,11 +110,33 @@ def test_the_bounds_of_the_components_stand_in_the_place_of_one():
         "σ = 1 1/s, ‖W⁻¹d‖ ≤ 1, W = 0.02, 0.05, 0.1 m/s², rad/s²")
 
 
+NUMBERS = len(fields(TubeRadii)) - 4
+"""Radii of one number: all but those of u, of τ and of two kinds of hold."""
+
+
+def test_both_bands_of_the_force_stand_under_the_tube_with_the_time_of_the_second():
+    hold = HoldRadii(time=1.31, depth=4e-4, position=6e-4, advance=0.0156, standing=0.0025,
+                     reading=2.13, age=0.03)
+    bounds = {"position": 0.002, "force": 16.83, HOLD: 6.12, LIKELY: 4.95}
+    tube = TubeRadii(hold=hold, likely_hold=hold)
+    text = format_certificate(replace(EMPTY, tube=tube, bounds=bounds))
+    assert "in a hold, from 1.3 s on with the tip of the plan below 2.5 mm/s\n  depth " in text
+    assert re.search(r"^  error of a reading +2[.]13 N, along the direction$", text, re.MULTILINE)
+    last = text.split("ultimate bound of the force ")[1].splitlines()
+    assert last[0].split(maxsplit=1) == [
+        "16.83", "N, at touch and in motion, the plan at its target"]
+    assert last[1].split(maxsplit=1) == [
+        "6.12", "N, in a hold, from 1.3 s after the plan stands"]
+    assert last[2].split(maxsplit=1)[0] == "4.95" and last[2].endswith("not certified")
+    # And nothing of it without a hold.
+    without = format_certificate(replace(EMPTY, tube=TubeRadii(), bounds={"force": 16.83}))
+    assert "in a hold" not in without and "ultimate bound of the force" in without
+
+
 def test_every_constant_and_radius_has_a_unit():
     constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25)
                       for name in (*QUANTITIES, *WEIGHTED.values()))
-    numbers = len(fields(TubeRadii)) - 2
-    tube = TubeRadii(*[2.5] * numbers, u=np.array([0.5, 0.25]), tau=np.array([8.0]))
+    tube = TubeRadii(*[2.5] * NUMBERS, u=np.array([0.5, 0.25]), tau=np.array([8.0]))
     text = format_certificate(replace(EMPTY, constants=constants, tube=tube))
     for name, unit in (("J_min", "-"), ("J_dot_max", "1/s"), ("L_c", "1/s"), ("L_1", "1/s²")):
         assert re.search(rf"^  {name} +1[.]5 {unit} +estimated, 9 samples", text, re.MULTILINE)
@@ -124,6 +147,6 @@ def test_every_constant_and_radius_has_a_unit():
 
 
 def test_radii_that_a_motion_has_not_are_not_in_the_table():
-    tube = TubeRadii(*[2.5] * (len(fields(TubeRadii)) - 2), u=np.zeros(0), tau=None)
+    tube = TubeRadii(*[2.5] * NUMBERS, u=np.zeros(0), tau=None)
     lines = format_certificate(replace(EMPTY, tube=tube)).splitlines()
     assert not any(line.startswith(("  u ", "  tau ")) for line in lines)

@@ -19,7 +19,7 @@ from pydrake.common.yaml import yaml_load_data
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable, restored
 from uvms_drake.common.program import VERSION
-from uvms_drake.control.limits import TubeRadii
+from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.station.mission_legs import Leg
 from uvms_drake.station.scenario.faults import uncovered
@@ -145,8 +145,14 @@ class Certificate:
             "estimates": tuple(Estimate(**item) for item in data["estimates"]),
             "legs": tuple(Leg(**item) for item in data.get("legs", ())),
             "weights": None if weights is None else np.array(weights, dtype=float),
-            "tube": None if tube is None else TubeRadii(**_with_arrays(tube)),
+            "tube": None if tube is None else _tube_of(tube),
             "terminal": None if terminal is None else TerminalResult(**_with_arrays(terminal))}))
+
+
+def _tube_of(data: dict[str, Any]) -> TubeRadii:
+    holds = {key: None if data.get(key) is None else HoldRadii(**data[key])
+             for key in ("hold", "likely_hold")}
+    return TubeRadii(**(_with_arrays(data) | holds))
 
 
 def _with_arrays(data: dict[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,13 @@ from uvms_drake.certificate.certificate import Certificate, TerminalResult, fing
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.laws.tip_first import TipFirst
-from uvms_drake.control.limits import TubeRadii, check_limits, joint_limits, resolved_radii
+from uvms_drake.control.limits import (
+    HoldRadii,
+    TubeRadii,
+    check_limits,
+    joint_limits,
+    resolved_radii,
+)
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
@@ -320,7 +326,7 @@ def how_many_are_proven(scenario: Scenario, found: LawTube, model: ContactModel
     A number is estimated if it changes with the radii that are.
     """
     doubled = {name: 2.0 * getattr(found.radii, name) for name in found.estimated
-               if getattr(found.radii, name) is not None}
+               if not isinstance(getattr(found.radii, name), HoldRadii | None)}
     margins = [tightening_margins(scenario, radii, model)
              for radii in (found.radii, replace(found.radii, **doubled))]
     pairs = [(old, new) for old, new in zip(*margins, strict=True) if old.left > 0.0]

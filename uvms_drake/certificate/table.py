@@ -5,9 +5,11 @@ import math
 import numpy as np
 
 from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.control.limits import HoldRadii
 from uvms_drake.tube.conditions import BEYOND, Condition
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.tip_jerk import JERK
+from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
           "limits.static_force, up to which the tube is taken")
@@ -18,6 +20,7 @@ HELP = {
     "safe region, margin": "a softer tool (contact.stiffness), larger gains or a larger "
         "contact.force",
     "task.force": "a smaller force, a softer tool (contact.stiffness) or larger gains",
+    "hold, decay": "larger gains, a softer tool (contact.stiffness) or less contact.dissipation",
     "mission.steps": "less force or speed of that step, a larger contact.force or speed_across, or "
         "larger gains",
     "tube in limits.contact_speed": "a larger contact.speed, contact.speed_across or larger gains, "
@@ -164,11 +167,13 @@ def _leg_rows(certificate: Certificate) -> list[str]:
     """Returns a row for each step of a mission."""
     if not certificate.legs:
         return []
-    rows = ["", "mission: largest force along n, error bound in a hold with the plan at its target",
-            f"  {'step':<14}{'force, N':>12}{'error, N':>10}{'s, least':>10}{'most':>8}"]
+    rows = ["", "mission: largest force along n, error bounds with the plan at its target, in "
+            "motion and in a hold",
+            f"  {'step':<14}{'force, N':>12}{'error, N':>10}{'hold, N':>10}{'s, least':>10}"
+            f"{'most':>8}"]
     for i, leg in enumerate(certificate.legs):
-        band = "-" if leg.band is None else f"{leg.band:.3g}"
-        rows.append(f"  {i:>3} {leg.kind:<10}{leg.force:>12.4g}{band:>10}"
+        band, hold = ("-" if each is None else f"{each:.3g}" for each in (leg.band, leg.hold_band))
+        rows.append(f"  {i:>3} {leg.kind:<10}{leg.force:>12.4g}{band:>10}{hold:>10}"
                     f"{leg.least:>10.3g}{leg.most:>8.3g}"
                     f"{'  not certified: ' + leg.unmet if leg.unmet else ''}")
     return rows
@@ -178,8 +183,20 @@ def _tube_rows(certificate: Certificate) -> list[str]:
     if certificate.tube is None:
         return ["  none"]
     radii = {name: value for name, value in vars(certificate.tube).items()
-             if value is not None and np.size(value)}
-    return [f"  {name:<20}{_radius(value)} {UNITS[name]}" for name, value in radii.items()]
+             if not isinstance(value, HoldRadii | None) and np.size(value)}
+    return [*(f"  {name:<20}{_radius(value)} {UNITS[name]}" for name, value in radii.items()),
+            *_hold_rows(certificate.tube.hold)]
+
+
+def _hold_rows(hold: HoldRadii | None) -> list[str]:
+    """Returns the radii in a hold."""
+    if hold is None:
+        return []
+    return [f"in a hold, from {hold.time:.2g} s on with the tip of the plan below "
+            f"{1e3 * hold.standing:g} mm/s",
+            f"  {'depth':<20}{hold.depth:>12.4g} m", f"  {'position':<20}{hold.position:>12.4g} m",
+            f"  {'advance':<20}{hold.advance:>12.4g} m/s",
+            f"  {'error of a reading':<20}{hold.reading:>12.4g} N, along the direction"]
 
 
 def _radius(value: float | np.ndarray) -> str:
@@ -224,5 +241,14 @@ def _terminal_rows(certificate: Certificate) -> list[str]:
 
 
 def _bound_rows(certificate: Certificate) -> list[str]:
-    return [f"ultimate bound of the {name:<12}{value:>11.4g} {UNITS[name]}"
-            for name, value in certificate.bounds.items()]
+    hold = None if certificate.tube is None else certificate.tube.hold
+    rows = [f"ultimate bound of the {name:<12}{value:>11.4g} {UNITS[name]}"
+            for name, value in certificate.bounds.items() if name in UNITS]
+    if hold is None or HOLD not in certificate.bounds:
+        return rows
+    likely = certificate.bounds[LIKELY]
+    return [*rows[:-1], f"{rows[-1]}, at touch and in motion, the plan at its target",
+            f"{'':<34}{certificate.bounds[HOLD]:>11.4g} N, in a hold, from {hold.time:.2g} s after "
+            "the plan stands",
+            f"{'':<34}{likely:>11.4g} N, likely in a hold, if noise is independent; "
+            "not certified"]

@@ -169,10 +169,13 @@ class ForceSensor(Part):
 
     def reading(self, time: float, turning: float) -> ForceReading:
         """Returns its properties up to a time; see `force_error_bound.error_bound`."""
-        still = error_bound(self, time, np.zeros(6), turning).total
+        parts = error_bound(self, time, np.zeros(6), turning)
+        independent = parts.bias / np.sqrt(max(self.tare_samples, 1))
         repeated = repeat_probability(self.noise, self.noise_multiple, self.resolution)
-        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare,
-                            repeated, readable_force(self, time))
+        return ForceReading(
+            in_tip_axes(self, parts.total), self.lag, 1.0 / self.rate, self.tare, repeated,
+            readable_force(self, time), in_tip_axes(self, parts.bias),
+            in_tip_axes(self, independent))
 
     @property
     def tare_samples(self) -> int:

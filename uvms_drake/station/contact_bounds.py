@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -159,7 +160,7 @@ def mission_conditions(scenario: Scenario) -> list[Condition]:
     return conditions
 
 
-def between_knots(planned: ConstraintSet, step: float) -> dict[str, float]:
+def between_knots(planned: ConstraintSet, step: float) -> dict[str, Any]:
     """Returns the largest excess of a plan's angles over limits between two knots that keep them.
 
     A joint has a constant acceleration in an interval of length h: if it comes with v and leaves

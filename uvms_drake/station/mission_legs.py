@@ -1,8 +1,8 @@
 """Certified bounds of each step of a mission: force, time, and the condition that fails.
 
-In a hold the force error is bounded by `SensedContact.band`, with the plan at its target. In a
-slide the bound depends on the lag behind the target, which is known only in the run, see
-`report.mission.mission`. The static force is at most `contact.force` at all times.
+In a hold the force error is bounded by `SensedContact.band`, with the plan at its target, and by
+`hold_band` once that has stood. In a slide the bound depends on the lag behind the target, which is
+known only in the run, see `report.mission.mission`. The static force is at most `contact.force`.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.mission.steps import AnyStep, Approach, Hold, Mission, Slide
 from uvms_drake.model.surface import SensedContact
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.contact.hold_band import hold_band
 from uvms_drake.tube.ultimate_bounds import tip_errors
 
 
@@ -30,6 +31,8 @@ class Leg:
     """Time-out [s]."""
     unmet: str
     """Condition that fails; empty if none."""
+    hold_band: float | None = None
+    """Bound b(0) of a hold in which the plan has stood, see `HoldRadii` [N]."""
 
 
 def least_time(step: AnyStep) -> float:
@@ -61,5 +64,7 @@ def legs_of(mission: Mission, contact: SensedContact, tube: TubeRadii,
             type(step).__name__, step.strongest,
             contact.band(step.strongest, tip_errors(tube)) if isinstance(step, Hold) else None,
             least_time(step), step.timeout,
-            "" if failed is None else str(failed)))
+            "" if failed is None else str(failed),
+            None if tube.hold is None or not isinstance(step, Hold)
+            else hold_band(contact, step.strongest, tube.hold)))
     return legs

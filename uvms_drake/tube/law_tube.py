@@ -11,6 +11,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.contact.hold import HoldLaw
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.loops.actuator_path import Actuators
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -73,3 +74,5 @@ class LawTube(NamedTuple):
     """Names of the radii that depend on estimates; the others are proven."""
     check: Check = no_estimates
     """Function that returns the estimates, each with the result of a second search."""
+    hold: HoldLaw | None = None
+    """Radii for the forces of a hold; None: unknown."""

@@ -4,6 +4,11 @@ import numpy as np
 
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.surface.law import Surface, TipErrors
+from uvms_drake.model.surface.sensed_contact import UnknownSurface
+from uvms_drake.tube.contact.hold_band import hold_band
+
+HOLD, LIKELY = "force in a hold", "force in a hold, likely"
+"""Names of the bounds of the force error in a hold."""
 
 
 def tip_errors(tube: TubeRadii) -> TipErrors:
@@ -22,7 +27,8 @@ def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray, wren
 
     `position` [m] and `orientation` [rad] of the end-effector, and `force` [N], the largest
     ‖force part of 𝔉 − 𝔉_des‖, of a sensed contact its component along the direction, see
-    `Surface.force_error`.
+    `Surface.force_error`. With a sensed contact `force in a hold` [N], see `hold_band`, and
+    `force in a hold, likely`, which is not certified.
 
     Args:
         tube: The radii.
@@ -31,5 +37,10 @@ def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray, wren
         wrench: 𝔉_des (6,) [N, N m].
     """
     off = tip_errors(tube)
-    return {"position": off.position, "orientation": off.angle,
-            "force": surface.force_error(chi_des, wrench, off)}
+    bounds = {"position": off.position, "orientation": off.angle,
+              "force": surface.force_error(chi_des, wrench, off)}
+    if isinstance(surface, UnknownSurface):
+        force = float(wrench[:3] @ surface.contact.direction)
+        bounds |= {name: hold_band(surface.contact, force, hold) for name, hold in (
+            (HOLD, tube.hold), (LIKELY, tube.likely_hold)) if hold is not None}
+    return bounds

@@ -1,7 +1,7 @@
 """Limits, one kind a file, and their tightening by the tube."""
 
 from uvms_drake.control.limits.limit import Limit
-from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
+from uvms_drake.control.limits.radii import HoldRadii, TubeRadii, resolved_radii
 from uvms_drake.control.limits.settings import (
     Limits,
     check_limits,
@@ -10,5 +10,5 @@ from uvms_drake.control.limits.settings import (
     tighten,
 )
 
-__all__ = ["Limit", "Limits", "TubeRadii", "check_limits", "joint_limits",
+__all__ = ["HoldRadii", "Limit", "Limits", "TubeRadii", "check_limits", "joint_limits",
            "make_limits", "resolved_radii", "tighten"]

@@ -8,6 +8,26 @@ from uvms_drake.common.errors import require, vector, within
 
 
 @dataclass
+class HoldRadii:
+    """Bounds on the deviation of the tip in a hold of a sensed contact, once the plan has stood."""
+
+    time: float = 0.0
+    """Time since the plan stands, from which on they hold [s]."""
+    depth: float = 0.0
+    """|n·(𝔭 − 𝔭̄)| [m]."""
+    position: float = 0.0
+    """‖𝔭 − 𝔭̄‖₂ [m]."""
+    advance: float = 0.0
+    """⟨±𝔭̇⟩ of the real tip [m/s], with the speed of a plan that stands."""
+    standing: float = 0.0
+    """⟨±𝔭̄̇⟩ of a plan that stands, at most [m/s]."""
+    reading: float = 0.0
+    """|n·𝔢| of the error 𝔢 of a reading [N]."""
+    age: float = 0.0
+    """Largest mean age of a reading [s]."""
+
+
+@dataclass
 class TubeRadii:
     """Bounds on the deviation of the real from the nominal motion.
 
@@ -52,6 +72,10 @@ class TubeRadii:
     """|𝔲ᵢ − ūᵢ| [m/s² (3), rad/s² (3 + n)]."""
     tau: np.ndarray | None = None
     """|τᵢ − τ̄ᵢ| [N (3), N m (3 + n)]; needed if τ is limited."""
+    hold: HoldRadii | None = None
+    """Smaller radii in a hold of a sensed contact; None: unknown."""
+    likely_hold: HoldRadii | None = None
+    """The same if the noise of the tare is independent, which is likely and not certified."""
 
 
 _TOTALS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2": "z", "qdot": "z"}
@@ -76,9 +100,11 @@ def check_tube(tube: TubeRadii, num_inputs: int, *, tau: bool) -> None:
     """
     with within("tube"):
         for key, value in vars(tube).items():
-            if key == "tau" and not tau:
+            if value is None or (key == "tau" and not tau):
                 continue
-            if value is None:
+            if isinstance(value, HoldRadii):
+                for part, number in vars(value).items():
+                    require(0.0 <= number < np.inf, f"{key}.{part}", number, "zero or positive")
                 continue
             if key in ("u", "tau"):
                 value = vector(key, value, num_inputs)

@@ -76,6 +76,10 @@ class ForceReading(NamedTuple):
     `sensing.repeated_readings`; 1: none is known."""
     largest: float = np.inf
     """Largest norm of a force that is surely within the sensor's range [N]."""
+    constant: np.ndarray = np.zeros(6)
+    """Part of `error` that never changes, as the error of a tare (6,) [N, N m]."""
+    likely_constant: np.ndarray = np.zeros(6)
+    """The same if the noise of samples is independent: within three standard deviations."""
 
     def missing(self, delay: float) -> float:
         """Returns the largest weight that forces older than `delay` [s] have in a reading."""

@@ -22,6 +22,16 @@ MOST_ASLANT = 0.5
 
 
 @dataclass
+class HoldForces:
+    """Bounds of the force apart from the size of its normal part, in a hold."""
+
+    force_rate: float = 40.0
+    """Largest rate, like `contact.force_rate` [N/s]."""
+    force_ripple: float = 2.0
+    """Bound of the part that may change at any rate, like `contact.force_ripple` [N]."""
+
+
+@dataclass
 class SensedContact:
     """Contact with a measured force; place and stiffness of the wall are unknown."""
 
@@ -66,6 +76,13 @@ class SensedContact:
     turn: float = 0.0
     """Largest yaw of the robot about the vertical, to either side, to align its tool with the
     estimated normal in a slide [rad]; zero keeps the heading of the task."""
+    hold: HoldForces | None = None
+    """Smaller bounds in a hold, of a tip that does not slide; None: those of any motion."""
+
+    @property
+    def hold_forces(self) -> HoldForces:
+        """Bounds in a hold, declared or not."""
+        return self.hold or HoldForces(self.force_rate, self.force_ripple)
 
     def controller_surface(self, surface: Surface) -> "UnknownSurface":
         """Returns the surface of the controller's model, for any true one."""
@@ -104,6 +121,9 @@ class SensedContact:
         for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
                     "tangential_lag", "clearance"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
+        for key, declared in vars(self.hold_forces).items():
+            require(0.0 <= declared <= getattr(self, key), f"hold.{key}", declared,
+                    f"zero or positive, up to contact.{key}")
         return replace(self, direction=direction)
 
     def wrench(self, force: float) -> np.ndarray:

@@ -42,6 +42,7 @@ from uvms_drake.station.motions.dynamic import (
     effective_disturbance,
     sent_input,
 )
+from uvms_drake.station.motions.hold import hold_radii
 from uvms_drake.station.problem import posed_task
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
@@ -141,8 +142,14 @@ class SensedContactMotion(Dynamic):
         free = stopping_distance(
             contact.force, contact.force_error / share, contact.stiffness, margin,
             retreat=contact.dissipation * fastest_advance(contact))
+        # Smaller radii once a plan stands.
+        decay = []
+        if tube.hold is not None:
+            hold, condition = hold_radii(scenario, tube.hold, measured)
+            likely_hold, _ = hold_radii(scenario, tube.hold, measured, likely=True)
+            radii, decay = replace(radii, hold=hold, likely_hold=likely_hold), [condition]
         return LawTube(radii, (
-            *tube.conditions,
+            *tube.conditions, *decay,
             Condition("contact.force_error, not less than the sensor's error",
                       contact.force_error, ">=", off, theorem=SAFE_REGION),
             Condition("sensing, largest force within the range [N]", reading.largest, ">",
@@ -165,7 +172,8 @@ class SensedContactMotion(Dynamic):
             together(tube.check, lambda: (
                 largest_of("remainder of u in contact", remainder, second),
                 Estimate(JERK, tip, second_jerk(
-                    basis.model, planned, scenario.mpc.time_step, cone, settings.seed)))))
+                    basis.model, planned, scenario.mpc.time_step, cone, settings.seed)))),
+            tube.hold)
 
     def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:

@@ -10,15 +10,15 @@ sensor's error. Suprema are those of `sensor_gains`, proven by `sensor_gains_pro
 tube/contact/theory.md#error-of-the-force-sensor.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.tube.contact.sensor_gains import OperatorNorms, tip_jacobian_and_gain
+from uvms_drake.tube.contact.sensor_gains import OperatorNorms, Suprema, tip_jacobian_and_gain
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
-from uvms_drake.tube.loops.row_gains import instant_gains, lagged_gains
+from uvms_drake.tube.loops.row_gains import Gains, instant_gains, lagged_gains
 from uvms_drake.tube.resolved.sensor_effect import SensorEffect
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
@@ -58,6 +58,8 @@ class MeasuredForceBounds:
     """h [s]."""
     tool_angle: float
     """Largest angle between n and the tip's x-axis [rad]."""
+    constant: float = 0.0
+    """Part of `error` that never changes in axes of the tip, as that of the tare [N]."""
 
     @property
     def age(self) -> float:
@@ -66,8 +68,11 @@ class MeasuredForceBounds:
 
 
 def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, missed: float, *,
-              turning: float, qdot: float, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
+              turning: float, qdot: float, moving: float = 0.0, turned: float = 0.0,
+              integral: float | None = None) -> np.ndarray:
     """Returns the terms of (3) of rows with suprema A by source (number of `SOURCES`, ...).
+
+    An error that is constant in axes of the tip moves the rate of a row by the change of A alone.
 
     Args:
         force: Bounds of the forces.
@@ -78,10 +83,14 @@ def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, missed
         qdot: Bound of ‖q̇‖ [rad/s].
         moving: J̃‖𝔯‖, if the rows are under the filter by their velocity.
         turned: Part of Ȧ that is not by the joints, where the rows turn.
+        integral: Of the rate of a row, γ of the row itself; None for others.
     """
     A_rate = A.by_joints * qdot + turned
+    constant = known * A.force * force.constant if integral is None else (
+        integral * A_rate * force.constant)
     return np.array([
-        known * (A.force * force.error + A.torque * force.torque_error),
+        known * (A.force * (force.error - force.constant) + A.torque * force.torque_error)
+        + constant,
         known * A.normal * force.rate * force.age + missed * A.normal * force.ripple,
         known * A.force * force.tangential_rate * force.age
         + missed * A.force * force.tangential_ripple,
@@ -113,32 +122,43 @@ def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredF
     """
     claimed = claimed_suprema(
         model, declared, force.tool_angle, safety_factor=safety_factor, seed=seed)
-    found = claimed.suprema
-    turning = declared.nu2 + found.turning * declared.qdot
-    instant, missed = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
+    row_gains = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
+
+    def effect(force: MeasuredForceBounds, nu2: float, qdot: float) -> SensorEffect:
+        return _effect_of(claimed.suprema, force, *row_gains, nu2=nu2, qdot=qdot,
+                          tip_pitch=declared.tip_pitch)
+
+    return replace(effect(force, declared.nu2, declared.qdot), proven=claimed.proven,
+                   check=claimed.check, of_others=effect)
+
+
+def _effect_of(found: Suprema, force: MeasuredForceBounds, instant: Gains, missed: Gains, *,
+               nu2: float, qdot: float, tip_pitch: float) -> SensorEffect:
+    """Returns the effect by suprema and gains, at bounds of ‖ν₂‖, ‖q̇‖ and the tip's pitch."""
+    turning = nu2 + found.turning * qdot
 
     def parts(gain: str, A: OperatorNorms, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
         """Returns the terms of (3) by source (number of `SOURCES`, ...)."""
         return by_source(force, A, getattr(instant, gain), getattr(missed, gain), turning=turning,
-                         qdot=declared.qdot, moving=moving, turned=turned)
+                         qdot=qdot, moving=moving, turned=turned,
+                         integral=instant.position if gain == "velocity" else None)
 
     def through(A: OperatorNorms) -> np.ndarray:
         """Returns the bound of A e: the input contains the reading itself, besides (3)."""
         return np.asarray(
             A.force * reading_off(force, turning) + A.torque * force.torque_error)
 
-    # J̃‖𝔯‖ of (3): the rows are under the sensor's filter by their velocity, too.
     # Rows that are under the filter by their velocity have J̃‖𝔯‖ in (3), 𝔯 the error of ζ.
     r = np.sum(parts("error", found.zeta), axis=0)
     size_r, turned = float(np.linalg.norm(r)), turning * float(found.position.force)
-    J_r = size_r * (declared.nu2 * found.linear + declared.qdot * found.linear_by_joints)
-    # The same of the Euler rates, whose matrix E(𝔬) grows with the pitch of the tip.
+    J_rate = nu2 * found.linear + qdot * found.linear_by_joints
+    J_r = size_r * J_rate
     # Rows of Euler rates are E(𝔬) times those of the angular velocity.
-    sine = float(np.sin(declared.tip_pitch))
+    sine = float(np.sin(tip_pitch))
     euler = 1.0 / np.sqrt(1.0 - sine)
     euler_rate = euler * turning * np.hypot(euler, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
     euler_r = size_r * (euler_rate * found.angular
-                        + euler * declared.qdot * found.angular_by_joints)
+                        + euler * qdot * found.angular_by_joints)
     position = parts("position", found.position, J_r, turned)
     depth = parts("position", found.depth, J_r, turned)
     speed = parts("velocity", found.depth, J_r, turned)
@@ -152,7 +172,7 @@ def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredF
         z=np.sum(parts("velocity", found.zeta), axis=0),
         u=np.sum(parts("input", found.rows), axis=0) + through(found.rows),
         w=np.sum(parts("input", found.zeta), axis=0) + through(found.zeta),
-        proven=claimed.proven, check=claimed.check,
+        jacobian_rate=J_rate,
         budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
             ("depth", depth), ("depth_speed", speed), ("position", position))})
 

@@ -17,12 +17,15 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
 from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.contact.sensor_error import sensor_effect_of
+from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, sensor_effect_of
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
 from uvms_drake.tube.laws.kinematic import undetermined_joints
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
+from uvms_drake.tube.loops.row_loop import RowLoop
 from uvms_drake.tube.resolved.bounds import (
     attitude_radii,
+    joint_rate_radius,
     resolved_tube,
     smallest_k,
     transpose_tube,
@@ -127,7 +130,25 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     if basis.contact is not None and not sensor_effect.proven:
         estimated = tuple(vars(tube))
     check = together(image.check, sensor_effect.check)
-    return LawTube(tube, (condition,), budget, estimated, check)
+    of_others = sensor_effect.of_others
+    if of_others is None:
+        return LawTube(tube, (condition,), budget, estimated, check)
+
+    def in_hold(force: MeasuredForceBounds, nu2: float, qdot: float) -> TipBounds:
+        """Returns the radii for other forces, with the same remainders.
+
+        d moves the tip's rows like the sensor does, by the gain of a rate and with J̃‖𝔯‖.
+        """
+        effect = of_others(force, nu2, qdot)
+        more = effect.z - sensor_effect.z
+        by_d = min(tip_speed, joint_rate_radius(
+            k, sigma, d * gains[0] + effect.jacobian_rate * d / k))
+        return TipBounds(position + effect.depth, position + effect.position,
+                         by_d + effect.depth_speed, by_d + effect.tip_speed,
+                         image.nu2 + float(more[1]), image.qdot + float(more[2]))
+
+    return LawTube(tube, (condition,), budget, estimated, check,
+                   HoldLaw(in_hold, RowLoop(k, sigma)))
 
 
 def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:

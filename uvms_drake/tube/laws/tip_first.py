@@ -29,6 +29,8 @@ from uvms_drake.tube.actuation.thruster_tube import (
 from uvms_drake.tube.actuation.zoh_command import ZohCommandTube, drags_of, turning_of
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constant_check import checked_constants
+from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
+from uvms_drake.tube.contact.sensor_error import SOURCES, MeasuredForceBounds
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.loops.actuator_path import Actuators, lagged_alone
 from uvms_drake.tube.loops.row_loop import RATE, E, RowLoop
@@ -132,11 +134,28 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     speeds = np.maximum(
         [image.nu1, image.nu2, image.qdot], (1.0 - SHARE) * limits if is_lagged else 0.0)
     tube = _radii(sums, image, speeds, extra_input, sensed)
+
+    def in_hold(force: MeasuredForceBounds, nu2: float, qdot: float) -> TipBounds:
+        """Returns the radii for other forces; other sources of the rows, and speeds, as they are.
+
+        A sampled loop settles with a constant error, too, but its kernels are none of one age.
+        """
+        if not loops[1].at_once:
+            force = replace(force, constant=0.0)
+        by_row = [sums[name] - np.sum([table[name][source] for source in SOURCES], axis=0)
+                  + np.sum(list(inputs.for_other(force, nu2, qdot, tip, name).values()), axis=0)
+                  for name in (DEPTH, TIP)]
+        (depth, position), (depth_speed, tip_speed) = np.array(by_row)[:, [E, RATE]].T
+        assert tube.nu2 is not None and tube.qdot is not None
+        return TipBounds(float(depth), float(position), float(depth_speed), float(tip_speed),
+                         tube.nu2, tube.qdot)
+
     return LawTube(tube, tuple(conditions), budget, tuple(vars(tube)), together(
         arm.check, turning_check, free_check, inputs.check, image.check,
         no_estimates if actuation is None else actuation.check,
         lambda: checked_constants(
-            model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)))
+            model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)),
+        HoldLaw(in_hold, loops[1], tip.age) if sensed else None)
 
 
 def _table(basis: Basis, arm: Arm, inputs: DisturbanceInputs, vehicle: LoopGains, tip: LoopGains,

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.common.errors import require
 from uvms_drake.tube.loops.sampled_loop import PHASES, PeriodicLoop, Stretch
 from uvms_drake.tube.resolved.bounds import joint_rate_radius
 from uvms_drake.tube.resolved.image import input_gain
@@ -68,7 +69,7 @@ def moments(k: float, sigma: float) -> Gains:
         (k**2 / span, -sigma**2 / span), (1.0, 0.0))))
 
 
-def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
+def lagged_gains(k: float, sigma: float, lag: float, period: float, growth: float = 0.0) -> Gains:
     """Returns the gains from a force by the error of its measurement; see `PeriodicLoop`.
 
     Args:
@@ -76,8 +77,10 @@ def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
         sigma: σ [1/s].
         lag: T [s]; zero for none: then between two samples all of F can be missed.
         period: h > 0 [s].
+        growth: Rate by which an effect of age t counts e^(growth · t) times [1/s], below all rates.
     """
     if lag == 0.0:
+        require(growth == 0.0, "growth", growth, "zero without a lag")
         return Gains(*(2.0 * gain for gain in instant_gains(k, sigma)))
     # The states are e, ė, the lagged force, and its held sample.
     A = np.array([[0.0, 1.0, 0.0, 0.0], [-k * sigma, -(k + sigma), 0.0, 1.0],
@@ -86,5 +89,6 @@ def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
                   [sigma, 1.0, 0.0, 0.0]])
     needed = math.ceil(FINENESS * period * max(k, sigma, 1.0 / lag) / PHASES)
     points = PHASES * max(2, needed)
+    A += growth * np.eye(4)
     loop = PeriodicLoop(A, C, (Stretch(period, np.eye(4)[[0, 1, 2, 2]]),), points)
     return Gains(*map(float, loop.flow_gain(np.array([0.0, -1.0, 1.0 / lag, 0.0]))))

@@ -1,6 +1,8 @@
 """Effect of the errors of a force sensor on the radii of the law `resolved`; see `sensor_error`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -31,9 +33,14 @@ class SensorEffect:
     """The linear part of uᵢ − ūᵢ, with the error of the reading (6+n,) [m/s² (3), rad/s² (3+n)]."""
     w: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """The same of the blocks of ν₁, ν₂ and q̇ (3,), 2-norms."""
+    jacobian_rate: float = np.inf
+    """J̃, bound of ‖J̇_b‖ of the tip's position [1/s]."""
     proven: bool = False
     """Whether all of it is proven but `u` and `w`."""
     check: Check = no_estimates
     """Function that returns the estimates it rests on."""
     budget: dict[str, dict[str, float]] = field(default_factory=dict)
     """Parts of `depth`, `position` [m] and `depth_speed` [m/s] by their source."""
+    of_others: Callable[[Any, float, float], "SensorEffect"] | None = None
+    """Function that returns the effect of other `MeasuredForceBounds`, of the same lag and period,
+    at bounds of ‖ν₂‖ and ‖q̇‖ [rad/s], by the same suprema."""

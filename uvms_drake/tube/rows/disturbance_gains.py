@@ -10,6 +10,7 @@ import numpy as np
 
 from uvms_drake.tube.contact.sensor_error import (
     SOURCES,
+    MeasuredForceBounds,
     by_source,
     reading_input,
     reading_off,
@@ -18,7 +19,7 @@ from uvms_drake.tube.contact.sensor_gains import OperatorNorms, Suprema
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.row_gains import lagged_gains
-from uvms_drake.tube.loops.row_loop import RowLoop
+from uvms_drake.tube.loops.row_loop import RATE, E, RowLoop
 from uvms_drake.tube.rows.image import Arm
 from uvms_drake.tube.search.estimate import Check, largest_of, no_estimates, together
 
@@ -123,12 +124,34 @@ class DisturbanceInputs:
         """Returns the effect of the sensor's errors on rows with suprema A, by source."""
         contact, basis = self._basis.contact, self._basis
         assert contact is not None
-        contact = replace(contact, lag=contact.lag + loop.age)
-        terms = np.array([
-            by_source(contact, A, known, missed, turning=self.turning, qdot=basis.declared.qdot,
-                      turned=turned)
-            for known, missed in zip(loop.known, loop.missed, strict=True)])
-        return dict(zip(SOURCES, terms.T, strict=True))
+        return _sensor_parts(contact, loop, A, self.turning, basis.declared.qdot, turned)
+
+    def for_other(self, force: MeasuredForceBounds, nu2: float, qdot: float, loop: LoopGains,
+                  name: str) -> Parts:
+        """Returns the effect on a block of the tip's rows for other forces, by source.
+
+        Args:
+            force: The forces, of the same sensor.
+            nu2: Bound of ‖ν₂‖ [rad/s].
+            qdot: Bound of ‖q̇‖ [rad/s].
+            loop: Gains of the tip's loop.
+            name: Name of the block.
+        """
+        assert self._found is not None
+        turning = nu2 + self._found.turning * qdot
+        turned = turning * float(self._found.position.force)
+        return _sensor_parts(force, loop, self._rows[name][0], turning, qdot, turned)
+
+
+def _sensor_parts(force: MeasuredForceBounds, loop: LoopGains, A: OperatorNorms, turning: float,
+                  qdot: float, turned: float) -> Parts:
+    """Returns the effect of a sensor's errors on rows with suprema A, by source."""
+    force = replace(force, lag=force.lag + loop.age)
+    terms = np.array([
+        by_source(force, A, known, missed, turning=turning, qdot=qdot, turned=turned,
+                  integral=float(loop.known[E]) if column == RATE else None)
+        for column, (known, missed) in enumerate(zip(loop.known, loop.missed, strict=True))])
+    return dict(zip(SOURCES, terms.T, strict=True))
 
 
 def in_joints(basis: Basis, arm: Arm, tip: LoopGains, inputs: DisturbanceInputs) -> Parts:
