@@ -11,7 +11,7 @@ from support.quick import FEW, search_less
 
 import uvms_drake
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.certify import assumptions, certify
+from uvms_drake.certificate.certify import assumed_conditions, certify
 from uvms_drake.station.scenario.scenario import load_scenario
 
 PACKAGE = Path(uvms_drake.__file__).parent
@@ -104,7 +104,7 @@ def test_every_condition_of_the_package_names_a_theorem():
 
 @pytest.mark.parametrize("name", ["girona500_ideal", "girona500_contact", "paper_kinematic"])
 def test_assumptions_name_their_theorem(name):
-    found = assumptions(load_scenario(name))
+    found = assumed_conditions(load_scenario(name))
     assert found and all(is_theorem(each.theorem) for each in found)
 
 

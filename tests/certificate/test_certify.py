@@ -9,7 +9,7 @@ from support.terminal_checks import check_terminal
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import (
-    assumptions,
+    assumed_conditions,
     certified_once,
     certify,
     with_paper,
@@ -167,7 +167,7 @@ def test_a_certificate_of_forces_needs_a_limit_on_them():
 
 
 def test_other_ways_to_give_up_the_theory_are_conditions_too(scenario):
-    broken = {override: [item.name for item in assumptions(load_scenario(
+    broken = {override: [item.name for item in assumed_conditions(load_scenario(
         "girona500_ideal", [override])) if not item.holds] for override in (
             f"mpc.terminal_weight={[1.0] * 20}", "mpc.input_reference=zero",
             "surface_error.stiffness=1.01", "surface_error.turn=[0, 0, 0.01]", "seed=1")}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from uvms_drake.actuation import SampledCommand, Thrusters
-from uvms_drake.certificate.certify import assumptions, certify
+from uvms_drake.certificate.certify import assumed_conditions, certify
 from uvms_drake.control.laws import Resolved
 from uvms_drake.station.scenario.scenario import load_scenario
 
@@ -16,7 +16,7 @@ def sampled():
 
 
 def failed(scenario):
-    return [condition.name for condition in assumptions(scenario) if not condition.holds]
+    return [condition.name for condition in assumed_conditions(scenario) if not condition.holds]
 
 
 def test_a_clock_alone_is_counted_under_tip_first_and_nothing_else_is(sampled):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.certificate.table import HELP, format_certificate, verdict
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.mission_legs import Leg
@@ -60,7 +60,7 @@ def test_a_number_that_is_none_fails_without_an_amount():
                               "it acts as a disturbance that d̃ does not count")])
 def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
     scenario = load_scenario("girona500_ideal", [override])
-    assert verdict(replace(EMPTY, conditions=tuple(assumptions(scenario)))) == line
+    assert verdict(replace(EMPTY, conditions=tuple(assumed_conditions(scenario)))) == line
 
 
 def test_every_step_of_a_mission_has_a_row_and_comes_back_from_a_file():

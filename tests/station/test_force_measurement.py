@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
-from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.contact_model import ContactModel
@@ -31,7 +31,7 @@ def scenario_of(duration: float, *overrides, **changes):
 
 
 def given_up(scenario) -> list[str]:
-    return [condition.name for condition in assumptions(scenario) if not condition.holds]
+    return [condition.name for condition in assumed_conditions(scenario) if not condition.holds]
 
 
 @dataclass

@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Gain
 
 from uvms_drake.actuation.sampled_command import SampledCommand
-from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
@@ -60,7 +60,7 @@ def scenario_of(duration: float, **lists):
 
 
 def broken_assumptions(scenario) -> list[str]:
-    return [condition.name for condition in assumptions(scenario) if not condition.holds]
+    return [condition.name for condition in assumed_conditions(scenario) if not condition.holds]
 
 
 def test_the_force_settles_with_a_sampled_command():
@@ -105,18 +105,19 @@ def test_the_station_exports_a_parts_signal_and_names_its_systems_by_their_place
 def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(
         name, entry, part, void, tmp_path):
     for tag in (f"!{type(part).__name__} ", ""):
-        scenario = load_scenario("girona500_ideal", [f"{name}=[{tag}{entry}]"])
+        scenario = load_scenario("bluerov2_ideal", [f"{name}=[{tag}{entry}]"])
         assert repr(getattr(scenario, name)) == repr([part])
         assert broken_assumptions(scenario) == [void]
     path = tmp_path / "mine.yaml"
     path.write_text(dump_scenario(scenario))
     assert repr(getattr(load_scenario(str(path)), name)) == repr([part])
-    assert not broken_assumptions(load_scenario("girona500_ideal"))
+    assert not broken_assumptions(load_scenario("bluerov2_ideal"))
 
 
 def test_the_law_tip_first_counts_with_a_clock_alone():
-    clock = "!SampledCommand {}"
-    assert not broken_assumptions(load_scenario("girona500_tip_first", [f"actuation=[{clock}]"]))
+    clock, wrench = "!SampledCommand {}", "!IdealWrench {undriven: [roll]}"
+    assert not broken_assumptions(
+        load_scenario("girona500_tip_first", [f"actuation=[{clock}, {wrench}]"]))
     for name, more in (("girona500_tip_first", "!Thrusters {}"), ("girona500_tip_first", clock),
                        ("girona500_contact", "")):
         assert "actuation[0], SampledCommand: the proofs take the feedback for continuous" in (
@@ -128,7 +129,7 @@ def test_the_law_tip_first_counts_with_a_clock_alone():
     ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be at least 0.0001"),
     ("actuation=[!Hold {}]",
      "actuation[0] = '!Hold': must be a mapping tagged !SampledCommand or !Thrusters "
-     "or !LaggedWrench")])
+     "or !LaggedWrench or !IdealWrench")])
 def test_a_part_without_a_meaning_is_one_line(override, expected):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("girona500_ideal", [override])

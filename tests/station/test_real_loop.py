@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.report.events import events
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -12,7 +12,7 @@ from uvms_drake.station.simulation import simulate
 
 @pytest.mark.parametrize("name", ["bluerov2_real_loop", "girona500_real_loop"])
 def test_it_says_what_no_proof_covers(name):
-    given_up = [item.name.split(",")[0] for item in assumptions(
+    given_up = [item.name.split(",")[0] for item in assumed_conditions(
         load_scenario(name)) if not item.holds]
     assert given_up == [
         "current", "model_error", "contact.tangential_lag", "sensing[0]", "actuation[0]",

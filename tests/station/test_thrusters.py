@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.common.errors import ScenarioError
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH
@@ -28,7 +28,7 @@ def test_a_law_takes_what_the_thrusters_give_by_their_model():
 
 def test_thrusters_void_a_certificate_and_say_why():
     scenario = load_scenario("girona500_ideal", [PART])
-    given_up = [condition.name for condition in assumptions(scenario) if not condition.holds]
+    given_up = [condition.name for condition in assumed_conditions(scenario) if not condition.holds]
     assert given_up == ["actuation[0], Thrusters: the proofs take the vehicle's wrench for given "
                         "at once and on all six axes"]
 
@@ -36,7 +36,8 @@ def test_thrusters_void_a_certificate_and_say_why():
 @pytest.mark.parametrize("name", ["girona500_tip_first", "girona500_contact"])
 def test_what_is_late_voids_a_certificate_with_a_budget_and_without(name):
     late = "actuation=[!SampledCommand {period: 0.001, delay: 0.0}, !Thrusters {}]"
-    given_up = [item.name for item in assumptions(load_scenario(name, [late])) if not item.holds]
+    given_up = [item.name for item in assumed_conditions(
+        load_scenario(name, [late])) if not item.holds]
     assert [each.partition(":")[0] for each in given_up] == [
         "actuation[0], SampledCommand", "actuation[1], Thrusters"]
 

@@ -1,8 +1,9 @@
 """Actuators, their delays and faults, one a file; independent of controller and plant."""
 
+from uvms_drake.actuation.ideal_wrench import IdealWrench
 from uvms_drake.actuation.lagged_wrench import LaggedWrench
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thrusters import Thrusters
 
-AnyActuation = SampledCommand | Thrusters | LaggedWrench
+AnyActuation = SampledCommand | Thrusters | LaggedWrench | IdealWrench
 """Actuators of a scenario's file."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
+from uvms_drake.certificate.assumptions import Assumption
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable, restored
 from uvms_drake.common.program import VERSION
@@ -78,6 +79,8 @@ class Certificate:
     """Kind of motion, see `Scenario`."""
     made_by: str = "certify"
     """The command that wrote it."""
+    assumptions: tuple[Assumption, ...] = ()
+    """Statements that it rests on and does not compute."""
     constants: tuple[Constant, ...] = ()
     conditions: tuple[Condition, ...] = ()
     tube: TubeRadii | None = None
@@ -140,6 +143,7 @@ class Certificate:
                 if key not in ("certified", "sha256")}
         tube, terminal, weights = data["tube"], data["terminal"], data.get("weights")
         return Certificate(**(data | {
+            "assumptions": tuple(Assumption(**item) for item in data["assumptions"]),
             "constants": tuple(Constant.from_data(item) for item in data["constants"]),
             "conditions": tuple(Condition(**item) for item in data["conditions"]),
             "estimates": tuple(Estimate(**item) for item in data["estimates"]),

@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.actuation.ideal_wrench import IdealWrench
 from uvms_drake.actuation.lagged_wrench import LaggedWrench
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.certificate.advice import longer, roomier, safer, wider
+from uvms_drake.certificate.assumptions import assumptions_of, undriven_axes, unnamed_axes
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
 from uvms_drake.common.errors import InvalidParameter, require, within
@@ -81,7 +83,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
     draft = Certificate(
         scenario=scenario.name, motion=scenario.motion, law=scenario.law, k=law.k, sigma=law.sigma,
         d_bound=scenario.disturbance.d_bound, weights=None if np.all(weights == 1.0) else weights,
-        **fingerprint(scenario))
+        assumptions=assumptions_of(scenario, model), **fingerprint(scenario))
     motion = motion_of(scenario)
     if type(law) not in motion.tubes:
         return draft.adding([Condition(
@@ -100,7 +102,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             draft, constants=tuple(basis.constants.values()), tube=found.radii, budget={
                 name: dict(parts) for name, parts in found.budget.items()},
             margin=budget_margins(scenario, found, model),
-            conditions=(*found.conditions, *assumptions(scenario)))
+            conditions=(*found.conditions, *assumed_conditions(scenario, model)))
         if scenario.mission.steps and np.size(found.radii.u):
             draft = replace(draft, legs=tuple(legs_of(
                 scenario.mission.checked(), sensed_contact(scenario), found.radii,
@@ -126,9 +128,14 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             1.0, "<=", 0.0, theorem=GUARANTEE)])
 
 
-def assumptions(scenario: Scenario) -> list[Condition]:
-    """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept."""
-    mpc = scenario.mpc
+def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) -> list[Condition]:
+    """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept.
+
+    Those that it cannot give up are `assumptions.assumptions_of`.
+    """
+    # Axes without a thruster, model errors, options of the MPC, parts of the loop.
+    mpc, model = scenario.mpc, model or load_model(scenario)
+    unnamed, undriven = unnamed_axes(scenario, model), ", ".join(undriven_axes(model))
     broken_assumptions: list[tuple[str, float]] = [
         ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
         ("waves, which the controller does not know", largest_speed(scenario.waves)),
@@ -151,8 +158,13 @@ def assumptions(scenario: Scenario) -> list[Condition]:
             for i, part in enumerate(parts) if part.assumption() is not None
             and not (scenario.contact.is_sensed and part.reading(0.0, 0.0) is not None)
             and not is_counted(scenario, part)]
-    return [Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE)
-            for name, value in broken_assumptions]
+    return [
+        Condition("axes that the robot's thrusters do not drive, unnamed by an !IdealWrench"
+                  + (f": {', '.join(unnamed)}" if unnamed else ""), float(len(unnamed)), "<=", 0.0,
+                  f"--set 'actuation=[!IdealWrench {{undriven: [{undriven}]}}]', for a robot with "
+                  "other thrusters" if unnamed else "", theorem=GUARANTEE),
+        *(Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE)
+          for name, value in broken_assumptions)]
 
 
 def is_counted(scenario: Scenario, part: Component) -> bool:
@@ -162,7 +174,8 @@ def is_counted(scenario: Scenario, part: Component) -> bool:
     a bound; or a lag of the vehicle's wrench that `tube.actuation.lagged_wrench` has a proof for.
     """
     law = scenario.ancillary
-    if len(scenario.actuation) != 1 or not isinstance(law, TipFirst):
+    delays = [each for each in scenario.actuation if not isinstance(each, IdealWrench)]
+    if len(delays) != 1 or not isinstance(law, TipFirst):
         return False
     if not isinstance(part, LaggedWrench):
         return isinstance(part, SampledCommand)

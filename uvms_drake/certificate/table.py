@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.control.limits import HoldRadii
 from uvms_drake.tube.conditions import BEYOND, Condition
@@ -96,7 +97,20 @@ def format_certificate(certificate: Certificate) -> str:
         *(["", "the paper's Lemma with these constants"] if certificate.paper else []),
         *(f"  {name:<32}{value:>12.4g} {UNITS[name]}"
           for name, value in certificate.paper.items()),
-        "", verdict(certificate)])
+        *_assumption_rows(certificate),
+        "", *scope(certificate), verdict(certificate)])
+
+
+def scope(certificate: Certificate) -> list[str]:
+    """Returns the first lines of the verdict: actuation, sensing and surface that it is about."""
+    return [f"{'for' if certificate.certified else 'asked for'} {about}: {statement}"
+            for about, statement in scope_of(certificate.assumptions).items()]
+
+
+def _assumption_rows(certificate: Certificate) -> list[str]:
+    return ["", "assumptions, not computed, and who guarantees them", *(
+        f"  {item.about:<12}{item.statement} [{item.guaranteed_by}]"
+        for item in certificate.assumptions)] if certificate.assumptions else []
 
 
 def _gains(certificate: Certificate) -> str:

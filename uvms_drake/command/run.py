@@ -106,6 +106,7 @@ def add_plot(commands: argparse._SubParsersAction) -> None:
 
 def run_scenario(args: argparse.Namespace) -> int:
     """Simulates a scenario, prints the summary and writes the files."""
+    from uvms_drake.certificate.table import scope
     from uvms_drake.station.step_size import with_step
 
     require(args.meshcat or args.host is None, "--host", args.host, "left out without --meshcat")
@@ -127,6 +128,8 @@ def run_scenario(args: argparse.Namespace) -> int:
                 certificate = _new_certificate(scenario, source, stream_of(args))
                 write_certificate(certificate, output.folder)
             scenario = certificate.applied_to(scenario)
+            for line in scope(certificate):
+                print(line, file=sys.stderr)
             print("certified: the force is off by less than "
                   f"{certificate.bounds['force']:.3g} N once the plan is at the task",
                   file=sys.stderr)

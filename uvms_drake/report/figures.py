@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uvms_drake.certificate.assumptions import assumptions_of, scope_of
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.mpc.planner import HOVERED, KEPT, SOLVED
@@ -68,6 +69,8 @@ def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, fl
     figures = FIGURES | {"force.png": partial(
         draw_contact, certified=(bounds or {}).get("force"))}
     paths, folder = [], Path(output_dir)
+    certified_for = "certified for " + "\n".join(scope_of(
+        assumptions_of(record.scenario, record.model)).values())
     folder.mkdir(parents=True, exist_ok=True)
     for name in figures_of(record.scenario):
         draw = figures[name]
@@ -76,6 +79,9 @@ def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, fl
             if not record.certified:
                 figure.text(0.995, 0.005, UNCERTIFIED, ha="right", va="bottom", fontsize=6,
                             color=VERMILION)
+            else:
+                figure.text(0.995, 0.005, certified_for, ha="right", va="bottom", fontsize=4,
+                            color="0.4")
             figure.savefig(folder / name)
         paths.append(folder / name)
     return paths

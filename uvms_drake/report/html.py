@@ -9,7 +9,7 @@ from typing import Any
 from zipfile import BadZipFile
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, read_certificate
-from uvms_drake.certificate.table import format_certificate, verdict
+from uvms_drake.certificate.table import format_certificate, scope, verdict
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.summary import format_summary, summarise
@@ -157,6 +157,7 @@ def _verdict(certificate: Certificate | None) -> str:
                 f"{bounds['force']:.3g} N."
                 if "force" in bounds else "")
     return (f'<p class="verdict{"" if certificate.certified else " no"}">'
+            f"{'<br>'.join(map(html.escape, scope(certificate)))}<br>"
             f"{html.escape(verdict(certificate)[:1].upper() + verdict(certificate)[1:])}."
             f"{finally_}</p>")
 

@@ -5,11 +5,13 @@ None. Everything is evaluated at the logged samples.
 """
 
 import platform
+from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
+from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
@@ -63,6 +65,8 @@ def summarise(record: Record) -> dict[str, object]:
         "thrusters": summarise_thrusters(record),
         "disturbance": summarise_disturbance(record),
         "tube": summarise_tube(record),
+        "assumptions": [asdict(each) for each in assumptions_of(scenario, record.model)]
+        if record.certified else [],
         "events": [{"time_s": event.start, "until_s": event.end, "kind": event.kind,
                     "text": event.text} for event in events(record)],
     }
@@ -339,7 +343,9 @@ def _format_robustness(summary: dict) -> list[str]:
                        + (f", exceeded {disturbance['exceeded']} times"
                           if disturbance["exceeded"] else "")),
         *_format_tube(tube),
-        f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
+        f"{'certified':<14}{'yes, for' if tube['certified'] else 'no (declared tube)'}",
+        *(f"{'':<14}{about}: {statement}" for about, statement in scope_of(
+            [Assumption(**each) for each in summary["assumptions"]]).items()),
     ]
 
 

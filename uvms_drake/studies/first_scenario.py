@@ -107,6 +107,8 @@ class FirstScenario:
     """k = σ [1/s]."""
     lag: float
     """Lag and dead time of the thrusters [s]; 0 if they are not known."""
+    undriven: tuple[str, ...]
+    """Axes that they do not drive."""
 
 
 def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScenario:
@@ -158,7 +160,8 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
         force=force * into, frame=frame, pose=pose, posture=posture, dexterity=dexterity,
         eta=start, q_limits=np.clip([posture - HALF_RANGE, posture + HALF_RANGE], *limits),
         u=u, strength=strength, tau_eq=tau_eq, disturbance=covered * wanted, covered=covered,
-        gain=_gain(model, config, covered * wanted, force), lag=_lag(uvms))
+        gain=_gain(model, config, covered * wanted, force), lag=_lag(uvms),
+        undriven=() if uvms.thrusters is None else tuple(uvms.thrusters.undriven))
 
 
 def _too_weak(uvms: Uvms, model: UvmsModel, config: np.ndarray, force: np.ndarray, i: int) -> str:

@@ -19,6 +19,9 @@ base: girona500_ideal
 description: {robot} presses {force:g} N on a wall.
 model: {model}
 
+actuation:
+  - !IdealWrench {{undriven: [{undriven}]}}  # axes that the robot's own thrusters do not drive
+
 start:  # at rest; the tip 0.2 m off the wall, level
   eta: {eta}  # m, rad
   q: {posture}  # rad; m of a joint that slides
@@ -93,7 +96,8 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
     thrust = "thrusters.yaml" if np.any(known[:6]) else "unknown without thrusters.yaml"
     tau = np.where(known, found.strength.force, np.ceil(4.0 * np.abs(found.tau_eq) + 20.0))
     text = TEXT.format(
-        robot=robot, model=model, force=force, lag=_lag(found), eta=_row(found.eta),
+        robot=robot, model=model, undriven=", ".join(found.undriven), force=force,
+        lag=_lag(found), eta=_row(found.eta),
         posture=_row(found.posture), normal=_exact(-found.force / force),
         covered="" if found.covered == 1.0 else f"{found.covered:.0%} of ",
         current=CURRENT, friction=FRICTION, bound=_number(bound), weights=_row(weights, 2),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
 
-from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.costs.level_vehicle import LevelVehicle
 from uvms_drake.control.costs.term import CostTerm
@@ -124,7 +124,7 @@ def test_fast_solver_and_reference_agree(name, term):
 
 def test_with_a_term_of_ones_own_there_is_no_certificate():
     scenario, *_ = with_terms("girona500_ideal", LevelVehicle(), Power())
-    assert [condition.name for condition in assumptions(scenario) if not condition.holds] == [
+    assert [item.name for item in assumed_conditions(scenario) if not item.holds] == [
         "mpc.terms[0], LevelVehicle, which the terminal set leaves out",
         "mpc.terms[1], Power, which the terminal set leaves out"]
 

@@ -43,7 +43,7 @@ import pytest
 
 from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.certificate.certificate import fingerprint
-from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
@@ -396,7 +396,7 @@ def test_the_certificate_is_void_only_with_faults_that_the_proofs_do_not_cover()
     for fault in EVERY:
         covered = isinstance(fault, SolverFailure | SolverTimeout | DroppedPeriod)
         with_it = replace(scenario, faults=[fault])
-        broken = [item.name for item in assumptions(with_it) if not item.holds]
+        broken = [item.name for item in assumed_conditions(with_it) if not item.holds]
         assert broken == ([] if covered else ["faults, which the proofs do not cover"])
         assert (fingerprint(with_it) == fingerprint(scenario)) == covered
     with_deadline = scenario_of(1.0, overrides=["mpc.deadline=0.1"])

@@ -18,7 +18,7 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.certificate.certify import (
-    assumptions,
+    assumed_conditions,
     certified_once,
     certify,
     declared_set,
@@ -473,7 +473,8 @@ def test_water_that_moves_is_bad_input_where_there_is_none(water):
     ("mpc.terminal_set=false", "mpc.terminal_set"),
 ])
 def test_options_that_break_the_theory_are_conditions(override, begins):
-    (broken,) = [item for item in assumptions(load_scenario(NAME, [override])) if not item.holds]
+    (broken,) = [item for item in assumed_conditions(
+        load_scenario(NAME, [override])) if not item.holds]
     assert broken.name.startswith(begins)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.common.yaml import yaml_load_data
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
-from uvms_drake.actuation import AnyActuation
+from uvms_drake.actuation import AnyActuation, IdealWrench, Thrusters
 from uvms_drake.common.errors import (
     require,
     shortened,
@@ -211,6 +211,10 @@ def check_scenario(scenario: Scenario) -> None:
         check_surface_error(scenario.surface_error)
     check_components("sensing", scenario.sensing, scenario.motion)
     check_components("actuation", scenario.actuation, scenario.motion)
+    for i, part in enumerate(scenario.actuation):
+        require(not isinstance(part, IdealWrench) or (len(scenario.actuation) == i + 1 and not any(
+            type(each) is Thrusters for each in scenario.actuation)), f"actuation[{i}]",
+            "IdealWrench", "the last part, and left out beside !Thrusters")
     check_faults(scenario.faults, scenario.motion)
     _check_simulator(scenario.simulator)
     check_cost(scenario.duration, scenario.log_period, scenario.simulator.max_step_size,

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.actuation import SampledCommand, Thrusters
-from uvms_drake.certificate.certify import assumptions, basis_of
+from uvms_drake.certificate.certify import assumed_conditions, basis_of
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.contact_model import ContactModel
@@ -78,7 +78,7 @@ def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Conditi
     searches.again()
     try:
         scenario = make()
-        conditions = assumptions(scenario)
+        conditions = assumed_conditions(scenario)
         if all(condition.holds for condition in conditions):
             model = load_model(scenario)
             with memoising(searches):

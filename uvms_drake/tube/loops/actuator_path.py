@@ -65,6 +65,8 @@ def actuators_of(paths: Sequence[CommandPath | None], preview: ActuationDelay = 
     for path in paths:
         if path is None:
             return Actuators(unknown=("a part without a known delay",))
+        if path.period == path.delay == path.lag == 0.0:
+            continue  # An ideal wrench.
         if path.whole and not out.delayed:
             both = Path(path.period, path.delay, path.lag)
             out = Actuators(both, both, unknown=path.unknown)

@@ -1,0 +1,168 @@
+"""Assumptions of a certificate: statements that it does not compute, each with its guarantor.
+
+One statement a line, generated from the scenario. Those about actuation, sensing and surface
+are the scope of the verdict.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.actuation.ideal_wrench import IdealWrench
+from uvms_drake.actuation.lagged_wrench import LaggedWrench
+from uvms_drake.actuation.sampled_command import SampledCommand
+from uvms_drake.actuation.thrusters import Thrusters
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.sensing.repeated_readings import CHANCE
+from uvms_drake.station.contact_bounds import UNEVEN, sensed_contact
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.scenario.scenario import Scenario
+
+SCOPE = ("actuation", "sensing", "surface")
+"""Subjects whose first assumption is part of the verdict."""
+OPERATOR = "operator"
+MAKER = "robot's maker"
+SENSOR_MAKER = "sensor's maker"
+INTEGRATOR = "integrator of the controller"
+CERTIFIER = "the person who certifies"
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A statement that a certificate rests on and does not compute."""
+
+    about: str
+    """Its subject: one of `SCOPE`, or another."""
+    statement: str
+    guaranteed_by: str
+    """Person or maker that has to guarantee it."""
+
+
+def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption, ...]:
+    """Returns the assumptions of a scenario's certificate, those of `SCOPE` first."""
+    return tuple(Assumption(about, statement, by) for part in (
+        _actuation, _sensing, _surface, _disturbance, _robot, _program)
+        for about, statement, by in part(scenario, model))
+
+
+def scope_of(assumptions: Sequence[Assumption]) -> dict[str, str]:
+    """Returns the first statement about each of `SCOPE`, as far as there is one."""
+    first = {item.about: item.statement for item in reversed(assumptions)}
+    return {about: first[about] for about in SCOPE if about in first}
+
+
+def undriven_axes(model: UvmsModel) -> tuple[str, ...]:
+    """Returns the axes of the vehicle that the robot's own thrusters leave undriven."""
+    return () if model.thrusters is None else tuple(model.thrusters.undriven)
+
+
+def _thrusters(scenario: Scenario) -> bool:
+    """Returns whether the robot's own thrusters are among the parts."""
+    return any(type(part) is Thrusters for part in scenario.actuation)
+
+
+def unnamed_axes(scenario: Scenario, model: UvmsModel) -> tuple[str, ...]:
+    """Returns the undriven axes that no `IdealWrench` names; none if thrusters are simulated."""
+    if _thrusters(scenario):
+        return ()
+    named = {axis for part in scenario.actuation if isinstance(part, IdealWrench)
+             for axis in part.undriven}
+    return tuple(axis for axis in undriven_axes(model) if axis not in named)
+
+
+Lines = Iterator[tuple[str, str, str]]
+
+
+def _actuation(scenario: Scenario, model: ContactModel) -> Lines:
+    """Yields the wrench and the torques."""
+    undriven, forces = undriven_axes(model), motion_of(scenario).has_forces
+    timing = "at once, in continuous time"
+    for part in scenario.actuation:
+        if isinstance(part, SampledCommand):
+            timing = f"under a zero-order hold of {part.period:.3g} s, {part.delay:.3g} s late"
+        elif isinstance(part, LaggedWrench):
+            timing = f"the wrench sampled every {part.period:.3g} s, with a lag of {part.lag:g} s"
+    ideal = ("an ideal wrench on six axes and a torque on every joint" if forces else
+             "the velocity of the vehicle on six axes and the rate of every joint as commanded")
+    if _thrusters(scenario):
+        yield "actuation", f"the thrusters of {scenario.model} as its files have them", MAKER
+    elif undriven:
+        yield ("actuation", f"{ideal}, {timing}; NOT {scenario.model} as it is, whose thrusters "
+               f"drive no {', '.join(undriven)}"
+               + ("" if unnamed_axes(scenario, model) else ", asked for by !IdealWrench"),
+               f"{OPERATOR}, by other thrusters")
+    else:
+        yield "actuation", f"{ideal}, {timing}", MAKER
+    if forces:
+        limited = [name for name in ("tau", "thrusters")
+                   if getattr(scenario.limits, name) is not None]
+        yield ("actuation", "every force M(𝔮)u of a command within limits.u"
+               + (f" and limits.{', limits.'.join(limited)}" if limited else "")
+               + " is there, without dead band, ripple or thermal limit", MAKER)
+
+
+def _sensing(scenario: Scenario, model: ContactModel) -> Lines:
+    """Yields the measured state and the measured force."""
+    clock = any(isinstance(part, SampledCommand) for part in scenario.actuation)
+    force = "; a force sensor within its declared errors" if scenario.contact.is_sensed else ""
+    yield ("sensing", "exact pose, velocity and joint angles, "
+           + ("at the ticks of the clock" if clock else "in continuous time") + force,
+           "maker of navigation and encoders" + (f", {SENSOR_MAKER}" if force else ""))
+    if scenario.contact.is_sensed:
+        yield ("sensing", "noise, bias, drift, lag and range of the force sensor, and mass and "
+               "inertia of the tool beyond it, are as declared until "
+               f"t = {scenario.duration:g} s", SENSOR_MAKER)
+        yield ("sensing", "no run of readings repeats all six components by chance; declared noise "
+               f"and resolution do so with a probability of {CHANCE:g} a reading, and a reading "
+               "that is lost is not covered", SENSOR_MAKER)
+        yield ("sensing", f"the tip's acceleration along n changes by {UNEVEN:g} m/s² at most "
+               "between two readings of the force", OPERATOR)
+
+
+def _surface(scenario: Scenario, model: ContactModel) -> Lines:
+    """Yields the surface, and the absence of other contacts."""
+    if not motion_of(scenario).has_forces:
+        yield "surface", "none that disturbs the motion", OPERATOR
+        return
+    if not scenario.contact.is_sensed:
+        yield ("surface", f"the declared !{type(scenario.surface).__name__}, exactly: its place, "
+               "normal and stiffness, without friction that it does not declare", OPERATOR)
+    else:
+        contact = sensed_contact(scenario)
+        yield ("surface", f"every wall, {contact.clearance:g} m or more off the tip at the start, "
+               f"with its normal within {np.rad2deg(contact.angle):.3g}° of the direction, "
+               f"{contact.stiffness:g} N/m at most with the tool, friction {contact.friction:g}, "
+               f"dissipation {contact.dissipation:g} s/m", OPERATOR)
+        yield ("surface", "friction and a normal that turns change the force by "
+               f"{contact.force_rate:g} N/s at most, and by {contact.force_ripple:g} N at any rate",
+               OPERATOR)
+    yield "surface", "the tip alone touches anything", OPERATOR
+
+
+def _disturbance(scenario: Scenario, model: ContactModel) -> Lines:
+    """Yields the bound of d."""
+    motion, bound = motion_of(scenario), scenario.disturbance
+    size = ("in the declared ellipsoid, its largest semi-axis" if np.size(bound.weights)
+            else "in norm at most")
+    yield ("disturbance", f"all that acts on the robot and is not modelled is a "
+           f"{motion.disturbance_symbol} {size} {bound.d_bound:.4g} {motion.disturbance_unit}",
+           OPERATOR)
+
+
+def _robot(scenario: Scenario, model: ContactModel) -> Lines:
+    """Yields the robot and its start."""
+    yield ("robot", f"geometry, joints and their ranges are those of the files of "
+           f"{scenario.model}" + (", and so are inertia, added mass, drag and buoyancy"
+                                  if motion_of(scenario).has_forces else ""), MAKER)
+    yield "robot", "it is at rest at the declared start, no plan before it", OPERATOR
+
+
+def _program(scenario: Scenario, model: ContactModel) -> Lines:
+    """Yields the computer and the searches."""
+    yield ("computer", f"each plan is there at its knot, every {scenario.mpc.time_step:g} s, and "
+           "the law's arithmetic takes no time and does not round", INTEGRATOR)
+    yield ("search", "no supremum that is marked 'estimated' is larger than its search "
+           f"found, times {scenario.certificate.safety_factor:g}; the terminal set holds between "
+           "its samples", CERTIFIER)
