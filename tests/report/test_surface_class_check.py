@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_drake.model.surface import SensedContact
+from uvms_drake.model.surface.sensed_contact import HoldForces, SensedContact
 from uvms_drake.report.surface_class_check import departures
 
 SPECIFIED = SensedContact(direction=np.array([1.0, 0.0, 0.0]), stiffness=1000.0, angle=0.1,
@@ -23,7 +23,7 @@ def motion(back=0.0):
 
 
 def observed(specified=SPECIFIED, *, kappa=1000.0, angle=0.1, mu=0.4, damping=1.0, place=PLACE,
-             pull=0.0, back=0.0, hidden=None):
+             pull=0.0, back=0.0, hidden=None, stood=None):
     """Departures of a plane at an angle, with friction against the motion of the tip."""
     into = np.array([np.cos(angle), np.sin(angle), 0.0])
     tip, v = motion(back)
@@ -37,7 +37,7 @@ def observed(specified=SPECIFIED, *, kappa=1000.0, angle=0.1, mu=0.4, damping=1.
     hidden = damping if hidden is None else hidden  # Of a tip that goes back.
     normal = static(tip) * np.maximum(1.0 + np.where(rate > 0.0, damping, hidden) * rate, 0.0)
     force = normal[:, None] * (into + mu * rubbed)
-    return departures(specified, TIME, tip, v, force - pull * into, static)
+    return departures(specified, TIME, tip, v, force - pull * into, static, stood)
 
 
 def test_a_wall_at_all_bounds_of_its_class_is_of_it():
@@ -55,6 +55,14 @@ def test_what_is_not_of_the_class_is_named(key, changed):
         assert found == {"stiffness": (1000.0, pytest.approx(1100.0, rel=0.05))}
     if key == "clearance":
         assert found[key].observed == pytest.approx(0.03, abs=1e-3)
+
+
+def test_friction_that_is_too_fast_for_a_hold_is_named_where_the_plan_stands():
+    slow = replace(SPECIFIED, hold=HoldForces(force_rate=0.5, force_ripple=0.01))
+    never, always = np.zeros(len(TIME), dtype=bool), np.ones(len(TIME), dtype=bool)
+    assert observed(slow) == observed(slow, stood=never) == {}
+    assert set(observed(slow, stood=always)) == {"hold.force_ripple"}
+    assert observed(SPECIFIED, stood=always) == {}
 
 
 def test_damping_that_hides_the_force_from_a_tip_that_goes_back_is_named():

@@ -28,6 +28,7 @@ from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.search.estimate import Estimate
+from uvms_drake.tube.ultimate_bounds import HOLD
 
 CERTIFICATE_FILE = "certificate.json"
 IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube",
@@ -112,6 +113,18 @@ class Certificate:
     def certified(self) -> bool:
         """Whether every condition that was checked holds."""
         return bool(self.conditions) and self.failed is None
+
+    @property
+    def force_sentence(self) -> str:
+        """The certified force in words, with both bands of a sensed contact; empty if none is."""
+        if "force" not in self.bounds:
+            return ""
+        text = (f"the force is off by less than {self.bounds['force']:.3g} N once the plan is at "
+                "the task")
+        if HOLD not in self.bounds or self.tube is None or self.tube.hold is None:
+            return text
+        return (f"{text}, and by less than {self.bounds[HOLD]:.3g} N in a hold, from "
+                f"{self.tube.hold.time:.2g} s after the plan stands")
 
     def adding(self, conditions: list[Condition]) -> "Certificate":
         """Returns the certificate with more conditions."""

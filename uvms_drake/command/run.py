@@ -130,9 +130,7 @@ def run_scenario(args: argparse.Namespace) -> int:
             scenario = certificate.applied_to(scenario)
             for line in scope(certificate):
                 print(line, file=sys.stderr)
-            print("certified: the force is off by less than "
-                  f"{certificate.bounds['force']:.3g} N once the plan is at the task",
-                  file=sys.stderr)
+            print(f"certified: {certificate.force_sentence}", file=sys.stderr)
         # The run itself, and its files; an interrupted run is kept, too.
         with reported_in(source):
             model = load_model(scenario)

@@ -152,10 +152,8 @@ def _verdict(certificate: Certificate | None) -> str:
     if certificate is None:
         return ('<p class="verdict no">Run without a certificate: the tube is declared, and '
                 "nothing is guaranteed.</p>")
-    bounds = certificate.bounds
-    finally_ = (f" Once the plan is at the task, the force is off by less than "
-                f"{bounds['force']:.3g} N."
-                if "force" in bounds else "")
+    sentence = certificate.force_sentence
+    finally_ = f" {sentence[:1].upper()}{sentence[1:]}." if sentence else ""
     return (f'<p class="verdict{"" if certificate.certified else " no"}">'
             f"{'<br>'.join(map(html.escape, scope(certificate)))}<br>"
             f"{html.escape(verdict(certificate)[:1].upper() + verdict(certificate)[1:])}."

@@ -21,6 +21,7 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import ALARMING, events
 from uvms_drake.report.headline import headline, used
+from uvms_drake.report.mission.force_bands import format_bands, has_stood, summarise_bands
 from uvms_drake.report.mission.mission import format_mission, summarise_mission
 from uvms_drake.report.signals import (
     constraint_signals,
@@ -150,7 +151,7 @@ def summarise_contact(record: Record) -> dict[str, Any]:
             "losses": np.count_nonzero(wanted & (np.diff(touching[settled:].astype(int)) < 0)),
             "largest_force": np.max(np.linalg.norm(record.force[:, :3], axis=1)),
             "largest_static_force": np.max(surface.static_force(record.chi)),
-            **_summarise_class(record)}
+            **summarise_bands(record), **_summarise_class(record)}
 
 
 def _summarise_class(record: Record) -> dict[str, object]:
@@ -171,7 +172,8 @@ def _summarise_class(record: Record) -> dict[str, object]:
         return surface.static_force(np.concatenate([places, attitude], axis=1))
 
     observed = departures(
-        specified, record.time, record.chi[:, :3], velocity, record.force[:, :3], static)
+        specified, record.time, record.chi[:, :3], velocity, record.force[:, :3], static,
+        has_stood(record))
     return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 
 
@@ -315,7 +317,7 @@ def _format_contact(contact: dict) -> list[str]:
     return [f"{'':<14}largest force in contact {contact['largest_force']:.4g} N, static force at "
             f"most {contact['largest_static_force']:.4g} N",
             f"{'':<14}first touch at {contact['first_touch_s']:.2f} s{lost}",
-            *_format_class(contact)]
+            *format_bands(contact.get("force_bands", {})), *_format_class(contact)]
 
 
 def _format_class(contact: dict) -> list[str]:

@@ -29,8 +29,8 @@ class Departure(NamedTuple):
 
 
 def departures(specified: SensedContact, time: np.ndarray, tip: np.ndarray, velocity: np.ndarray,
-               force: np.ndarray, static: Callable[[np.ndarray], np.ndarray]
-               ) -> dict[str, Departure]:
+               force: np.ndarray, static: Callable[[np.ndarray], np.ndarray],
+               stood: np.ndarray | None = None) -> dict[str, Departure]:
     """Returns the bounds of a class, by their keys, that a wall has exceeded.
 
     Between any two places φ(𝔭') ≤ φ(𝔭) + κ₊⟨𝔭' − 𝔭⟩₊ (`SurfaceClass`), checked for successive
@@ -44,6 +44,7 @@ def departures(specified: SensedContact, time: np.ndarray, tip: np.ndarray, velo
         velocity: Velocities of the tip (T, 3) [m/s].
         force: 𝐅 of the tip on the wall (T, 3) [N].
         static: Function from positions of the tip (..., 3) to φ (...) [N].
+        stood: Whether it is a hold (T,); None: never.
     """
     walls, phi, size = specified.walls, static(tip), np.linalg.norm(force, axis=1)
     in_contact = size > CONTACT_FORCE
@@ -66,6 +67,13 @@ def departures(specified: SensedContact, time: np.ndarray, tip: np.ndarray, velo
         "force_ripple": Departure(specified.force_ripple, ripple(
             time, force @ walls.axes[1:].T, specified.force_rate)),
     }
+    if stood is not None:
+        slow = specified.hold_forces
+        begins, ends = (np.flatnonzero(np.diff(stood.astype(int), prepend=0, append=0) == sign)
+                        for sign in (1, -1))
+        observed["hold.force_ripple"] = Departure(slow.force_ripple, max((
+            ripple(time[begin:end], force[begin:end] @ walls.axes[1:].T, slow.force_rate)
+            for begin, end in zip(begins, ends, strict=True)), default=0.0))
     out = {key: each for key, each in observed.items() if each.observed > ROUNDING * each.specified}
     if nearest != specified.clearance:
         out["clearance"] = Departure(specified.clearance, nearest)

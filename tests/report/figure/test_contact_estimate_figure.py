@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from support.synthetic import synthetic_sensed_record
 
+from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.report.figure.contact_estimate_figure import depths_of, marks_of
 from uvms_drake.report.figure_style import COLUMN_WIDTH, STYLE
 from uvms_drake.report.figures import FIGURES, make_figures
 from uvms_drake.report.html import format_report
 from uvms_drake.station.contact_bounds import safe_depth_margin
+from uvms_drake.tube.contact.hold_band import hold_band
+from uvms_drake.tube.ultimate_bounds import tip_errors
 
 PANELS = ["force along $n$ [N]", "depth [mm]", "slope [N/m]", "", "depth [mm]"]
 
@@ -110,12 +113,27 @@ def test_what_happened_is_marked_and_named(record):
         assert set(line.get_ydata()) == {-row}
 
 
-def test_the_certified_band_is_about_the_force_along_n(record):
-    at_task = replace(record, chi_nominal=np.tile(record.chi_des, (len(record.time), 1)))
-    bands = {band.get_label(): band for band in axes_of(at_task, certified=3.5)[0].collections}
-    (band,) = (band for label, band in bands.items() if "certified" in label)
-    corners = band.get_paths()[0].vertices[:, 1]
-    assert (np.min(corners), np.max(corners)) == (16.5, 23.5)
+def test_both_certified_bands_are_about_the_force_along_n(record):
+    """The plan is at its target, stands from 2 s on, and touches from 1 s on."""
+    hold = HoldRadii(time=0.5, depth=3e-4, position=4e-4, advance=0.01, standing=0.0025,
+                     reading=1.5, age=0.03)
+    nominal = record.nominal_state.copy()
+    nominal[:, 10:] = np.where(record.time[:, None] < 2.0, 0.05, 0.0)
+    held = replace(
+        record, nominal_state=nominal,
+        scenario=replace(record.scenario, tube=replace(record.scenario.tube, hold=hold)),
+        signals=record.signals | {"target": record.chi_nominal[:, :3],
+                                  "touched": (record.time >= 1.0)[:, None].astype(float)})
+    bands = {band.get_label(): band for band in axes_of(held, certified=3.5)[0].collections}
+    for name, bound, start in (
+        ("in motion", held.scenario.contact.band(20.0, tip_errors(held.scenario.tube)), 1.0),
+        ("in a hold, from 0.5 s on", hold_band(held.scenario.contact, 20.0, hold), 2.5)):
+        (label,) = (label for label in bands if name in label)
+        corners = np.vstack([path.vertices for path in bands[label].get_paths()])
+        assert np.max(corners[:, 1]) == pytest.approx(20.0 + bound)
+        assert np.min(corners[:, 1]) == pytest.approx(20.0 - bound)
+        assert np.min(corners[:, 0]) == pytest.approx(start, abs=0.03)
+        assert f"{bound:.3g} N" in label
 
 
 def test_it_is_the_file_of_the_force_with_a_caption_of_its_own(record, tmp_path):

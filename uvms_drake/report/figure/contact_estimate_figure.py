@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import events
-from uvms_drake.report.figure.force_figure import draw_certified, draw_instants, draw_tolerance
+from uvms_drake.report.figure.force_figure import draw_instants, draw_tolerance
 from uvms_drake.report.figure_style import (
     BLACK,
     BLUE,
@@ -21,6 +21,7 @@ from uvms_drake.report.figure_style import (
     legend_over,
     panels,
 )
+from uvms_drake.report.mission.force_bands import force_bands
 from uvms_drake.report.signals import surface_depth, surface_slope
 from uvms_drake.station.contact_bounds import safe_depth_margin, sensed_contact
 from uvms_drake.station.problem import true_surface
@@ -108,10 +109,26 @@ def _draw_force(axis: Axes, record: Record, certified: float | None) -> None:
     axis.axhline(contact.force, **{**LIMIT, "label": "limit of the static force"})
     draw_tolerance(axis, record, goal[:, None])
     if certified is not None:
-        draw_certified(axis, record, goal[:, None], certified)
+        limits = axis.get_ylim()
+        _draw_bands(axis, record, goal)
+        axis.set_ylim(*limits)
     draw_instants(axis, record)
     axis.set_ylabel("force along $n$ [N]")
     axis.figure.legend(*axis.get_legend_handles_labels(), ncols=2, loc="outside upper center")
+
+
+def _draw_bands(axis: Axes, record: Record, goal: np.ndarray) -> None:
+    """Draws both certified bands about the desired force (T,): in contact, and in a hold."""
+    found, hold = force_bands(record), record.scenario.tube.hold
+    since = "" if hold is None else f", from {hold.time:.2g} s on"
+    for holds, alpha, label in ((False, 0.12, "certified in motion"),
+                                (True, 0.35, f"certified in a hold{since}")):
+        there = np.isfinite(found.bound) & (found.holds == holds)
+        if np.any(there):
+            least = np.min(found.bound[there])
+            axis.fill_between(
+                record.time, goal - found.bound, goal + found.bound, where=there, color=GREEN,
+                alpha=alpha, linewidth=0, label=f"{label}, $\\pm${least:.3g} N or more")
 
 
 def _draw_depths(axis: Axes, record: Record, depths: dict[str, np.ndarray]) -> None:
