@@ -15,8 +15,9 @@ from pathlib import Path
 from PIL import Image
 
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.report.replay import write_still
-from uvms_drake.station.record import load_record
+from uvms_drake.report.replay import frame_indices, moment_of, scene_of
+from uvms_drake.station.record import Record, load_record
+from uvms_drake.visual.server import open_meshcat
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NAMES = ("approach", "contact", "hold")
@@ -44,6 +45,25 @@ def main() -> None:
             with Image.open(png) as image:
                 image.convert("RGB").crop((0, CONTROLS, *SIZE)).save(png, optimize=True)
             print(f"{png}: t = {time:g} s, {png.stat().st_size / 1000:.0f} kB")
+
+
+def write_still(record: Record, time: float, path: Path, *, close: bool = False) -> None:
+    """Writes the picture at `time` [s], with the trail up to there.
+
+    Args:
+        record: Record of the run.
+        time: Instant [s].
+        path: File to write.
+        close: Whether it is a close-up of the end-effector.
+    """
+    meshcat = open_meshcat()
+    scene = scene_of(record, meshcat)
+    so_far = record.time[record.time <= time + 1e-9]
+    for i in frame_indices(so_far, record.scenario.visual.rate):
+        scene.show(moment_of(record, i), record.time[i])
+    if close:
+        scene.look_closely(record.chi[i, :3])
+    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
 
 
 def find_browser() -> str | None:

@@ -9,6 +9,7 @@ loop, whose plant is the RK4 step: in the cost, and in the speed limits that the
 from dataclasses import replace
 
 import numpy as np
+from nlp import NonlinearSolver
 from problems import (
     CHI_DES,
     HORIZON,
@@ -30,7 +31,6 @@ from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp, Linearisation
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
-from uvms_drake.control.ocp.nlp import NonlinearSolver
 from uvms_drake.control.ocp.ocp import Inputs, MpcConfig, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import DynamicPlan, Plan

@@ -1,4 +1,4 @@
-"""Animation or still of a run in one HTML file that needs no server."""
+"""Animation of a run in one HTML file that needs no server."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def write_replay(record: Record, path: Path) -> None:
     """Writes the run as an animation that plays at true speed."""
     rate = min(record.scenario.visual.rate, MOST_FRAMES / max(float(record.time[-1]), 1e-9))
     meshcat = open_meshcat()
-    scene = _scene(record, meshcat)
+    scene = scene_of(record, meshcat)
     meshcat.StartRecording(frames_per_second=rate, set_visualizations_while_recording=False)
     for i in frame_indices(record.time, rate):
         scene.show(moment_of(record, i), record.time[i] + 1e-6)
@@ -28,26 +28,8 @@ def write_replay(record: Record, path: Path) -> None:
     path.write_text(meshcat.StaticHtml(), encoding="utf-8")
 
 
-def write_still(record: Record, time: float, path: Path, *, close: bool = False) -> None:
-    """Writes the picture at `time` [s], with the trail up to there.
-
-    Args:
-        record: Record of the run.
-        time: Instant [s].
-        path: File to write.
-        close: Whether it is a close-up of the end-effector.
-    """
-    meshcat = open_meshcat()
-    scene = _scene(record, meshcat)
-    so_far = record.time[record.time <= time + 1e-9]
-    for i in frame_indices(so_far, record.scenario.visual.rate):
-        scene.show(moment_of(record, i), record.time[i])
-    if close:
-        scene.look_closely(record.chi[i, :3])
-    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
-
-
-def _scene(record: Record, meshcat: Meshcat) -> Scene:
+def scene_of(record: Record, meshcat: Meshcat) -> Scene:
+    """Returns the scene of a run."""
     return Scene(meshcat, setting_of(
         record.scenario, record.model, certified=bool(record.certified)))
 

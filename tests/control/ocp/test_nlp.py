@@ -3,10 +3,10 @@
 
 import numpy as np
 import pytest
+from comparison.nlp import NonlinearSolver
 from pydrake.solvers import SnoptSolver
 from support.limits import with_limits
 
-from uvms_drake.control.ocp.nlp import NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
 
 pytestmark = pytest.mark.long

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from comparison.nlp import NonlinearSolver
 from pydrake.solvers import SnoptSolver, SolverOptions
 from support.limits import with_limits
 
 from uvms_drake.control.convex.staged_solver import solve_staged
-from uvms_drake.control.ocp.nlp import NonlinearSolver
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.plan.plan import Plan

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from comparison.nlp import NonlinearSolver
 from pydrake.solvers import SnoptSolver, SolverOptions
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
@@ -13,7 +14,6 @@ from uvms_drake.control.costs.level_vehicle import LevelVehicle
 from uvms_drake.control.costs.offset_cost import OffsetCost
 from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.nlp import NonlinearSolver
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget

@@ -5,11 +5,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from comparison.nlp import NonlinearSolver
 from pydrake.solvers import SnoptSolver
 from support.tracking import DIRECTION, POSITION, SURFACE, at_rest, follow, tracking_ocp
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.ocp.nlp import NonlinearSolver
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TURNED_FREELY, TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import DynamicPlan

@@ -29,6 +29,7 @@ from uvms_drake.tube.actuation.lagged_wrench_feedforward import (
     turning_map,
     turning_reading,
 )
+from uvms_drake.tube.actuation.remainder_bound import remainder_bound, second_search_of
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.row_loop import ACCELERATION, RATE, E, RowLoop, W
@@ -40,10 +41,9 @@ from uvms_drake.tube.rows.disturbance_gains import (
     DisturbanceInputs,
     Parts,
 )
-from uvms_drake.tube.search.ascent import by_part, first_order, supremum
-from uvms_drake.tube.search.estimate import Check, largest_of, together
-from uvms_drake.tube.search.search_problem import Part, SearchProblem
-from uvms_drake.tube.search.second_search import second_search
+from uvms_drake.tube.search.ascent import first_order, supremum
+from uvms_drake.tube.search.estimate import Check, together
+from uvms_drake.tube.search.search_problem import Part
 
 PLAN, ARM, OFF, TURNING, CONTACT = (
     "delayed plan", "delayed arm", "delayed feedforward off the plan", "rotation within the delay",
@@ -51,9 +51,8 @@ PLAN, ARM, OFF, TURNING, CONTACT = (
 """Sources of the vehicle's errors by thrusters that lag."""
 BLOCKS = (VEHICLE, ATTITUDE)
 HALVES = slice(0, 3), slice(3, 6)
-ENLARGED, TRIES, ROUNDS = 1.25, 4, 300
-"""Factor of R to first order, which covers the excess of another search; number of its enlargements
-by the values found; rounds in which it converges to first order, or never."""
+ENLARGED = 1.25
+"""Factor of R to first order, which covers the excess of another search."""
 
 
 class LaggedWrenchTube:
@@ -134,7 +133,12 @@ class LaggedWrenchTube:
                              twice * force_turning + contact.torque_error * torque_turning))
 
         # The feedforward off the plan, by a fixed point with the errors.
-        found, ratio = self._fixed_point(checks)
+        found, ratio = remainder_bound(
+            self._problem, self._radii, 12, ENLARGED, basis.settings, 5)
+        if ratio <= 1.0:
+            checks.append(second_search_of(
+                self._problem(self._radii(found)), "delayed feedforward by errors", found,
+                basis.settings.seed, 6))
         self.table = self._table(found)
         self.condition = Condition(
             "thrusters that lag, feedforward by errors over its bound", ratio, "<=", 1.0,
@@ -153,7 +157,7 @@ class LaggedWrenchTube:
                 self._rows, basis.u_limit, self._rate, of=of, each=each, count=count)
             x = problem.draw(settings.tube_samples, np.random.default_rng([settings.seed, 4]))
             claim = self._factor * supremum(problem, x, first_order(problem, x))
-            checks.append(_check(problem, name, claim, settings.seed))
+            checks.append(second_search_of(problem, name, claim, settings.seed, 6))
             out.append(claim)
         return np.column_stack(out)
 
@@ -219,39 +223,6 @@ class LaggedWrenchTube:
         return LaggedWrenchProblem(self._basis.model, self._planned, parts, self._rows,
                                    self._basis.u_limit, self._rate)
 
-    def _fixed_point(self, checks: list[Check]) -> tuple[np.ndarray, float]:
-        """Returns R (6,), and the ratio of the values over errors within its bounds to it."""
-        settings = self._basis.settings
-        problem = self._problem(np.ones(12))
-        x = problem.draw(settings.tube_samples, np.random.default_rng([settings.seed, 5]))
-        slopes = by_part(problem, x)
-        more, remainder, ratio = np.full(6, self._factor * ENLARGED), np.full(6, np.inf), np.inf
-        for _ in range(TRIES):
-            remainder = self._first_order(slopes, more)
-            if not np.isfinite(remainder).all():
-                break
-            radii = self._radii(remainder)
-            problem = self._problem(radii)
-            claim = self._factor * supremum(problem, x, slopes @ radii)
-            ratio = float(np.max(claim / remainder))
-            if ratio <= 1.0:
-                checks.append(_check(problem, "delayed feedforward by errors", remainder,
-                                     settings.seed))
-                return remainder, ratio
-            more = more * ENLARGED * np.maximum(claim / remainder, 1.0)
-        return remainder, np.inf
-
-    def _first_order(self, slopes: np.ndarray, more: np.ndarray) -> np.ndarray:
-        """Returns the least R (6,) by slopes (m, 6, parts) at samples; inf if there is none."""
-        remainder = np.zeros(6)
-        for _ in range(ROUNDS):
-            last, remainder = remainder, more * np.max(slopes @ self._radii(remainder), axis=0)
-            if np.all(remainder <= 1.001 * last):
-                return remainder
-            if not np.max(remainder) < 1e6:
-                break
-        return np.full(6, np.inf)
-
 
 def means_over_ages(K: np.ndarray, hold_age: float, lag: float) -> tuple[np.ndarray, np.ndarray]:
     """Returns bounds of the means of e^{Ka} − 1 and of ∫₀ᵃe^{Ku}du − a, inf if there are none.
@@ -280,10 +251,3 @@ def moments_of_ages(K: np.ndarray, hold_age: float, lag: float) -> tuple[np.ndar
     L, after_hold = np.linalg.inv(eye - K * lag), exponential(K * hold_age)
     return (after_hold @ L @ (hold_age * eye + lag * L),
             after_hold @ L @ (hold_age**2 * eye + 2.0 * hold_age * lag * L + 2.0 * lag**2 * L @ L))
-
-
-def _check(problem: SearchProblem, name: str, claim: np.ndarray, seed: int) -> Check:
-    """Returns the second search for claims (c,)."""
-    wanted = np.flatnonzero(claim > 0.0)
-    return lambda: (largest_of(name, claim[wanted], second_search(
-        problem, wanted, np.random.default_rng([seed, 6]))),)

@@ -18,6 +18,7 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import COMPLEX_STEP
+from uvms_drake.tube.actuation.remainder_bound import remainder_bound, second_search_of
 from uvms_drake.tube.actuation.zoh_command_rates import (
     PlanProblem,
     ZohCommandProblem,
@@ -30,11 +31,10 @@ from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.actuator_path import at_ticks
 from uvms_drake.tube.loops.row_loop import ACCELERATION, RATE, E, RowLoop, W
 from uvms_drake.tube.rows.remainders import output_jacobian
-from uvms_drake.tube.search.ascent import by_part, first_order, supremum
+from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import Check, Estimate, largest_of, together
+from uvms_drake.tube.search.estimate import Check, together
 from uvms_drake.tube.search.search_problem import Part
-from uvms_drake.tube.search.second_search import second_search
 from uvms_drake.tube.settings import CertificateSettings
 
 PLAN, KNOTS, DRIFT = ("plan under hold", "jumps at knots", "drift between samples")
@@ -45,12 +45,10 @@ VEHICLE_ROWS, ATTITUDE_ROWS, TIP_ROWS, JOINTS_ROWS = range(4)
 """Indices of the blocks."""
 ERRORS = [VEHICLE_ROWS, ATTITUDE_ROWS, JOINTS_ROWS]
 """Blocks of the errors of `ZohCommandProblem`."""
-ENLARGED, TRIES = 1.05, 4
-"""Factor of R to first order, and number of its enlargements by the values found."""
+ENLARGED = 1.05
+"""Factor of R to first order."""
 Of = Callable[[PlanProblem, np.ndarray], np.ndarray]
 """Function of a plan."""
-FIXED_POINT = 300
-"""Rounds in which errors and ρ converge to first order, or never."""
 Parts = dict[str, np.ndarray]
 """Bounds (4,) of e, ė, w and ë by source."""
 
@@ -85,7 +83,7 @@ class ZohCommandTube:
         self._turning, self._drags = turning, (loops[1].drag, loops[2].drag)
         # Plans are slower than the robot by the tube, and so are their accelerations.
         model, settings, path = basis.model, basis.settings, basis.actuators.vehicle
-        self._factor, self._age = settings.safety_factor, path.period + path.dead_time
+        self._age = path.period + path.dead_time
         planned = replace(basis.declared, nu1=float(slower[0]), nu2=float(slower[1]),
                           qdot=float(slower[2]))
         self._rate = np.minimum(basis.largest_rate, 2.0 / basis.time_step * np.repeat(
@@ -123,7 +121,10 @@ class ZohCommandTube:
         self._of_plan = {PLAN: self._gains * level[:, None], KNOTS: knots}
 
         # The drift between samples, by a fixed point of errors and ρ.
-        found, ratio = self._fixed_point(checks)
+        found, ratio = remainder_bound(self._problem, self._radii, 14, ENLARGED, settings, 2)
+        if ratio <= 1.0:
+            checks.append(second_search_of(self._problem(self._radii(found)),
+                                           "drift between samples", found, settings.seed, 3))
         self.table = self._table(found)
         self.condition = Condition(
             "zero-order hold, drift between samples over its bound", ratio, "<=", 1.0,
@@ -175,40 +176,6 @@ class ZohCommandTube:
         return ZohCommandProblem(self._basis.model, self._planned, parts, self._rows,
                                  self._basis.u_limit, self._rate, self._drags)
 
-    def _fixed_point(self, checks: list[Check]) -> tuple[np.ndarray, float]:
-        """Returns R (4,), and the ratio of ρ over errors within its bounds to it."""
-        settings = self._basis.settings
-        problem = self._problem(np.ones(14))
-        x = problem.draw(settings.tube_samples, np.random.default_rng([settings.seed, 2]))
-        slopes = by_part(problem, x)
-        more = np.full(4, self._factor * ENLARGED)
-        ratio = np.inf
-        for _ in range(TRIES):
-            remainder = self._first_order(slopes, more)
-            if not np.isfinite(remainder).all():
-                return remainder, np.inf
-            radii = self._radii(remainder)
-            problem = self._problem(radii)
-            claim = self._factor * supremum(problem, x, slopes @ radii)
-            ratio = float(np.max(claim / remainder))
-            if ratio <= 1.0:
-                checks.append(_check(problem, "drift between samples", remainder,
-                                     settings.seed))
-                return remainder, ratio
-            more = more * ENLARGED * np.maximum(claim / remainder, 1.0)
-        return remainder, ratio
-
-    def _first_order(self, slopes: np.ndarray, more: np.ndarray) -> np.ndarray:
-        """Returns the least R (4,) by slopes (m, 4, parts) at samples; inf if there is none."""
-        remainder = np.zeros(4)
-        for _ in range(FIXED_POINT):
-            last, remainder = remainder, more * np.max(slopes @ self._radii(remainder), axis=0)
-            if np.all(remainder <= 1.001 * last):
-                return remainder
-            if np.max(remainder) > 1e6:
-                break
-        return np.full(4, np.inf)
-
 
 def turning_of(basis: Basis, rows: np.ndarray) -> tuple[float, Check]:
     """Returns Ω = sup‖J_sq⁻¹J̇_sq‖ over the declared set [1/s], and its second search."""
@@ -245,15 +212,4 @@ def _claim_of(name: str, problem: ZohCommandProblem, settings: CertificateSettin
     """Returns the claim for a problem (4,), and the second search."""
     x = problem.draw(settings.tube_samples, np.random.default_rng([settings.seed, 2]))
     claim = settings.safety_factor * supremum(problem, x, first_order(problem, x))
-    return claim, _check(problem, name, claim, settings.seed)
-
-
-def _check(problem: ZohCommandProblem, name: str, claim: np.ndarray, seed: int) -> Check:
-    """Returns the second search for claims (4,)."""
-    wanted = np.flatnonzero(claim > 0.0)
-
-    def check() -> tuple[Estimate, ...]:
-        second = second_search(problem, wanted, np.random.default_rng([seed, 3]))
-        return (largest_of(name, claim[wanted], second),)
-
-    return check
+    return claim, second_search_of(problem, name, claim, settings.seed, 3)
