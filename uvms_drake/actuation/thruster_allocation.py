@@ -1,9 +1,9 @@
 """Thrust allocation as a system: from the commanded wrench to commands for the thrusters."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, output_of
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -42,27 +42,21 @@ class ThrusterAllocation(LeafSystem):
         self._model, self._allocation = model, allocation
         tau, state, force = (self.DeclareVectorInputPort(name, size) for name, size in (
             ("tau", model.size), ("state", 2 * model.size), ("force", 6)))
-        self._tau_port, self._state_port, self._force_port = tau, state, force
+        self._state_port, self._force_port = state, force
         m = allocation.thrusters.size
-        self.DeclareVectorOutputPort("command", m, self._calc_command, {tau.ticket()})
-        self.DeclareVectorOutputPort("shortfall", 6, self._calc_shortfall, {tau.ticket()})
-        self.DeclareVectorOutputPort(
-            "hover", m, self._calc_hover, {state.ticket(), force.ticket()})
+        output_of(self, "command", m, lambda c: self._command(tau.Eval(c)[:6]), {tau.ticket()})
+        output_of(self, "shortfall", 6, lambda c: allocation.shortfall(tau.Eval(c)[:6]),
+                  {tau.ticket()})
+        output_of(self, "hover", m, self._hover, {state.ticket(), force.ticket()})
 
     def _command(self, wrench: np.ndarray) -> np.ndarray:
         return self._allocation.thrusters.commands_of(self._allocation.forces(wrench))
 
-    def _calc_command(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._command(self._tau_port.Eval(context)[:6]))
-
-    def _calc_shortfall(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._allocation.shortfall(self._tau_port.Eval(context)[:6]))
-
-    def _calc_hover(self, context: Context, output: BasicVector) -> None:
+    def _hover(self, context: Context) -> np.ndarray:
         model, still = self._model, np.zeros(self._model.size)
         kinematics = model.kinematics(self._state_port.Eval(context)[: model.size])
         tau = model.inverse_dynamics(kinematics, still, still, self._force_port.Eval(context))
-        output.SetFromVector(self._command(tau[:6]))
+        return self._command(tau[:6])
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, allocation: Allocation, *,

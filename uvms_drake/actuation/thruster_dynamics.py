@@ -2,7 +2,6 @@
 
 import numpy as np
 from pydrake.systems.framework import (
-    BasicVector,
     Context,
     ContinuousState,
     DiagramBuilder,
@@ -12,7 +11,7 @@ from pydrake.systems.framework import (
     State,
 )
 
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, output_of
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 
 
@@ -52,7 +51,8 @@ class ThrusterDynamics(LeafSystem):
         self.DeclareDiscreteState((steps + 1) * m)
         self.DeclareInitializationUnrestrictedUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.DeclareVectorOutputPort("force", m, self._calc, {self.xc_ticket()})
+        output_of(self, "force", m, lambda c: c.get_continuous_state_vector().CopyToVector(),
+                  {self.xc_ticket()})
 
     def _begin(self, context: Context, state: State) -> None:
         if not context.get_discrete_state(0).value()[0]:
@@ -72,9 +72,6 @@ class ThrusterDynamics(LeafSystem):
         force = context.get_continuous_state_vector().CopyToVector()
         followed = context.get_discrete_state(1).value()[: force.size]
         derivatives.SetFromVector((followed - force) / self._thrusters.lag)
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_continuous_state_vector().CopyToVector())
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, thrusters: ThrusterModel, period: float, steps: int,

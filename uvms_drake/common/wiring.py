@@ -1,8 +1,19 @@
-"""Wiring of a system in a Diagram, for every system's `AddToBuilder`."""
+"""Wiring of a system in a Diagram, and declaration of the functions of its Context."""
 
-from typing import TypeVar
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    CacheEntry,
+    Context,
+    DependencyTicket,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    System,
+    ValueProducer,
+)
 
 S = TypeVar("S", bound=System)
 
@@ -21,3 +32,21 @@ def added(builder: DiagramBuilder, name: str, system: S, **sources: OutputPort |
         if source is not None:
             builder.Connect(source, system.GetInputPort(port))
     return system
+
+
+def cached(system: LeafSystem, description: str, calc: Callable[[Context], Any],
+           prerequisites: Iterable[DependencyTicket]) -> CacheEntry:
+    """Declares a cache entry, a function of the Context, and returns it."""
+    return system.DeclareCacheEntry(
+        description=description, prerequisites_of_calc=set(prerequisites),
+        value_producer=ValueProducer(
+            allocate=lambda: AbstractValue.Make(()),
+            calc=lambda context, value: value.set_value(calc(context))))
+
+
+def output_of(system: LeafSystem, name: str, size: int, calc: Callable[[Context], Any],
+              prerequisites: Iterable[DependencyTicket]) -> None:
+    """Declares an output port of a vector (size,), a function of the Context."""
+    system.DeclareVectorOutputPort(
+        name, size, lambda context, output: output.SetFromVector(calc(context)),
+        set(prerequisites))

@@ -19,7 +19,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, output_of
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance, unit_vector
 
@@ -248,14 +248,9 @@ class TaskAdversary(LeafSystem):
     def __init__(self, bound: float, direction: Sequence[float] | np.ndarray = ()):
         super().__init__()
         require(0.0 <= bound < np.inf, "bound", bound, "zero or positive")
-        self._bound = bound
-        self._direction = unit_vector(np.asarray(direction), 6)
-        self._e_port = self.DeclareVectorInputPort("e", 6)
-        self.DeclareVectorOutputPort(
-            "disturbance", 6, self._calc_disturbance, {self._e_port.ticket()})
-
-    def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._bound * toward(self._e_port.Eval(context), self._direction))
+        wanted, e = unit_vector(np.asarray(direction), 6), self.DeclareVectorInputPort("e", 6)
+        output_of(self, "disturbance", 6, lambda c: bound * toward(e.Eval(c), wanted),
+                  {e.ticket()})
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, bound: float,

@@ -22,6 +22,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import InvalidParameter, require, require_rate, vector
+from uvms_drake.common.wiring import output_of
 from uvms_drake.model.signals.sensor_actuator import Fault
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -220,12 +221,8 @@ class DirectedDisturbance(LeafSystem):
 
     def __init__(self, amplitude: np.ndarray, factor: Callable[[float], float]):
         super().__init__()
-        self._amplitude, self._factor = amplitude, factor
-        self.DeclareVectorOutputPort(
-            "disturbance", len(amplitude), self._calc, {self.time_ticket()})
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._amplitude * self._factor(context.get_time()))
+        output_of(self, "disturbance", len(amplitude),
+                  lambda c: amplitude * factor(c.get_time()), {self.time_ticket()})
 
 
 class RandomPoints(LeafSystem):

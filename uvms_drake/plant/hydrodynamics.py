@@ -18,20 +18,13 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, RigidBody
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiagramBuilder,
-    InputPort,
-    LeafSystem,
-    ValueProducer,
-)
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
@@ -220,16 +213,11 @@ class Hydrodynamics(LeafSystem):
         self._current_port = self.DeclareVectorInputPort("current", 3)
         self._current_rate_port = self.DeclareVectorInputPort("current_acceleration", 3)
         self._disturbance_port = self.DeclareVectorInputPort("acceleration_disturbance", nv)
-        self._solution = self.DeclareCacheEntry(
-            description="v̇ and the force that produces it",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make((np.zeros(nv), np.zeros(nv))),
-                calc=self._solve),
-            prerequisites_of_calc={self.all_input_ports_ticket()})
         inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort(
-            "applied_generalized_force", nv, self._calc_applied_generalized_force, inputs)
-        self.DeclareVectorOutputPort("acceleration", nv, self._calc_acceleration, inputs)
+        solution = cached(self, "v̇ and the force that produces it", self._solve, inputs)
+        output_of(
+            self, "applied_generalized_force", nv, lambda c: solution.Eval(c)[1], inputs)
+        output_of(self, "acceleration", nv, lambda c: solution.Eval(c)[0], inputs)
 
     @staticmethod
     def AddToBuilder(
@@ -265,13 +253,7 @@ class Hydrodynamics(LeafSystem):
                         plant.get_applied_generalized_force_input_port())
         return system
 
-    def _calc_applied_generalized_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._solution.Eval(context)[1])
-
-    def _calc_acceleration(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._solution.Eval(context)[0])
-
-    def _solve(self, context: Context, solution: AbstractValue) -> None:
+    def _solve(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
         plant, (workspace, forces) = self._plant, self._workspace.Eval(context)
         plant.SetPositionsAndVelocities(workspace, self._plant_state_port.Eval(context))
         M_RB = plant.CalcMassMatrix(workspace) + self._implicit_damping
@@ -286,7 +268,7 @@ class Hydrodynamics(LeafSystem):
         tau = _eval_or_zero(self._force_port, context) + force.ravel() @ J_all
         v_dot = np.linalg.solve(M_RB + J_all.T @ M_A_J, tau - bias)
         v_dot += _eval_or_zero(self._disturbance_port, context)
-        solution.set_value((v_dot, M_RB @ v_dot + bias))
+        return v_dot, M_RB @ v_dot + bias
 
     def _water_at_no_acceleration(self, workspace: Context, v_c_W: np.ndarray, a_c_W: np.ndarray
                                   ) -> tuple[np.ndarray, np.ndarray]:

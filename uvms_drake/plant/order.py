@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, output_of
 from uvms_drake.model.coordinates import Coordinates
 
 
@@ -40,10 +40,13 @@ class ToPaperOrder(LeafSystem):
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", coordinates.num_positions + coordinates.num_velocities)
         self._v_dot_port = self.DeclareVectorInputPort("v_dot", coordinates.num_velocities)
-        self.DeclareVectorOutputPort("state", 2 * coordinates.size, self._calc_state,
-                                     {self.input_port_ticket(self._plant_state_port.get_index())})
-        self.DeclareVectorOutputPort("acceleration", coordinates.size, self._calc_acceleration,
-                                     {self.all_input_ports_ticket()})
+        output_of(self, "state", 2 * coordinates.size,
+                  lambda c: coordinates.from_drake(self._plant_state_port.Eval(c)),
+                  {self.input_port_ticket(self._plant_state_port.get_index())})
+        output_of(self, "acceleration", coordinates.size,
+                  lambda c: coordinates.acceleration_from_drake(
+                      self._plant_state_port.Eval(c), self._v_dot_port.Eval(c)),
+                  {self.all_input_ports_ticket()})
 
     @staticmethod
     def AddToBuilder(
@@ -55,13 +58,6 @@ class ToPaperOrder(LeafSystem):
         """Adds the system to `builder` and wires it to the state of `plant`, but not `v_dot`."""
         return added(builder, name, ToPaperOrder(coordinates),
                      plant_state=plant.get_state_output_port())
-
-    def _calc_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.coordinates.from_drake(self._plant_state_port.Eval(context)))
-
-    def _calc_acceleration(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.coordinates.acceleration_from_drake(
-            self._plant_state_port.Eval(context), self._v_dot_port.Eval(context)))
 
 
 class ToDrakeOrder(LeafSystem):

@@ -9,19 +9,12 @@ that of a `Surface`.
 from typing import cast
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiagramBuilder,
-    LeafSystem,
-    ValueProducer,
-)
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, cached, output_of
 from uvms_drake.model.frames.euler import WORLD, rate_matrix
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.workspace import declare_workspace
@@ -98,17 +91,13 @@ class CompliantSurface(LeafSystem):
 
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states())
-        self._touch = self.DeclareCacheEntry(
-            description="χ, J_χ and 𝔉",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(()), calc=self._calc_touch),
-            prerequisites_of_calc={self.all_input_ports_ticket()})
-        now = {self._touch.ticket()}
-        self.DeclareVectorOutputPort(
-            "generalized_force", plant.num_velocities(), self._calc_generalized_force, now)
-        self.DeclareVectorOutputPort("force", 6, self._calc_force, now)
-        self.DeclareVectorOutputPort("penetration", 1, self._calc_penetration, now)
-        self.DeclareVectorOutputPort("chi", 6, self._calc_chi, now)
+        touch = cached(self, "χ, J_χ and 𝔉", self._touch, {self.all_input_ports_ticket()})
+        now = {touch.ticket()}
+        output_of(self, "generalized_force", plant.num_velocities(),
+                  lambda c: -touch.Eval(c)[2] @ touch.Eval(c)[1], now)
+        output_of(self, "force", 6, lambda c: touch.Eval(c)[2], now)
+        output_of(self, "penetration", 1, lambda c: [self._law.penetration(touch.Eval(c)[0])], now)
+        output_of(self, "chi", 6, lambda c: touch.Eval(c)[0], now)
 
     @staticmethod
     def AddToBuilder(
@@ -126,23 +115,10 @@ class CompliantSurface(LeafSystem):
         return added(builder, name, CompliantSurface(plant, tip, surface, task_frame),
                      plant_state=plant.get_state_output_port())
 
-    def _calc_touch(self, context: Context, touch: AbstractValue) -> None:
+    def _touch(self, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))
         workspace = self._workspace.Eval(context).context
         self._plant.SetPositionsAndVelocities(workspace, plant_state)
         chi, J = pose_and_jacobian(self._plant, workspace, self._tip, self._R_TW)
         chi_dot = J @ self._plant.GetVelocities(workspace)
-        touch.set_value((chi, J, self._law.force(chi, chi_dot)))
-
-    def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
-        _, J, force = self._touch.Eval(context)
-        output.SetFromVector(-force @ J)
-
-    def _calc_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._touch.Eval(context)[2])
-
-    def _calc_penetration(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._law.penetration(self._touch.Eval(context)[0])])
-
-    def _calc_chi(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._touch.Eval(context)[0])
+        return chi, J, self._law.force(chi, chi_dot)

@@ -6,15 +6,10 @@ from contextlib import suppress
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiagramBuilder,
-    LeafSystem,
-    OutputPort,
-)
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
 from uvms_drake.common.errors import vector
+from uvms_drake.common.wiring import added, output_of
 
 STOP, CLOSE = "Stop the run", "Close the page's server"
 POLL = 0.05  # s
@@ -89,9 +84,7 @@ class ForceSlider(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, force: np.ndarray, meshcat: Meshcat | None = None,
                      name: str = "force_slider") -> "ForceSlider":
         """Adds the system to `builder`."""
-        system = ForceSlider(force, meshcat)
-        builder.AddNamedSystem(name, system)
-        return system
+        return added(builder, name, ForceSlider(force, meshcat))
 
 
 class HomeButton(LeafSystem):
@@ -113,21 +106,16 @@ class HomeButton(LeafSystem):
 
     def __init__(self, meshcat: Meshcat):
         super().__init__()
-        self._meshcat = meshcat
         meshcat.AddButton(HOME, "KeyH")
         # The user presses it at any time: its value must not be cached.
-        self.DeclareVectorOutputPort("stop", 1, self._calc_stop, {self.time_ticket()})
-
-    def _calc_stop(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._meshcat.GetButtonClicks(HOME) > 0)])
+        output_of(self, "stop", 1, lambda c: [meshcat.GetButtonClicks(HOME) > 0],
+                  {self.time_ticket()})
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, *, name: str = "home_button"
                      ) -> "HomeButton":
         """Adds the system; its output goes to a mission's `stop`."""
-        system = HomeButton(meshcat)
-        builder.AddNamedSystem(name, system)
-        return system
+        return added(builder, name, HomeButton(meshcat))
 
 
 class DisturbanceSlider(LeafSystem):
@@ -152,20 +140,15 @@ class DisturbanceSlider(LeafSystem):
 
     def __init__(self, size: int, meshcat: Meshcat):
         super().__init__()
-        self._meshcat = meshcat
         meshcat.AddSlider(DISTURBANCE, 0.0, 100.0, 5.0, 100.0)
-        self._port = self.DeclareVectorInputPort("disturbance", size)
-        self.DeclareVectorOutputPort("scaled", size, self._calc_scaled)
-
-    def _calc_scaled(self, context: Context, output: BasicVector) -> None:
-        part = self._meshcat.GetSliderValue(DISTURBANCE) / 100.0
-        output.SetFromVector(part * self._port.Eval(context))
+        port = self.DeclareVectorInputPort("disturbance", size)
+        output_of(self, "scaled", size,
+                  lambda c: meshcat.GetSliderValue(DISTURBANCE) / 100.0 * port.Eval(c),
+                  {self.all_sources_ticket()})
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, *, disturbance: OutputPort,
                      name: str = "disturbance_slider") -> "DisturbanceSlider":
         """Adds the system and connects its input; its output goes to a plant's `disturbance`."""
-        system = DisturbanceSlider(disturbance.size(), meshcat)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(disturbance, system.get_input_port())
-        return system
+        return added(builder, name, DisturbanceSlider(disturbance.size(), meshcat),
+                     disturbance=disturbance)

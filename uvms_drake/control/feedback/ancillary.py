@@ -15,17 +15,10 @@ from functools import partial
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiagramBuilder,
-    LeafSystem,
-    OutputPort,
-    ValueProducer,
-)
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, cached, output_of
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
@@ -150,16 +143,12 @@ class AncillaryFeedback(LeafSystem):
         state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
             "state", "nominal_state", "nominal_acceleration", "nominal_input", MEASURED_FORCE,
             VEHICLE_WRENCH, "estimate", "preview"))
-        self._command = self.DeclareCacheEntry(
-            description="the command",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(()), calc=self._calc_command),
-            prerequisites_of_calc={state, *others})
+        self._command = cached(self, "the command", self._wanted, {state, *others})
         given = {self._command.ticket()}
-        self.DeclareVectorOutputPort("u", model.size, self._calc_u, given)
-        self.DeclareVectorOutputPort("tau", model.size, self._calc_tau, given)
-        self.DeclareVectorOutputPort("lost", 1, self._calc_lost, {state})
-        self.DeclareVectorOutputPort("limited", 1, self._calc_limited, given)
+        output_of(self, "u", model.size, lambda c: self._command.Eval(c).u(), given)
+        output_of(self, "tau", model.size, lambda c: self._command.Eval(c).tau(), given)
+        output_of(self, "lost", 1, lambda c: [is_lost(self._state_port.Eval(c))], {state})
+        output_of(self, "limited", 1, lambda c: [self._command.Eval(c).limited], given)
         self._pair_port = self.DeclareAbstractOutputPort(
             "pair", lambda: Value(object()), self._calc_pair, {state, others[0]})
 
@@ -167,7 +156,8 @@ class AncillaryFeedback(LeafSystem):
         output.set_value(pair_of(self._model, self._state_port.Eval(context),
                                  self._nominal_state_port.Eval(context)))
 
-    def _calc_command(self, context: Context, command: AbstractValue) -> None:
+    def _wanted(self, context: Context) -> Command:
+        """Returns the law's command, within the limits."""
         if is_lost(self._state_port.Eval(context)):
             nominal = self._nominal_state_port.Eval(context)
             now = pair_of(self._model, nominal, nominal)
@@ -190,19 +180,7 @@ class AncillaryFeedback(LeafSystem):
         if self._limits is not None:
             wanted = _cut(wanted, *(
                 self._limits if now.wrench is None else _of_joints(*self._limits)))
-        command.set_value(wanted)
-
-    def _calc_u(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._command.Eval(context).u())
-
-    def _calc_tau(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._command.Eval(context).tau())
-
-    def _calc_lost(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(is_lost(self._state_port.Eval(context)))])
-
-    def _calc_limited(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._command.Eval(context).limited)])
+        return wanted
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw, *,

@@ -1,14 +1,9 @@
 """Ancillary feedback of the kinematic model χ̇ = J(𝔮)ζ + w, as in the paper's simulation."""
 
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiagramBuilder,
-    LeafSystem,
-    OutputPort,
-)
+import numpy as np
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, output_of
 from uvms_drake.control.feedback.ancillary import is_lost
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.uvms_model import UvmsModel
@@ -46,19 +41,15 @@ class KinematicFeedback(LeafSystem):
         self._model, self._law = model, law
         self._configuration_port = self.DeclareVectorInputPort("configuration", model.size)
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
-        self.DeclareVectorOutputPort(
-            "zeta", model.size, self._calc_zeta, {self.all_input_ports_ticket()})
-        self.DeclareVectorOutputPort("lost", 1, self._calc_lost, {
+        output_of(self, "zeta", model.size, self._zeta, {self.all_input_ports_ticket()})
+        output_of(self, "lost", 1, lambda c: [is_lost(self._configuration_port.Eval(c))], {
             self.input_port_ticket(self._configuration_port.get_index())})
 
-    def _calc_zeta(self, context: Context, output: BasicVector) -> None:
+    def _zeta(self, context: Context) -> np.ndarray:
         measured, nominal = self._configuration_port.Eval(context), self._nominal_port.Eval(context)
         if is_lost(measured):
             measured = nominal[: self._model.size]
-        output.SetFromVector(self._law.velocity(self._model, measured, nominal))
-
-    def _calc_lost(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(is_lost(self._configuration_port.Eval(context)))])
+        return self._law.velocity(self._model, measured, nominal)
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw, *,

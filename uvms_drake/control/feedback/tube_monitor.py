@@ -6,32 +6,29 @@ has ‖J_x(𝔮(t))‖ along the run: the law's own bound, see `Resolved.run_bou
 other one while the robot is in the constraint set; their distance is due to J_x.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.containers import namedview
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
-    CacheEntry,
     Context,
     ContinuousState,
-    DependencyTicket,
     DiagramBuilder,
     DiscreteValues,
     EventStatus,
     LeafSystem,
     OutputPort,
     State,
-    ValueProducer,
 )
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added
-from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, pair_of
+from uvms_drake.common.wiring import added, cached, output_of
+from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
 ALARMS = ("set", "trajectory", "disturbance")
@@ -188,12 +185,12 @@ class TubeMonitor(LeafSystem):
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * size)
         self._disturbance_port = self.DeclareVectorInputPort("disturbance", disturbance_size)
         self._pair_port = self.DeclareAbstractInputPort("pair", Value(object()))
-        self._pair = self._cache("the two motions", self._calc_pair, {
+        self._pair = cached(self, "the two motions", self._pair_now, {
             self.input_port_ticket(port.get_index())
             for port in (self._state_port, self._nominal_port, self._pair_port)})
-        self._deviation = self._cache(
-            "deviation of the real from the nominal motion", self._calc_deviation,
-            {self._pair.ticket()})
+        self._deviation = cached(
+            self, "deviation of the real from the nominal motion",
+            lambda c: self._law.deviation(self._pair.Eval(c)), {self._pair.ticket()})
         now = {self._deviation.ticket()}
         bound = now | {self._pair.ticket(), self.xc_ticket()}
         for name, width, calc, prerequisites in (
@@ -207,26 +204,13 @@ class TubeMonitor(LeafSystem):
             ("r", size, lambda c: self._deviation.Eval(c).r, now),
             ("e", 6, lambda c: self._deviation.Eval(c).e_y[:6], now),
         ):
-            self.DeclareVectorOutputPort(
-                name, BasicVector(width),
-                lambda context, output, calc=calc: output.SetFromVector(calc(context)),
-                prerequisites)
+            output_of(self, name, width, calc, prerequisites)
 
-    def _cache(self, description: str, calc: Callable[[Context, AbstractValue], None],
-               prerequisites: set[DependencyTicket]) -> CacheEntry:
-        return self.DeclareCacheEntry(
-            description=description, prerequisites_of_calc=prerequisites,
-            value_producer=ValueProducer(allocate=lambda: AbstractValue.Make(()), calc=calc))
-
-    def _calc_pair(self, context: Context, value: AbstractValue) -> None:
+    def _pair_now(self, context: Context) -> Pair:
         if self._pair_port.HasValue(context):
-            value.set_value(self._pair_port.Eval(context))
-        else:
-            value.set_value(pair_of(self._model, self._state_port.Eval(context),
-                                    self._nominal_port.Eval(context)))
-
-    def _calc_deviation(self, context: Context, value: AbstractValue) -> None:
-        value.set_value(self._law.deviation(self._pair.Eval(context)))
+            return self._pair_port.Eval(context)
+        return pair_of(self._model, self._state_port.Eval(context),
+                       self._nominal_port.Eval(context))
 
     def _start(self, context: Context, state: State) -> EventStatus:
         if self._has_started(context) or context.get_time() < self._begin:
