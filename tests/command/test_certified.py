@@ -94,7 +94,13 @@ def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, ca
     assert main(["certify", "girona500_ideal", "--output", str(tmp_path / "out")]) == 0
     out, err = capsys.readouterr()
     assert err == f"written to {tmp_path / 'out'}: certificate.json\n"
-    assert out.startswith("girona500_ideal: dynamic motion, law resolved, k = 20 1/s")
+    assert out.startswith("girona500_ideal: certified: all ")
+    assert "dynamic motion, law resolved" not in out
+    assert out.splitlines()[-1] == "everything: --full"
+    assert main(["certify", "girona500_ideal", "--full", "--output", str(tmp_path / "out")]) == 0
+    out, _ = capsys.readouterr()
+    assert "girona500_ideal: dynamic motion, law resolved, k = 20 1/s" in out
+    assert "\nconditions\n" in out
     assert out.splitlines()[-1].startswith("certified: all ")
     assert written(tmp_path / "out") == {"certificate.json"}
     certificate = certificate_of(tmp_path / "out")
@@ -119,9 +125,9 @@ def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_p
     assert main(["certify", "girona500_ideal", *NOT_CERTIFIED, "--output", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert err.splitlines()[-1] == f"written to {tmp_path}: certificate.json"
-    assert "DOES NOT HOLD" in out
-    assert out.splitlines()[-1].startswith("not certified: tube in limits.u[")
-    assert "what would help: " in out.splitlines()[-1]
+    assert out.startswith("girona500_ideal: not certified: tube in limits.u[")
+    assert "\ndoes not hold\n  tube in limits.u[" in out
+    assert "\n    what would help: " in out
     certificate = certificate_of(tmp_path)
     assert not certificate.certified
     assert certificate.terminal is None

@@ -186,10 +186,10 @@ WORDS = {
             "mpc.horizon", "mpc.time_step", "surface", "surface.stiffness", "task.pose",
             "task.posture", "faults", "start.eta", "motion", "model", "log_period", "base", "", ".",
             "a.b.c", "ancillary.k"],
-    "option": ["--seed", "--duration", "--propose", "--runs", "--workers", "--model-error",
+    "option": ["--seed", "--duration", "--tune", "--runs", "--workers", "--model-error",
                "--replay", "--scheduler", "--output"],
-    "flag": ["--uncertified", "--front", "--laws", "--outside", "--no-figures", "--fast", "--help",
-             "--version", "-x"]}
+    "flag": ["--uncertified", "--sweep-gains", "--compare-laws", "--outside", "--no-figures",
+             "--fast", "--help", "--version", "-x"]}
 
 
 def command_line(number):

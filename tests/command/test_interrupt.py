@@ -133,7 +133,7 @@ COMMANDS = {
     "run": ["run", "girona500_ideal", "--duration", "1"],
     "run without": [*SHORT, "--duration", "3"],
     "pictures": ["run", "girona500_ideal", "--uncertified", "--duration", "0.2"],
-    "certify": ["certify", "girona500_ideal", "--front"],
+    "certify": ["certify", "girona500_ideal", "--sweep-gains"],
     "bench": ["bench", "girona500_bilateral"], "errata": ["errata"],
     "campaign": ["campaign", "girona500_ideal", "--uncertified", "--runs", "3",
                  "--set", "duration=1"]}

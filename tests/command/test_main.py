@@ -189,9 +189,10 @@ def test_the_keys_are_listed_with_default_and_meaning(capsys):
 
 @pytest.mark.parametrize("args", [
     [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"],
-    ["certify", "--uncertified"], ["certify", "a", "b"], ["certify", "--propose", "0"],
-    ["certify", "paper_kinematic", "--front"], ["certify", "paper_kinematic", "--laws"],
-    ["certify", "paper_kinematic", "--propose", "20"], ["run", "--host", "*"],
+    ["certify", "--uncertified"], ["certify", "a", "b"], ["certify", "--tune", "0"],
+    ["certify", "paper_kinematic", "--sweep-gains"],
+    ["certify", "paper_kinematic", "--compare-laws"],
+    ["certify", "paper_kinematic", "--tune", "20"], ["run", "--host", "*"],
     ["run", "--meshcat", "--host", "192.0.2.1", "--uncertified"],
     ["certify", "girona500_tip_first", "--paper"],
     ["bench", "--seed", "1"], ["bench", "a", "b"]])
@@ -203,8 +204,8 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys, tmp_path, monke
     assert err.startswith("uvms-drake: error: ")
     assert err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
-    if "--propose" in args and "0" in args:
-        assert "error: --propose = 0.0: must be positive" in err
+    if "--tune" in args and "0" in args:
+        assert "error: --tune = 0.0: must be positive" in err
 
 
 def test_the_help_of_run_names_the_scenarios_and_keys_that_there_are(capsys):

@@ -130,7 +130,7 @@ def verdict(certificate: Certificate) -> str:
     failed = certificate.failed
     if failed is None:
         return f"certified: all {len(certificate.conditions)} conditions hold{_proven(certificate)}"
-    return f"not certified: {_violation(failed)}{_help(failed)}"
+    return f"not certified: {violation(failed)}{help_for(failed)}"
 
 
 def _proven(certificate: Certificate) -> str:
@@ -148,14 +148,16 @@ def _proven(certificate: Certificate) -> str:
             f"{estimated} estimated{again}")
 
 
-def _violation(condition: Condition) -> str:
+def violation(condition: Condition) -> str:
+    """Returns a condition that does not hold, and by how much."""
     if condition.is_count:
         return condition.name
     by = f" by {-condition.margin:.4g}" if math.isfinite(condition.margin) else ""
     return f"{condition}{by}"
 
 
-def _help(condition: Condition) -> str:
+def help_for(condition: Condition) -> str:
+    """Returns the advice on a condition that does not hold; empty if there is none."""
     known = [advice for beginning, advice in HELP.items() if condition.name.startswith(beginning)]
     if condition.advice.startswith(BEYOND):
         return f"; {condition.advice}; or {', or '.join(known[:1])}"

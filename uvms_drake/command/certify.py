@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+import time
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -25,7 +26,7 @@ from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
 BUDGET_FILE = "budget.png"
-MARGINS_FILE = "margins.json"
+TOLERANCES_FILE = "tolerances.json"
 
 
 def add_certify(commands: argparse._SubParsersAction) -> None:
@@ -37,18 +38,20 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.add_argument("--output", type=folder, metavar="DIR",
                          help="folder of certificate.json and, with a budget, budget.png "
                               "(default: out/<scenario>)")
-    certify.add_argument("--margins", action="store_true",
-                         help="also print, and write to margins.json, the largest value of each "
+    certify.add_argument("--full", action="store_true",
+                         help="print everything: constants, conditions, tube, budget, estimates")
+    certify.add_argument("--tolerances", action="store_true",
+                         help="also print, and write to tolerances.json, the largest value of each "
                               "source of error alone: noise, lag, stiffness, mass, current, ...")
-    certify.add_argument("--front", dest="pareto_front", action="store_true",
+    certify.add_argument("--sweep-gains", action="store_true",
                          help="also print the Pareto front over gains and disturbance bounds")
-    certify.add_argument("--propose", type=float, metavar="BANDWIDTH",
+    certify.add_argument("--tune", type=float, metavar="BANDWIDTH",
                          help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
                               "force error")
     certify.add_argument("--paper", action="store_true",
                          help="also search for the constants of the paper's Lemma, and print its "
                               "radii with these gains and this disturbance")
-    certify.add_argument("--laws", action="store_true",
+    certify.add_argument("--compare-laws", action="store_true",
                          help="also print both laws with several gains: certified radius, radius "
                               "reached by an adversary, radius of the paper")
 
@@ -56,6 +59,7 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
 def certify_scenario(args: argparse.Namespace) -> int:
     """Prints and writes the certificate; returns 0 if it holds, else 1."""
     from uvms_drake.certificate.certify import certified_once, check_inputs, with_paper
+    from uvms_drake.certificate.overview import format_overview
     from uvms_drake.certificate.table import format_certificate
     from uvms_drake.station.step_size import floored, largest_step
     from uvms_drake.studies.compare_laws import compare_laws, format_laws
@@ -66,50 +70,53 @@ def certify_scenario(args: argparse.Namespace) -> int:
     # Bad input of any kind is refused before anything is computed.
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, set_options(args.overrides))
-    require(args.propose is None or 0.0 < args.propose < np.inf, "--propose", args.propose,
-            "positive")
+    require(args.tune is None or 0.0 < args.tune < np.inf, "--tune", args.tune, "positive")
     with reported_in(source):
         _check_studies(args, scenario)
     path = args.output if args.output is not None else Path("out") / scenario.name
-    names = [CERTIFICATE_FILE, BUDGET_FILE, MARGINS_FILE]
+    names = [CERTIFICATE_FILE, BUDGET_FILE, TOLERANCES_FILE]
     with output_folder(path, names, replaces=True) as output:
         with reported_in(source):
             model = check_inputs(scenario)  # Before anything is announced.
             note(scenario)
+            started = time.perf_counter()
             with closing(Bar(CERTIFYING, stream_of(args))) as progress:
                 certificate = certified_once(scenario, progress)
+            seconds = time.perf_counter() - started
             if args.paper:
                 certificate = with_paper(certificate, scenario, model)
         write_certificate(certificate, output.folder)
         _draw_budget(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
-    print(format_certificate(certificate))
+    print(format_overview(certificate, scenario, seconds))
+    print(f"\n{format_certificate(certificate)}" if args.full or args.paper else
+          "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     # Requested studies.
-    if args.margins and not certificate.certified:
-        print("\nno margins: the scenario is not certified")
-    elif args.margins:
-        with closing(Bar("computing the margins", stream_of(args))) as progress:
+    if args.tolerances and not certificate.certified:
+        print("\nno tolerances: the scenario is not certified")
+    elif args.tolerances:
+        with closing(Bar("computing the tolerances", stream_of(args))) as progress:
             found = margins(scenario, model, progress=progress)
         print(f"\n{format_margins(found)}")
-        with output_folder(path, [MARGINS_FILE]) as output:
-            (output.folder / MARGINS_FILE).write_text(json.dumps(jsonable(
+        with output_folder(path, [TOLERANCES_FILE]) as output:
+            (output.folder / TOLERANCES_FILE).write_text(json.dumps(jsonable(
                 [asdict(each) for each in found]), indent=2) + "\n", encoding="utf-8")
-        print(f"written to {path}: {MARGINS_FILE}", file=sys.stderr)
-    if args.pareto_front:
+        print(f"written to {path}: {TOLERANCES_FILE}", file=sys.stderr)
+    if args.sweep_gains:
         with closing(Bar("computing the Pareto front", stream_of(args))) as progress:
             points = pareto_front(scenario, model, progress=progress)
         print(f"\n{format_pareto_front(points)}")
-    if args.propose is not None:
+    if args.tune is not None:
         with reported_in(source):
-            law, error = propose_gains(scenario, model, args.propose)
+            law, error = propose_gains(scenario, model, args.tune)
         print(f"\nproposed: k = {law.k:g} 1/s, σ = {law.sigma:g} 1/s for a force error of "
               f"{error:.3g} N at most")
         scheme = scenario.simulator.integration_scheme
         step = largest_step(scheme, np.array([-law.k, -law.sigma]))
         if step < scenario.simulator.max_step_size:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
-    if args.laws:
+    if args.compare_laws:
         with closing(Bar("comparing both laws", stream_of(args))) as progress:
             rows = compare_laws(scenario, model, progress=progress)
         print(f"\n{format_laws(rows)}")
@@ -133,12 +140,12 @@ def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
     """Raises `InvalidParameter` for the first requested study that does not apply."""
     from uvms_drake.studies.pareto_front import check_pareto_front
 
-    if args.pareto_front:
+    if args.sweep_gains:
         check_pareto_front(scenario)
     if args.paper and motion_of(scenario).has_forces:
         law = scenario.ancillary
         require(np.isfinite(law.k), "ancillary", type(law).__name__,
                 "a law with one k and one σ, for --paper")
-    for option in ("propose", "laws", "margins"):
+    for option in ("tune", "compare_laws", "tolerances"):
         require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,
-                "motion", scenario.motion, f"dynamic, for --{option}")
+                "motion", scenario.motion, f"dynamic, for --{option.replace('_', '-')}")

@@ -9,6 +9,7 @@ from typing import Any
 from zipfile import BadZipFile
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, read_certificate
+from uvms_drake.certificate.overview import format_overview
 from uvms_drake.certificate.table import format_certificate, scope, verdict
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.common.program import VERSION
@@ -134,7 +135,9 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
         f'<div class="figures">{"".join(drawn.values())}</div>' if drawn
         else "<p>Made without figures.</p>",
         "<h2>Certificate</h2>",
-        f"<pre>{html.escape(format_certificate(certificate))}</pre>" if certificate
+        f"<pre>{html.escape(format_overview(certificate, scenario))}</pre>"
+        "<details><summary>Everything: constants, conditions, tube, budget, estimates</summary>"
+        f"<pre>{html.escape(format_certificate(certificate))}</pre></details>" if certificate
         else "<p>Run without a certificate, with the tube that the scenario declares.</p>",
         "<h2>Scenario</h2>",
         "<details><summary>Every value, with the defaults filled in "

@@ -49,7 +49,8 @@ class Condition:
 
     def __str__(self) -> str:
         if self.is_count:
-            return f"none of this: {self.name}" if self.holds else self.name
+            name, _, _ = self.name.partition(",")
+            return f"{name}: as the proofs assume" if self.holds else self.name
         return (f"{self.name}: {self.left:.4g} {self.relation} {self.right:.4g} "
                 f"{'holds' if self.holds else 'does not hold'}")
 

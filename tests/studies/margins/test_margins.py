@@ -165,18 +165,18 @@ def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatc
              Margin("current", "m/s", 0.0, 0.1, "room", (0.2,) * 7, 0.25, (0.1,) * 7)]
     monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", lambda *_: certificate)
     monkeypatch.setattr("uvms_drake.studies.margins.margins.margins", lambda *_, **__: found)
-    command = ["certify", "girona500_contact", "--margins", f"--output={tmp_path / 'out'}"]
+    command = ["certify", "girona500_contact", "--tolerances", f"--output={tmp_path / 'out'}"]
     assert main(command) == 0
     assert "force sensor, lag" in capsys.readouterr().out
-    lag, period, current = json.loads((tmp_path / "out" / "margins.json").read_text())
+    lag, period, current = json.loads((tmp_path / "out" / "tolerances.json").read_text())
     assert (lag["today"], lag["largest"], lag["ends"]) == (0.02, 0.033, "room")
     assert period["largest"] is None
     assert current["axes"] == [0.1] * 7
     void = replace(certificate, conditions=(Condition("room", 3.0, "<", 2.0, theorem="t"),))
     monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", lambda *_: void)
     assert main(command) == 1
-    assert "no margins: the scenario is not certified" in capsys.readouterr().out
-    assert not (tmp_path / "out" / "margins.json").exists(), "those of another certificate"
+    assert "no tolerances: the scenario is not certified" in capsys.readouterr().out
+    assert not (tmp_path / "out" / "tolerances.json").exists(), "those of another certificate"
 
 
 @pytest.mark.long

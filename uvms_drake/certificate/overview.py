@@ -1,0 +1,100 @@
+"""The certificate in short: the verdict in five numbers, and each failed condition with advice.
+
+Everything else, a hundred lines for a reviewer, is in `table`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.table import help_for, verdict, violation
+from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.conditions import Condition
+
+TIGHTENED = "tube in limits."
+"""Beginning of the names of the conditions that the tube leaves something of a limit."""
+
+
+class ForceBounds(NamedTuple):
+    """Bounds of the static contact force that a certificate claims; None if it claims none [N]."""
+
+    motion: float | None
+    """Largest at any time."""
+    desired: float
+    """Desired force."""
+    error: float | None
+    """Bound of the error once the plan stands at its target."""
+
+
+def force_bounds(certificate: Certificate, scenario: Scenario) -> ForceBounds:
+    """Returns the bounds of the static force; those of a mission are the largest of its steps."""
+    limit = (sensed_contact(scenario).force if scenario.contact.is_sensed
+             else scenario.limits.static_force)
+    held = [leg for leg in certificate.legs if leg.band is not None]
+    if held:
+        largest = max(held, key=lambda leg: leg.force + (leg.band or 0.0))
+        return ForceBounds(limit, largest.force, largest.band)
+    desired = float(np.linalg.norm(np.asarray(scenario.task.force)[:3]))
+    return ForceBounds(limit, desired, certificate.bounds.get("force"))
+
+
+def tightest_limit(certificate: Certificate) -> Condition | None:
+    """Returns the condition of the limit of which the tube takes the largest part."""
+    limits = [each for each in certificate.conditions
+              if each.name.startswith(TIGHTENED) and each.right > 0.0]
+    return max(limits, key=lambda each: each.left / each.right, default=None)
+
+
+def format_overview(certificate: Certificate, scenario: Scenario, seconds: float | None = None
+                    ) -> str:
+    """Returns the verdict in five numbers, then the failed conditions.
+
+    Args:
+        certificate: Certificate of the scenario.
+        scenario: The scenario.
+        seconds: Time of its computation [s], if it is to be told.
+    """
+    lines = [f"{certificate.scenario}: {verdict(certificate)}", ""]
+    if certificate.certified:
+        lines += _numbers(certificate, scenario)
+    if seconds is not None:
+        lines.append(f"{'computed in':<18}{seconds:.1f} s")
+    return "\n".join([*lines, *_failures(certificate)]).rstrip()
+
+
+def _numbers(certificate: Certificate, scenario: Scenario) -> list[str]:
+    """Returns a line each for force, end-effector, tightest limit and proven numbers."""
+    rows = []
+    force, bounds = force_bounds(certificate, scenario), certificate.bounds
+    if force.error is not None:
+        motion = "not limited" if force.motion is None else f"{force.motion:.4g} N"
+        rows.append(("largest force", f"{motion} in motion, {force.desired + force.error:.4g} N "
+                     f"in a hold of {force.desired:.4g} ± {force.error:.3g} N; static, without "
+                     "impact and damping"))
+    if "position" in bounds:
+        rows.append(("end-effector", f"within {1e3 * bounds['position']:.3g} mm and "
+                     f"{1e3 * bounds['orientation']:.3g} mrad of the plan"))
+    if tightest := tightest_limit(certificate):
+        rows.append(("tightest limit", f"{tightest.name.removeprefix(TIGHTENED)}: the tube takes "
+                     f"{100.0 * tightest.left / tightest.right:.3g} %, "
+                     f"{tightest.margin:.3g} of {tightest.right:.3g} is left for the plan"))
+    if certificate.tightening:
+        estimated = certificate.tightening - certificate.proven
+        rows.append(("proven", f"{certificate.proven} of the {certificate.tightening} numbers that "
+                     f"tighten limits; {estimated} estimated"))
+    return [f"{name:<18}{text}" for name, text in rows]
+
+
+def _failures(certificate: Certificate) -> list[str]:
+    """Returns the conditions that do not hold, by how much, and what would help."""
+    failed = [each for each in certificate.conditions if not each.holds]
+    if not failed:
+        return []
+    lines = ["", "does not hold"]
+    for each in failed:
+        lines.append(f"  {violation(each)}")
+        if advice := help_for(each):
+            lines.append(f"    {advice.removeprefix('; ')}")
+    return lines
