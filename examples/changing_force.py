@@ -53,7 +53,7 @@ def main() -> None:
     builder.Connect(profile.get_output_port(), station.GetInputPort("desired_force"))
     diagram = builder.Build()
     simulator = Simulator(diagram)
-    ApplySimulatorConfig(scenario.simulator, simulator)
+    ApplySimulatorConfig(uv.with_step(scenario).simulator, simulator)
     simulator.AdvanceTo(arguments.duration)
 
     logs = read_logs(station, simulator.get_context())

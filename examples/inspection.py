@@ -46,7 +46,7 @@ def main() -> None:
     builder.ExportOutput(mission.GetOutputPort("progress"), "progress")
     diagram = builder.Build()
     simulator = Simulator(diagram)
-    ApplySimulatorConfig(scenario.simulator, simulator)
+    ApplySimulatorConfig(uv.with_step(scenario).simulator, simulator)
 
     print(f"{'t [s]':>6}  {'step':<10}{'desired [N]':>13}{'force [N]':>11}")
     context = simulator.get_mutable_context()

@@ -54,7 +54,7 @@ def main() -> None:
                     uvms.GetInputPort("applied_spatial_force"))
 
     simulator = Simulator(builder.Build())
-    ApplySimulatorConfig(scenario.simulator, simulator)
+    ApplySimulatorConfig(uv.with_step(scenario).simulator, simulator)
     simulator.AdvanceTo(arguments.duration)
     context = uvms.GetMyContextFromRoot(simulator.get_context())
     force = uvms.GetOutputPort("force").Eval(context)[0]

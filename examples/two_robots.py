@@ -40,7 +40,7 @@ def main() -> None:
         builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))
 
     simulator = Simulator(builder.Build())
-    ApplySimulatorConfig(main_scenario.simulator, simulator)
+    ApplySimulatorConfig(uv.with_step(main_scenario).simulator, simulator)
     simulator.AdvanceTo(arguments.duration)
     for name, uvms in robots.items():
         context = uvms.GetMyContextFromRoot(simulator.get_context())

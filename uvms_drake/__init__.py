@@ -38,13 +38,16 @@ if TYPE_CHECKING:
     from uvms_drake.plant.uvms_plant import set_state as set_state
     from uvms_drake.report.figures import make_figures as make_figures
     from uvms_drake.report.summary import summarise as summarise
+    from uvms_drake.station.controller import make_controller as make_controller
     from uvms_drake.station.diagram import make_station as make_station
     from uvms_drake.station.motions.motions import make_ocp as make_ocp
     from uvms_drake.station.problem import start_state as start_state
     from uvms_drake.station.record import Record as Record
+    from uvms_drake.station.record import load_record as load_record
     from uvms_drake.station.scenario.scenario import Scenario as Scenario
     from uvms_drake.station.scenario.scenario import load_scenario as load_scenario
     from uvms_drake.station.simulation import simulate as simulate
+    from uvms_drake.station.step_size import with_step as with_step
 
 __version__ = VERSION
 
@@ -57,7 +60,9 @@ _HOME = {
     "CostTerm": "control.costs.term",
     "Disturbance": "plant.disturbance",
     "Limit": "control.limits.limit",
+    "load_record": "station.record",
     "load_scenario": "station.scenario.scenario",
+    "make_controller": "station.controller",
     "make_figures": "report.figures",
     "make_ocp": "station.motions.motions",
     "make_station": "station.diagram",
@@ -77,6 +82,7 @@ _HOME = {
     "Surface": "model.surface.law",
     "UnilateralPlane": "model.surface.plane",
     "UvmsModel": "model.uvms_model",
+    "with_step": "station.step_size",
 }
 """Module of each name below this package."""
 

@@ -115,7 +115,9 @@ def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
     stages = []
     few = load_scenario("girona500_ideal", FEW)
     certify(few, progress=lambda what, done: stages.append((what, done)))
-    assert [what for what, _ in stages] == ["constants", "tube", "terminal set", "first plan"]
+    assert [what for what, _ in stages] == [
+        f"{i} of 4: {what}" for i, what in enumerate(
+            ("constants", "tube", "terminal set", "first plan"), 1)]
     assert [done for _, done in stages] == sorted(done for _, done in stages)
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -12,6 +12,7 @@ from uvms_drake.certificate.table import format_certificate
 from uvms_drake.station.mission_legs import Leg
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.ultimate_bounds import HOLD
 
 HOLDS = Certificate(
     scenario="girona500_contact", law="resolved", k=50.0, sigma=50.0, d_bound=0.1, files={},
@@ -58,10 +59,17 @@ def test_a_force_is_limited_by_what_the_scenario_limits():
     assert force_bounds(replace(HOLDS, bounds={}), known).error is None
 
 
+def test_the_band_of_a_hold_is_that_of_a_plan_that_has_stood_where_there_is_one(scenario):
+    text = format_overview(replace(HOLDS, bounds=HOLDS.bounds | {HOLD: 3.25}), scenario)
+    assert " 23.25 N in a hold of 20 ± 3.25 N" in text
+
+
 def test_a_mission_holds_with_its_hardest_step(scenario):
     legs = (Leg("Approach", 10.0, None, 1.0, 60.0, ""), Leg("Hold", 12.0, 8.5, 5.0, 60.0, ""),
             Leg("Slide", 10.0, 11.0, 25.0, 50.0, ""))
     assert force_bounds(replace(HOLDS, legs=legs), scenario)[1:] == (10.0, 11.0)
+    stood = (*legs[:2], replace(legs[2], hold_band=2.0))
+    assert force_bounds(replace(HOLDS, legs=stood), scenario)[1:] == (12.0, 8.5)
 
 
 def test_every_failed_condition_is_told_by_how_much_and_with_advice(scenario):

@@ -49,6 +49,16 @@ def test_a_terminal_gets_a_bar_with_the_time_left_that_is_taken_away():
         f"[{'#' * 18}  ] certifying: first plan, about 1 s left\033[K", "\033[K"]
 
 
+def test_stages_of_unknown_length_are_counted_and_no_time_is_claimed():
+    """D25: `tube, about 0 s left` before two more stages."""
+    stream = io.StringIO()
+    bar = Bar("certifying", stream, is_steady=False)
+    for what, done in (("1 of 4: constants", 0.0), ("2 of 4: tube", 0.01), ("3 of 4: x", 0.98)):
+        bar(what, done)
+    assert stream.getvalue().splitlines() == [
+        "certifying: 1 of 4: constants", "certifying: 2 of 4: tube", "certifying: 3 of 4: x"]
+
+
 def test_a_line_that_is_too_long_for_the_terminal_is_cut(monkeypatch):
     """It could not be overwritten from its beginning otherwise."""
     monkeypatch.setenv("COLUMNS", "40")

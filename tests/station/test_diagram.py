@@ -16,6 +16,7 @@ from uvms_drake.station.problem import start_state
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
+from uvms_drake.station.step_size import with_step
 
 SHORT = ["mpc.horizon=8"]
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
@@ -33,7 +34,7 @@ def logs_of(scenario: Scenario, duration: float) -> dict[str, np.ndarray]:
     """Returns the logs of a run, without the wall times."""
     station = make_station(scenario)
     simulator = Simulator(station)
-    ApplySimulatorConfig(scenario.simulator, simulator)
+    ApplySimulatorConfig(with_step(scenario).simulator, simulator)
     simulator.AdvanceTo(duration)
     return without_wall_times(read_logs(station, simulator.get_context()))
 
@@ -238,13 +239,13 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
     scenario = with_random_disturbance()
     station = make_station(scenario)
     original = Simulator(station)
-    ApplySimulatorConfig(scenario.simulator, original)
+    ApplySimulatorConfig(with_step(scenario).simulator, original)
     original.AdvanceTo(pause)
     clone = original.get_context().Clone()
     original.AdvanceTo(end)
 
     other = Simulator(station, clone)
-    ApplySimulatorConfig(scenario.simulator, other)
+    ApplySimulatorConfig(with_step(scenario).simulator, other)
     clone.SetTime(pause)  # The configuration has a start time.
     other.Initialize()
     other.AdvanceTo(end)

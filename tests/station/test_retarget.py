@@ -14,6 +14,7 @@ from uvms_drake.station.problem import load_model, retargeted_ocp
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import make_record
+from uvms_drake.station.step_size import with_step
 
 FORCES = ((4.0, 30.0), (9.5, 44.0), (10.5, 25.0))
 """From these times on [s] these forces are asked for [N]; the second is more than the tube leaves
@@ -32,7 +33,7 @@ def scenario(few_searches) -> Scenario:
 def record(scenario) -> Record:
     station = make_station(scenario)
     simulator = Simulator(station)
-    ApplySimulatorConfig(scenario.simulator, simulator)
+    ApplySimulatorConfig(with_step(scenario).simulator, simulator)
     context = simulator.get_mutable_context()
     for time, force in FORCES:
         simulator.AdvanceTo(time)

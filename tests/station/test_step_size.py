@@ -94,8 +94,9 @@ def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they
     with pytest.raises(InvalidParameter) as caught:
         with_step(scenario, model)
     assert str(caught.value) == (
-        "simulator.max_step_size = 0.02: must be at most 0.0055 s with runge_kutta3: the loop has "
-        "a rate of 200 1/s, and longer steps are inaccurate")
+        "simulator.max_step_size = 0.02: must be at most 0.0055 s with runge_kutta3: the "
+        "feedback law (ancillary.k = 200 1/s) has a rate of 200 1/s, and longer steps are "
+        "inaccurate")
     shorter = load_scenario("girona500_ideal", [*gains, "simulator.max_step_size=0.0055"])
     with_step(shorter, model)
 
@@ -152,7 +153,9 @@ def test_friction_that_the_step_is_too_long_for_is_refused():
         slow, "limits.static_force=null", "simulator.max_step_size=0.02"])
     model = load_model(scenario)
     with pytest.raises(InvalidParameter, match=r"^simulator\.max_step_size = 0\.02: must be at "
-                       r"most 0\.00\d+ s with runge_kutta3: the loop has a rate of \d+ 1/s, and"):
+                       r"most 0\.00\d+ s with runge_kutta3: the friction on the end-effector "
+                       r"and in the joints \(surface\.friction, surface\.creep = 0\.005 m/s\) "
+                       r"has a rate of \d+ 1/s, and"):
         with_step(scenario, model)
     with_step(replace(scenario, surface=ShapedSurface(friction=0.3, creep=0.2)), model)
 

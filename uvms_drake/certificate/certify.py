@@ -62,6 +62,8 @@ TIGHTENING = "control/theory.md#constraint-tightening"
 TERMINAL = "control/theory.md#terminal-set"
 FEASIBILITY = "control/theory.md#recursive-feasibility"
 """Theorems of the conditions."""
+STAGES = 4
+"""Number of stages of a certificate; how long each takes differs from scenario to scenario."""
 UNLIMITED = 1.0
 """‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
 
@@ -91,9 +93,9 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             theorem=GUARANTEE)])
     try:
         # Tube without contact, then the additional terms of a sensed contact.
-        progress("constants", 0.0)
+        progress(f"1 of {STAGES}: constants", 0.0)
         basis = basis_of(scenario, model)
-        progress("tube", motion.stages[0])
+        progress(f"2 of {STAGES}: tube", motion.stages[0])
         found = motion.tubes[type(law)](law, basis)
         if all(condition.holds for condition in found.conditions):
             found = motion.in_contact(found, scenario, basis)
@@ -349,7 +351,7 @@ def how_many_are_proven(scenario: Scenario, found: LawTube, model: ContactModel
 def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
                        model: ContactModel, progress: Progress) -> Certificate:
     _, terminal_set, plan = motion_of(scenario).stages
-    progress("terminal set", terminal_set)
+    progress(f"3 of {STAGES}: terminal set", terminal_set)
     settings = scenario.certificate
     try:
         ocp = make_ocp(draft.applied_to(scenario), model)
@@ -371,7 +373,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
                   theorem=TERMINAL)])
     if not draft.certified:
         return draft
-    progress("first plan", plan)
+    progress(f"4 of {STAGES}: first plan", plan)
     applied = draft.applied_to(scenario)  # With the terminal set.
     first = motion_of(scenario).first_problem(applied, model, make_ocp(applied, model), start)
     return draft.adding(first_plan(first, start)[1])

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.table import help_for, verdict, violation
+from uvms_drake.certificate.table import help_for, scope, verdict, violation
 from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.ultimate_bounds import HOLD
 
 TIGHTENED = "tube in limits."
 """Beginning of the names of the conditions that the tube leaves something of a limit."""
@@ -25,19 +26,20 @@ class ForceBounds(NamedTuple):
     desired: float
     """Desired force."""
     error: float | None
-    """Bound of the error once the plan stands at its target."""
+    """Bound of the error in a hold, once the plan has stood at its target."""
 
 
 def force_bounds(certificate: Certificate, scenario: Scenario) -> ForceBounds:
     """Returns the bounds of the static force; those of a mission are the largest of its steps."""
     limit = (sensed_contact(scenario).force if scenario.contact.is_sensed
              else scenario.limits.static_force)
-    held = [leg for leg in certificate.legs if leg.band is not None]
-    if held:
-        largest = max(held, key=lambda leg: leg.force + (leg.band or 0.0))
-        return ForceBounds(limit, largest.force, largest.band)
-    desired = float(np.linalg.norm(np.asarray(scenario.task.force)[:3]))
-    return ForceBounds(limit, desired, certificate.bounds.get("force"))
+    bands = [(leg.force, band) for leg in certificate.legs
+             if (band := leg.band if leg.hold_band is None else leg.hold_band) is not None]
+    if bands:
+        return ForceBounds(limit, *max(bands, key=sum))
+    desired, bounds = np.asarray(scenario.task.force, dtype=float)[:3], certificate.bounds
+    return ForceBounds(limit, float(np.linalg.norm(desired)),
+                       bounds.get(HOLD, bounds.get("force")))
 
 
 def tightest_limit(certificate: Certificate) -> Condition | None:
@@ -49,14 +51,14 @@ def tightest_limit(certificate: Certificate) -> Condition | None:
 
 def format_overview(certificate: Certificate, scenario: Scenario, seconds: float | None = None
                     ) -> str:
-    """Returns the verdict in five numbers, then the failed conditions.
+    """Returns the verdict, its assumptions, five numbers, and the failed conditions.
 
     Args:
         certificate: Certificate of the scenario.
         scenario: The scenario.
         seconds: Time of its computation [s], if it is to be told.
     """
-    lines = [f"{certificate.scenario}: {verdict(certificate)}", ""]
+    lines = [f"{certificate.scenario}: {verdict(certificate)}", *scope(certificate), ""]
     if certificate.certified:
         lines += _numbers(certificate, scenario)
     if seconds is not None:
@@ -64,15 +66,21 @@ def format_overview(certificate: Certificate, scenario: Scenario, seconds: float
     return "\n".join([*lines, *_failures(certificate)]).rstrip()
 
 
+def format_force(force: ForceBounds) -> str:
+    """Returns the largest static force in motion and in a hold; empty if none is claimed."""
+    if force.error is None:
+        return ""
+    motion = "not limited" if force.motion is None else f"{force.motion:.4g} N"
+    return (f"{motion} in motion, {force.desired + force.error:.4g} N in a hold of "
+            f"{force.desired:.4g} ± {force.error:.3g} N")
+
+
 def _numbers(certificate: Certificate, scenario: Scenario) -> list[str]:
     """Returns a line each for force, end-effector, tightest limit and proven numbers."""
     rows = []
-    force, bounds = force_bounds(certificate, scenario), certificate.bounds
-    if force.error is not None:
-        motion = "not limited" if force.motion is None else f"{force.motion:.4g} N"
-        rows.append(("largest force", f"{motion} in motion, {force.desired + force.error:.4g} N "
-                     f"in a hold of {force.desired:.4g} ± {force.error:.3g} N; static, without "
-                     "impact and damping"))
+    bounds = certificate.bounds
+    if text := format_force(force_bounds(certificate, scenario)):
+        rows.append(("largest force", f"{text}; static, without impact and damping"))
     if "position" in bounds:
         rows.append(("end-effector", f"within {1e3 * bounds['position']:.3g} mm and "
                      f"{1e3 * bounds['orientation']:.3g} mrad of the plan"))
@@ -88,7 +96,7 @@ def _numbers(certificate: Certificate, scenario: Scenario) -> list[str]:
 
 
 def _failures(certificate: Certificate) -> list[str]:
-    """Returns the conditions that do not hold, by how much, and what would help."""
+    """Returns the conditions that do not hold, each with its excess and advice."""
     failed = [each for each in certificate.conditions if not each.holds]
     if not failed:
         return []

@@ -80,7 +80,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
             model = check_inputs(scenario)  # Before anything is announced.
             note(scenario)
             started = time.perf_counter()
-            with closing(Bar(CERTIFYING, stream_of(args))) as progress:
+            with closing(Bar(CERTIFYING, stream_of(args), is_steady=False)) as progress:
                 certificate = certified_once(scenario, progress)
             seconds = time.perf_counter() - started
             if args.paper:

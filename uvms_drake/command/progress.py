@@ -29,10 +29,11 @@ class Bar:
     Args:
         title: Name of the activity, such as "certifying".
         stream: Stream to write to.
+        is_steady: Whether fractions grow with time, so that the time left is known.
     """
 
-    def __init__(self, title: str, stream: TextIO):
-        self._title, self._stream = title, stream
+    def __init__(self, title: str, stream: TextIO, *, is_steady: bool = True):
+        self._title, self._stream, self._is_steady = title, stream, is_steady
         self._started = time.perf_counter()
         self._due = 0.0
         self._is_open = False
@@ -40,13 +41,14 @@ class Bar:
     def __call__(self, what: str, done: float) -> None:
         """Reports the next stage `what`, after a fraction `done` of all the time."""
         elapsed = time.perf_counter() - self._started
-        left = f", about {elapsed * (1.0 - done) / done:.0f} s left" if done > 0.0 else ""
+        left = (f", about {elapsed * (1.0 - done) / done:.0f} s left"
+                if done > 0.0 and self._is_steady else "")
         text = f"{self._title}: {what}{left}"
         if self._stream.isatty():
             line = f"[{'#' * round(BAR * done):<{BAR}}] {text}"
             self._stream.write(f"\r{line[: shutil.get_terminal_size().columns - 1]}\033[K")
             self._is_open = True
-        elif done >= self._due:
+        elif done >= self._due or not self._is_steady:
             self._due = (floor(LINES * done) + 1) / LINES
             self._stream.write(f"{text}\n")
         self._stream.flush()

@@ -18,6 +18,7 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.command.files import (
     DATA_FILES,
+    MAIN_SCENARIO,
     REPLAY_FILE,
     REPORT_FILE,
     folder,
@@ -54,10 +55,11 @@ EPILOG = f"""\
 scenarios that are shipped (see 'uvms-drake scenarios'):
   {', '.join(shipped_scenarios())}
 
-keys that are changed most ('uvms-drake keys' lists all, with units and defaults):
-  duration, seed, start.eta, start.q, task.force, task.pose, surface.stiffness, surface.point,
-  disturbance.bound, current, ancillary.k, ancillary.sigma, mpc.horizon, mpc.time_step,
-  limits.u, limits.static_force, simulator.max_step_size, log_period
+keys that are changed most, of {MAIN_SCENARIO} ('uvms-drake keys' lists all):
+  duration, seed, start.eta, start.q, task.force, surface.law.stiffness, surface.geometry.point,
+  surface.friction, contact.stiffness, contact.force, disturbance.bound, current, ancillary.k,
+  ancillary.sigma, mpc.horizon, mpc.time_step, limits.u, limits.nu1, simulator.max_step_size,
+  log_period
 
 A file of your own that begins with 'base: girona500_ideal' has only the differences.
 
@@ -216,7 +218,7 @@ def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certi
 def _new_certificate(scenario: Scenario, source: str, stream: TextIO) -> Certificate:
     from uvms_drake.certificate.certify import certified_once
 
-    with reported_in(source), closing(Bar(CERTIFYING, stream)) as progress:
+    with reported_in(source), closing(Bar(CERTIFYING, stream, is_steady=False)) as progress:
         certificate = certified_once(scenario, progress)
     return sound(replace(certificate, made_by="run"), source)
 

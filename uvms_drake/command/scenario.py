@@ -1,8 +1,9 @@
-"""The sub-command `scenario`: writes a new scenario for a robot."""
+"""The sub-command `scenario`: writes a new scenario for a robot, or checks one."""
 
 import argparse
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,18 +12,87 @@ from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.robot_folder import shipped_robots
 
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
+
 
 def add_scenario(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
-    scenario = commands.add_parser("scenario", help="begin a new scenario for a robot",
-                                   allow_abbrev=False)
-    scenario.set_defaults(command=new_scenario)
-    scenario.add_argument("--new", type=folder, metavar="FILE", required=True,
-                          help="new YAML file to write")
-    scenario.add_argument("--robot", metavar="ROBOT", required=True,
-                          help="name of a shipped robot, or a robot's folder")
+    scenario = commands.add_parser(
+        "scenario", help="begin a new scenario for a robot, or check one", allow_abbrev=False)
+    scenario.set_defaults(command=new_or_checked)
+    task = scenario.add_mutually_exclusive_group(required=True)
+    task.add_argument("--new", type=folder, metavar="FILE", help="new YAML file to write")
+    task.add_argument("--check", metavar="FILE",
+                      help="scenario to check, without a run: each difference from its base, the "
+                           "keys that a tag replaces, the places of a mission in words")
+    scenario.add_argument("--robot", metavar="ROBOT",
+                          help="with --new: name of a shipped robot, or a robot's folder")
     scenario.add_argument("--force", type=float, default=5.0, metavar="N",
                           help="desired force (default: %(default)s)")
+
+
+def new_or_checked(args: argparse.Namespace) -> int:
+    """Writes a new scenario, or checks one."""
+    if args.check is not None:
+        require(args.robot is None, "--robot", args.robot, "left out with --check")
+        return check_scenario(args.check)
+    require(args.robot is not None, "--robot", args.robot, "a robot, with --new")
+    return new_scenario(args)
+
+
+def check_scenario(file: str) -> int:
+    """Prints each difference of a scenario from its base; raises if a run would refuse it."""
+    from uvms_drake.certificate.certify import check_inputs
+    from uvms_drake.common.schema import read_yaml
+    from uvms_drake.report.compare import differing_keys
+    from uvms_drake.station.scenario.remarks import remarks
+    from uvms_drake.station.scenario.scenario import load_scenario
+    from uvms_drake.station.scenario.scenario_file import (
+        base_of,
+        not_inherited,
+        reported_in,
+        scenario_path,
+    )
+    from uvms_drake.station.step_size import with_step
+
+    # Keys that a tag has replaced come first: they explain many a refusal below.
+    path = scenario_path(file)
+    for key, lost in not_inherited(file).items():
+        print(f"{key}: its tag replaces the base's mapping; not inherited, so at the default or "
+              f"absent: {', '.join(lost) or 'nothing'}")
+    scenario = load_scenario(file)
+    with reported_in(path.name):
+        with_step(scenario, check_inputs(scenario))
+    if (base := base_of(read_yaml(path), path)) is not None:
+        for key, (before, now) in differing_keys([load_scenario(str(base)), scenario]).items():
+            print(f"{key}: {now} (base: {before})")
+    for line in [*place_words(scenario), *(f"note: {each}" for each in remarks(scenario))]:
+        print(line)
+    print(f"{path.name}: '{PROGRAM} run' takes it")
+    return 0
+
+
+def place_words(scenario: "Scenario") -> list[str]:
+    """Returns a line for each approach and slide of a mission: its lengths by compass direction."""
+    from uvms_drake.station.contact_bounds import sensed_contact
+
+    lines = []
+    for i, step in enumerate(scenario.mission.steps):
+        for key in ("at", "along"):
+            lengths = getattr(step, key, None)
+            if lengths is not None:
+                offset = np.asarray(lengths, dtype=float) @ sensed_contact(scenario).walls.axes[1:]
+                lines.append(f"mission.steps[{i}], {type(step).__name__}.{key}: {compass(offset)}")
+    return lines
+
+
+def compass(offset: np.ndarray) -> str:
+    """Returns a vector (3,) in Σ_I (NED) [m] in words, such as `0.2 m down, 0.1 m west`."""
+    names = (("north", "south"), ("east", "west"), ("down", "up"))
+    parts = [f"{abs(length):.3g} m {name[int(length < 0.0)]}"
+             for length, name in zip(offset, names, strict=True) if abs(length) > 1e-9]
+    return ", ".join(parts) or "no offset"
 
 
 def new_scenario(args: argparse.Namespace) -> int:

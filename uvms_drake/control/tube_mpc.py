@@ -3,6 +3,7 @@
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.feedback.disturbance_observer import add_observer, export_inputs
 from uvms_drake.control.feedback.feedforward_preview import add_feedforward_preview
@@ -14,6 +15,7 @@ from uvms_drake.control.mpc.planner import Targets
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
 
@@ -72,7 +74,14 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         limits: Limits of the real robot, to which `u` and `tau` are clipped; None: no clipping.
         actuation_delay: Delay of the commands, for a law that takes the thrusters' wrench; see
             `control.feedback.feedforward_preview` and `control.plan.commitment`.
+
+    Raises:
+        InvalidParameter: The problem is that of a sensed contact, which needs the force sensor and
+            the press target of `make_sensed_tube_mpc`.
     """
+    require(not isinstance(ocp, TrackingOcp), "ocp", type(ocp).__name__,
+            "that of a known surface: for a sensed contact `uv.make_controller(scenario)` connects "
+            "force sensor, contact estimator and press target")
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()

@@ -1,6 +1,6 @@
 """Comparison of several runs: their figures of merit, the keys that differ, signals overlaid."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from uvms_drake.report.figure_style import (
 )
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
+from uvms_drake.station.scenario.scenario_file import leaves
 
 COLORS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
 MOST = len(COLORS)
@@ -66,22 +67,10 @@ def differing_keys(scenarios: Sequence[Scenario]) -> dict[str, list[str]]:
 
     A key that a scenario does not have, as another kind of part has others, is `-`.
     """
-    flat = [dict(_leaves(yaml_load_data(dump_scenario(each)))) for each in scenarios]
+    flat = [dict(leaves(yaml_load_data(dump_scenario(each)))) for each in scenarios]
     keys = dict.fromkeys(key for each in flat for key in each)
     table = {key: [each.get(key, "-") for each in flat] for key in keys if key != "description"}
     return {key: values for key, values in table.items() if len(set(values)) > 1}
-
-
-def _leaves(data: object, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yields dotted keys and values as text; a list without mappings is one value."""
-    if isinstance(data, dict):
-        for name, value in data.items():
-            yield from _leaves(value, f"{key}.{name}" if key else str(name))
-    elif isinstance(data, list) and any(isinstance(item, dict) for item in data):
-        for i, item in enumerate(data):
-            yield from _leaves(item, f"{key}.{i}")
-    else:
-        yield key, "null" if data is None else str(data)
 
 
 def format_comparison(names: Sequence[str], summaries: Sequence[Mapping[str, Any]],

@@ -21,7 +21,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions.motions import make_ocp, motion_of
-from uvms_drake.station.problem import true_surface
+from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.cost_check import check_cost
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
@@ -107,16 +107,16 @@ def friction_rate(scenario: Scenario, model: UvmsModel, config: np.ndarray) -> f
     return float(np.linalg.eigvalsh(L_inverse @ C @ L_inverse.T)[-1])
 
 
-def with_step(scenario: Scenario, model: ContactModel) -> Scenario:
+def with_step(scenario: Scenario, model: ContactModel | None = None) -> Scenario:
     """Returns a scenario with a step of the integrator above zero, checked if it was given.
 
     In place of zero it is the longest accurate one that divides `log_period`. Without a plan at
-    the task a given step is not checked. The model is the controller's.
+    the task a given step is not checked. The model is the controller's; loaded if left out.
 
     Raises:
         InvalidParameter: A given step is too long for the loop, or none could be chosen.
     """
-    settings = scenario.simulator
+    settings, model = scenario.simulator, model or load_model(scenario)
     given, longest = settings.max_step_size > 0.0, step_of(scenario)
     if settings.use_error_control or settings.integration_scheme not in ORDERS:
         return scenario if given else _stepping(scenario, longest)
@@ -130,8 +130,9 @@ def with_step(scenario: Scenario, model: ContactModel) -> Scenario:
         return _stepping(scenario, longest / math.ceil(longest / largest))
     fastest = float(np.max(np.abs(rates)))
     require(longest <= largest, "simulator.max_step_size", settings.max_step_size,
-            f"at most {floored(largest):g} s with {settings.integration_scheme}: the loop has a "
-            f"rate of {fastest:.3g} 1/s, and longer steps are inaccurate")
+            f"at most {floored(largest):g} s with {settings.integration_scheme}: "
+            f"{fastest_part(scenario, rates)} has a rate of {fastest:.3g} 1/s, and longer steps "
+            "are inaccurate")
     return scenario
 
 
@@ -162,6 +163,26 @@ def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
         return np.empty(0)
     return np.append(loop_rates(station, simulator.get_mutable_context()),
                      -friction_rate(scenario, model, config))
+
+
+def fastest_part(scenario: Scenario, rates: np.ndarray) -> str:
+    """Returns the part of the closed loop that has its fastest rate, with the keys that change it.
+
+    Args:
+        scenario: Scenario of the loop.
+        rates: Rates of the loop, and at the end that of friction [1/s].
+    """
+    sizes = np.abs(rates)
+    fastest = float(np.max(sizes))
+    if sizes[-1] == fastest:
+        creep = getattr(scenario.surface, "creep", None)
+        of = "" if creep is None else f" (surface.friction, surface.creep = {creep:g} m/s)"
+        return f"the friction on the end-effector and in the joints{of}"
+    law = scenario.ancillary
+    for key in ("k", "sigma"):
+        if abs(fastest - getattr(law, key)) <= 0.02 * fastest:
+            return f"the feedback law (ancillary.{key} = {getattr(law, key):g} 1/s)"
+    return "the loop of law, surface and actuators"
 
 
 def floored(step: float) -> float:

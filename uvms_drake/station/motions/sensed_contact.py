@@ -62,6 +62,13 @@ class SensedContactMotion(Dynamic):
     controller_signals = (*Dynamic.controller_signals, "target", "turn", "safe_depth", "touched",
                           "slope", "contact_depth")
 
+    def check(self, scenario: Scenario) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
+        super().check(scenario)
+        force = scenario.limits.static_force
+        require(force is None, "limits.static_force", force,
+                "left out (null) with a sensed contact, whose force contact.force limits")
+
     def make_ocp(self, scenario: Scenario, model: ContactModel) -> TrackingOcp:
         """Returns the problem for every target, with inputs for all contact forces."""
         contact = sensed_contact(scenario)

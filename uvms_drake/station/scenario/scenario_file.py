@@ -100,10 +100,8 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
     if "base" not in own:
         return own
     base = own.pop("base")
-    require(isinstance(base, str), "base", base, "a shipped scenario's name, or a YAML file")
-    folder = path.parent / base
-    named = base in shipped_scenarios() or (not Path(base).suffix and not folder.exists())
-    file = scenario_path(base if named else str(folder), "base")
+    file = base_of(raw, path)
+    assert file is not None
     require(file.resolve() not in [each.resolve() for each in (*above, path)], "base", base,
             "another file: this one has itself as its base")
     below = with_base(read_yaml(file), file, (*above, path))
@@ -112,10 +110,65 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
     return _merged(inherited, own)
 
 
+def base_of(raw: object, path: Path) -> Path | None:
+    """Returns the file of the `base` of a file's raw data; None without one."""
+    if not isinstance(raw, dict) or "base" not in raw:
+        return None
+    base = raw["base"]
+    require(isinstance(base, str), "base", base, "a shipped scenario's name, or a YAML file")
+    folder = path.parent / base
+    named = base in shipped_scenarios() or (not Path(base).suffix and not folder.exists())
+    return scenario_path(base if named else str(folder), "base")
+
+
 def _is_folder(path: Path) -> bool:
     with contextlib.suppress(OSError, ValueError):  # A name that is too long, or with NUL in it.
         return path.is_dir() and path.name != ""
     return False
+
+
+def not_inherited(file: str) -> dict[str, list[str]]:
+    """Returns the keys of a file's bases that a tag of the file keeps from being inherited.
+
+    A mapping is merged with its base's, one with a tag replaces it: its other keys have defaults.
+
+    Args:
+        file: Name of a shipped scenario, or a path.
+
+    Returns:
+        By the dotted key of each such mapping, the keys below it with the base's values.
+    """
+    path = scenario_path(file)
+    raw = read_yaml(path)
+    if not isinstance(raw, dict) or "base" not in raw:
+        return {}
+    own = {key: value for key, value in raw.items() if key != "base"}
+    return dict(_replaced_by_tags(with_base({"base": raw["base"]}, path, ()), own))
+
+
+def _replaced_by_tags(base: object, own: object, key: str = ""
+                      ) -> Iterator[tuple[str, list[str]]]:
+    """Yields each mapping of `own` whose tag replaces one of `base`, with the lost leaves."""
+    if not (isinstance(base, dict) and isinstance(own, dict)):
+        return
+    if "_tag" in own:
+        mine = dict(leaves(own))
+        yield key, [f"{name} = {value}" for name, value in leaves(base) if name not in mine]
+        return
+    for name, value in own.items():
+        yield from _replaced_by_tags(base.get(name), value, f"{key}.{name}" if key else str(name))
+
+
+def leaves(data: object, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yields dotted keys and values, as text, of raw data; a list without mappings is one value."""
+    if isinstance(data, dict):
+        for name, value in data.items():
+            yield from leaves(value, f"{key}.{name}" if key else str(name))
+    elif isinstance(data, list) and any(isinstance(item, dict) for item in data):
+        for i, item in enumerate(data):
+            yield from leaves(item, f"{key}.{i}" if key else str(i))
+    else:
+        yield key, "null" if data is None else str(data)
 
 
 def _merged(base: object, own: object) -> object:

@@ -1,0 +1,82 @@
+"""Tests of `uvms_drake.station.controller`: one function that is right for every scenario."""
+
+import re
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+import uvms_drake as uv
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scenario.scenario_file import shipped_scenarios
+
+
+def pressed(name, until):
+    """Returns the force (6,) of a loop of plant and controller at a time [s], and station's."""
+    scenario = uv.with_step(load_scenario(name, ["disturbance.bound=0"]))
+    builder = DiagramBuilder()
+    uvms = builder.AddSystem(uv.make_uvms_plant(
+        model=scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
+        start=scenario.start.config))
+    controller = builder.AddSystem(uv.make_controller(scenario))
+    for signal in ("state", "force"):
+        builder.Connect(uvms.GetOutputPort(signal), controller.GetInputPort(signal))
+    builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))
+    simulator = Simulator(builder.Build())
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    simulator.AdvanceTo(until)
+    context = simulator.get_context()
+    return uvms.GetOutputPort("force").Eval(uvms.GetMyContextFromRoot(context)), scenario
+
+
+@pytest.mark.slow
+def test_the_main_scenario_presses_with_the_desired_force():
+    """D3: the same snippet with `make_tube_mpc` pressed with 0 N for ever."""
+    force, scenario = pressed("girona500_contact", 12.0)
+    n = scenario.contact.direction
+    assert force[:3] @ n == pytest.approx(scenario.task.force[:3] @ n, abs=0.5)
+
+
+def test_of_a_known_surface_it_is_the_controller_of_the_station():
+    """The same commands at the first instant, from the same state."""
+    scenario = load_scenario("girona500_ideal")
+    alone, station = uv.make_controller(scenario), uv.make_station(scenario)
+    context = alone.CreateDefaultContext()
+    state = np.concatenate([scenario.start.config, np.zeros(10)])
+    alone.GetInputPort("state").FixValue(context, state)
+    alone.GetInputPort("force").FixValue(context, np.zeros(6))
+    Simulator(alone, context).Initialize()
+    simulator = Simulator(station)
+    simulator.Initialize()
+    np.testing.assert_allclose(
+        alone.GetOutputPort("tau").Eval(context),
+        station.GetOutputPort("tau").Eval(simulator.get_context()), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_it_is_made_for_every_shipped_scenario_with_the_ports_of_its_docstring(name):
+    scenario = load_scenario(name)
+    controller = uv.make_controller(scenario)
+    kinematic = scenario.motion == "kinematic"
+    assert controller.HasInputPort("configuration" if kinematic else "state")
+    assert controller.HasInputPort("force") != kinematic
+    assert controller.HasOutputPort("zeta" if kinematic else "tau")
+    assert controller.HasOutputPort("plan")
+    asked = scenario.contact.is_sensed and not scenario.mission.steps
+    assert controller.HasInputPort("place") == asked
+
+
+def test_a_problem_that_it_cannot_serve_is_refused():
+    scenario = load_scenario("girona500_contact")
+    with pytest.raises(InvalidParameter, match=re.escape("uv.make_controller(scenario)")):
+        uv.make_tube_mpc(uv.make_ocp(scenario), scenario.ancillary)
+
+
+def test_the_limit_of_a_known_surface_is_refused_in_the_terms_of_the_scenario():
+    """D9: `surface = 'UnmeasuredWall': must be one that has static_force_rows`."""
+    scenario = load_scenario("girona500_contact", ["limits.static_force=30"])
+    with pytest.raises(InvalidParameter, match=r"^limits\.static_force = 30\.?0?: must be left out "
+                       r"\(null\) .* contact\.force limits$"):
+        uv.make_station(scenario)

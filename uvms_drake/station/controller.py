@@ -1,0 +1,99 @@
+"""The controller of any scenario: sensing, tube-based NMPC and actuation in one Diagram."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import PassThrough
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
+from uvms_drake.sensing.tip_pose import TipPose
+from uvms_drake.station.force_measurement import add_force_measurement
+from uvms_drake.station.mission import add_mission
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.series_connection import add_chain, keyed
+
+
+def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Diagram:
+    """Returns everything between the plant's state and its input, as a Diagram "controller".
+
+    ::
+
+        state ─▶ sensing ─▶ tube_mpc ─▶ actuation ─▶ tau
+        force ─────┘           ▲
+                    desired_force, place, deepest
+
+    It is that of `make_station`, for a plant of one's own: with the scenario's sensors, its
+    mission and its actuators, and without its faults.
+
+    .. pydrake_system::
+
+        name: controller
+        input_ports:
+        - state (configuration, if the motion is kinematic)
+        - force (with dynamic motion)
+        - desired_force, place, deepest (optional, as of make_station)
+        output_ports:
+        - tau (zeta, if the motion is kinematic)
+        - nominal_state, u, ... (each signal)
+        - plan
+
+    - `state`: true (𝔮, ζ) (2(6+n)); `configuration`: 𝔮 (6+n).
+    - `force`: true wrench 𝔉 (6) on the surface [N, N m], for the force sensor; read with one only.
+    - `tau`: τ (6+n) behind the actuators [N, N m].
+
+    Args:
+        scenario: Task, limits, tube, sensors and actuators.
+        model: The controller's model; loaded if left out.
+
+    Raises:
+        InvalidParameter: A value of the scenario cannot be used.
+    """
+    motion, model = motion_of(scenario), model or load_model(scenario)
+    motion.check(scenario)
+    builder, signals = DiagramBuilder(), Signals()
+    controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(
+        scenario, model, motion.make_ocp(scenario, model)))
+
+    # True signals come from outside; the pose of the end-effector follows from the state.
+    size = controller.GetInputPort(motion.measured).size()
+    state = builder.AddNamedSystem(motion.measured, PassThrough(size))
+    true = state.get_output_port()
+    builder.ExportInput(state.get_input_port(), motion.measured)
+    signals[motion.measured] = true
+    if motion.has_forces:
+        force = builder.AddNamedSystem("force", PassThrough(6))
+        builder.ExportInput(force.get_input_port(), "force")
+        tip = builder.AddNamedSystem("tip", TipPose(model))
+        builder.Connect(true, tip.get_input_port())
+        signals["force"], signals["chi"] = force.get_output_port(), tip.get_output_port()
+    given = set(signals)
+
+    # Sensing, the mission or the ports in its place, and actuation.
+    measured = add_chain(builder, model, true, signals, keyed("sensing", scenario.sensing),
+                         scenario.seed)
+    builder.Connect(measured, controller.GetInputPort(motion.measured))
+    for name in motion.controller_signals:
+        signals[name] = controller.GetOutputPort(name)
+    add_force_measurement(builder, scenario, model, controller, measured, signals)
+    if scenario.contact.is_sensed:
+        add_mission(builder, scenario, model, controller, measured, signals, None)
+    if motion.has_forces and not scenario.mission.steps:
+        builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")
+    command = controller.GetOutputPort(motion.command)
+    applied = add_chain(builder, model, command, signals, keyed("actuation", scenario.actuation),
+                        scenario.seed)
+    if applied is not command and controller.HasInputPort("applied"):
+        builder.Connect(applied, controller.GetInputPort("applied"))
+    if VEHICLE_WRENCH in signals and scenario.ancillary.takes_wrench:
+        builder.Connect(signals[VEHICLE_WRENCH], controller.GetInputPort(VEHICLE_WRENCH))
+
+    # The applied command has the name of the plant's input; every other signal has its own.
+    builder.ExportOutput(applied, motion.effect)
+    for name, port in signals.items():
+        if name not in given | {motion.effect}:
+            builder.ExportOutput(port, name)
+    builder.ExportOutput(controller.GetOutputPort("plan"), "plan")
+    diagram = builder.Build()
+    diagram.set_name("controller")
+    return diagram
