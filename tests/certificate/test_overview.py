@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.certificate.overview import force_bounds, format_overview, tightest_limit
 from uvms_drake.certificate.table import format_certificate
 from uvms_drake.station.mission_legs import Leg
@@ -89,7 +89,7 @@ def test_every_failed_condition_is_told_by_how_much_and_with_advice(scenario):
 
 def test_an_assumption_that_is_kept_does_not_read_like_its_opposite(scenario):
     """D15: `none of this: faults, which the proofs do not cover ... holds`."""
-    text = format_certificate(replace(HOLDS, conditions=tuple(assumptions(scenario))))
+    text = format_certificate(replace(HOLDS, conditions=tuple(assumed_conditions(scenario))))
     assert "none of this" not in text
     assert "  faults: as the proofs assume " in text
 

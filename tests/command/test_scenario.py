@@ -31,7 +31,8 @@ def test_a_tag_replaces_and_a_mapping_is_merged(tmp_path):
 
 def test_the_check_says_it_before_the_refusal_that_it_explains(tmp_path, capsys):
     """D19: the friction's creep was lost, and the error named the step and `the loop`."""
-    assert main(["scenario", "--check", written(tmp_path, TAGGED)]) == 2
+    with_step = f"{TAGGED}\nsimulator: {{max_step_size: 0.01}}"
+    assert main(["scenario", "--check", written(tmp_path, with_step)]) == 2
     out, err = capsys.readouterr()
     assert out.startswith("surface: its tag replaces the base's mapping; not inherited, so at the "
                           "default or absent: ")
