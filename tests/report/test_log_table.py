@@ -21,7 +21,8 @@ def test_it_is_a_line_a_sample_under_names_that_differ():
              "force/x": record.force[:, 0],
              "force_last_valid/y": record.signals["force_last_valid"][:, 1],
              "joints/q4": record.config[:, 9], "vehicle_velocity/p": record.zeta[:, 3],
-             "joint_velocity/q1": record.zeta[:, 6], "slope": record.signals["slope"][:, 0]}
+             "joint_velocity/q1": record.zeta[:, 6],
+             "stiffness_used": record.signals["stiffness_used"][:, 0]}
     for name, values in known.items():
         assert table[name] == pytest.approx(values, rel=1e-5, abs=1e-12)
     assert np.array_equal(np.isnan(table["contact_depth"]),

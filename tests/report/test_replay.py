@@ -76,7 +76,7 @@ def test_what_is_known_at_an_instant_is_what_was_logged():
     np.testing.assert_array_equal(known.force_last_valid, record.signals["force_last_valid"][150])
     assert known.safe_depth == record.chi_nominal[150, 0] + 0.025
     assert known.contact_depth == 0.003
-    assert known.slope == pytest.approx(910.0)
+    assert known.stiffness_estimate == pytest.approx(710.0)
     assert np.isnan(moment_of(record, 50).known.contact_depth)
 
 

@@ -13,7 +13,7 @@ from uvms_drake.control.contact.safe_region import apex, dominates, safe_depth
 from uvms_drake.control.contact.stiffness_estimate import (
     NO_ESTIMATE,
     StiffnessEstimate,
-    slope,
+    stiffness_used,
     surface_depth,
     with_reading,
 )
@@ -114,7 +114,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
         touched = np.abs(force) > NOISE
         belief = with_reading(
             belief, surface, at[:, 0], force, touched, NOISE, MEMORY, PERIOD)
-        kappa = slope(belief, surface)
+        kappa = stiffness_used(belief, surface)
         target = target_depth(desired, np.array([real, force]), touched, kappa,
                               surface_depth(belief, surface, at[:, 0]), safe)
         # The plan: at its own instants, and when a wall is touched.
@@ -131,7 +131,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
         off = np.abs(static - desired) > SLACK * (NOISE + stiffness * margin)
         late = np.where(off, time, late)
     return {"share": largest / FORCE_MAX, "slack": slack, "first": first, "settled": late - first,
-            "slope": kappa}
+            "stiffness_used": kappa}
 
 
 def random_errors(margin, count, rng):

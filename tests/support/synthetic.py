@@ -75,8 +75,8 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
 def synthetic_sensed_record(duration: float = 4.0, **changes: object) -> Record:
     """Returns the record as one of a sensed wall at x = 0, with 25 mm of safe depth.
 
-    From 2.1 s on the estimate of its place is x = 3 mm, that of its stiffness 1000 N/m less
-    100 N/m each second.
+    From 2.1 s on the estimate of its place is x = 3 mm, that of its stiffness 800 N/m less 100 N/m
+    each second, with a deviation of 200 N/m.
     """
     scenario = load_scenario("girona500_contact", [
         f"duration={duration}", "task.force_tolerance=2", "surface.geometry.point=[0, 0, 0]",
@@ -88,7 +88,10 @@ def synthetic_sensed_record(duration: float = 4.0, **changes: object) -> Record:
         "target": np.column_stack([2.0 * record.chi[:, 0], np.zeros((len(record.time), 2))]),
         "safe_depth": record.chi_nominal[:, :1] + 0.025,
         "contact_depth": np.where(known, 0.003, np.nan)[:, None],
-        "slope": 1000.0 - 100.0 * np.maximum(record.time - 2.1, 0.0)[:, None]}
+        "stiffness_estimate": np.where(
+            known, 800.0 - 100.0 * np.maximum(record.time - 2.1, 0.0), np.nan)[:, None],
+        "stiffness_std": np.where(known, 200.0, np.nan)[:, None],
+        "stiffness_used": 1000.0 - 100.0 * np.maximum(record.time - 2.1, 0.0)[:, None]}
     return replace(record, scenario=scenario, signals=signals, **changes)
 
 

@@ -69,7 +69,9 @@ def make_sensed_tube_mpc(
         - turn
         - safe_depth
         - touched
-        - slope
+        - stiffness_estimate
+        - stiffness_std
+        - stiffness_used
         - force_lost
         - contact_depth
 
@@ -84,7 +86,8 @@ def make_sensed_tube_mpc(
     - `target`: target of the end-effector (3) in Σ_I [m].
     - `turn`: desired turn of the reference about the vertical, after the wall's normal (1) [rad];
       zero without `ocp.turn`.
-    - `safe_depth`, `touched`, `slope`, `contact_depth`, `force_lost`: see `ContactEstimator`.
+    - `safe_depth`, `touched`, `stiffness_estimate`, `stiffness_std`, `stiffness_used`,
+      `contact_depth`, `force_lost`: see `ContactEstimator`.
     - The others: see `make_tube_mpc`.
 
     Args:
@@ -152,7 +155,8 @@ def make_sensed_tube_mpc(
         (desired, ("accepted_force",)),
         (press, ("target",)),
         (normal, ("turn",)),
-        (estimator, ("safe_depth", "touched", "slope", "contact_depth", "force_lost")),
+        (estimator, ("safe_depth", "touched", "stiffness_estimate", "stiffness_std",
+                     "stiffness_used", "contact_depth", "force_lost")),
     ):
         for name in names:
             builder.ExportOutput(system.GetOutputPort(name), name)

@@ -17,7 +17,11 @@ from uvms_drake.control.contact.contact_state import (
     updated_contact_state,
 )
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, PressTarget
-from uvms_drake.control.contact.stiffness_estimate import NO_ESTIMATE, StiffnessEstimate, slope
+from uvms_drake.control.contact.stiffness_estimate import (
+    NO_ESTIMATE,
+    StiffnessEstimate,
+    stiffness_used,
+)
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
@@ -26,7 +30,8 @@ HERE = np.zeros((2, 2))
 """Extent of the plans: the first place, across n."""
 MARGIN = 1e-3
 PLACE = np.array([0.03, -5.0, 0.02])
-OUTPUTS = ("safe_depth", "apex", "touched", "reading", "slope", "contact_depth", "force_lost")
+OUTPUTS = ("safe_depth", "apex", "touched", "reading", "stiffness_used", "contact_depth",
+           "force_lost")
 
 
 def depth(time):
@@ -83,7 +88,7 @@ def test_it_finds_where_the_wall_is_and_how_steep():
     simulator, estimator, target = pressing()
     simulator.AdvanceTo(3.95)
     (slope,), (begins,), (_, x, _, load) = values(
-        simulator, estimator, "slope", "contact_depth", "reading")
+        simulator, estimator, "stiffness_used", "contact_depth", "reading")
     assert 1000.0 <= slope <= 1300.0
     assert begins == pytest.approx(0.01, abs=3e-3)
     assert values(simulator, target, "target")[0] == pytest.approx(
@@ -224,7 +229,7 @@ def test_a_delayed_sensor_makes_no_wall_look_much_softer():
         tip = np.array([0.0, x, 0.0, 0.0, 0.02 * np.cos(2.0 * time), 0.0])
         known = updated_contact_state(
             SURFACE, OLD_READINGS, HERE, known, tip, np.array([0.0, 1000.0 * old, 0.0]))
-        lowest = min(lowest, slope(StiffnessEstimate.of(known.stiffness), SURFACE))
+        lowest = min(lowest, stiffness_used(StiffnessEstimate.of(known.stiffness), SURFACE))
     assert lowest > 600.0
 
 

@@ -116,7 +116,7 @@ def test_a_largest_depth_that_is_not_finite_is_none(deepest, depth):
     target = PressTarget(np.array([1.0, 0.0, 0.0]), np.zeros(3))
     context = target.CreateDefaultContext()
     for name, value in (("desired_force", [20.0]), ("reading", [0.5, 0.0, 0.0, 10.0]),
-                        ("touched", [1.0]), ("slope", [100.0]), ("tilt", np.zeros(3)),
+                        ("touched", [1.0]), ("stiffness_used", [100.0]), ("tilt", np.zeros(3)),
                         ("contact_depth", [0.4]), ("safe_depth", [0.9]), ("force_lost", [0.0]),
                         ("deepest", [deepest])):
         target.GetInputPort(name).FixValue(context, value)

@@ -10,7 +10,7 @@ from uvms_drake.control.contact.stiffness_estimate import (
     StiffnessEstimate,
     initial_estimate,
     predicted,
-    slope,
+    stiffness_used,
     surface_depth,
     tilt,
     with_reading,
@@ -90,18 +90,18 @@ def test_what_a_motion_does_to_what_is_not_known_is_its_derivative():
 
 
 def test_nothing_known_is_the_stiffest_wall():
-    assert slope(NO_ESTIMATE, WALLS) == MOST
+    assert stiffness_used(NO_ESTIMATE, WALLS) == MOST
     assert np.isnan(surface_depth(NO_ESTIMATE, WALLS, np.zeros(3)))
     np.testing.assert_array_equal(tilt(NO_ESTIMATE, WALLS), np.zeros(3))
     once = read(path([0.3]), [10.0])[-1]
-    assert slope(once, WALLS) == MOST
-    assert surface_depth(once, WALLS, path(0.31)) == pytest.approx(0.3 - 10.0 / MOST)
+    assert stiffness_used(once, WALLS) == MOST
+    assert surface_depth(once, WALLS, path(0.31)) == pytest.approx(0.3 - 10.0 / (0.5 * MOST))
 
 
 @pytest.mark.parametrize("kappa", [100.0, 300.0, 950.0])
 def test_a_press_teaches_the_slope(kappa):
     last = pressed(kappa)
-    assert 0.95 * kappa <= slope(last, WALLS) <= min(1.4 * kappa, MOST)
+    assert 0.95 * kappa <= stiffness_used(last, WALLS) <= min(1.4 * kappa, MOST)
     begins = surface_depth(last, WALLS, path(20.0 / kappa))
     assert begins == pytest.approx(0.0, abs=0.3 * 20.0 / kappa)
 
@@ -121,7 +121,7 @@ def test_a_slide_on_a_wall_that_runs_off_teaches_how_it_is_inclined(kappa):
     before, lateral = pressed(kappa, tilted=DEG_3), np.linspace(0.0, 0.6, 200)
     estimates = estimated(
         path(20.0 / kappa - DEG_3 * lateral, lateral), wall(kappa, DEG_3), estimate=before)
-    learned = np.array([slope(estimate, WALLS) for estimate in estimates])
+    learned = np.array([stiffness_used(estimate, WALLS) for estimate in estimates])
     assert np.all(learned >= 0.9 * kappa)
     assert np.all(learned <= min(1.6 * kappa, MOST))
     np.testing.assert_allclose(tilt(estimates[-1], WALLS), DEG_3 * LATERAL, atol=0.15 * DEG_3)
@@ -136,7 +136,7 @@ def test_a_slide_along_which_the_position_is_wrong_teaches_no_stiffness(kappa):
     seen = tips + np.repeat(
         6.7e-4 * np.clip(rng.standard_normal((count // 2, 3)), -3.0, 3.0), 2, axis=0)
     last = read(seen, wall(kappa, DEG_3)(tips), estimate=before)[-1]
-    assert 0.9 * kappa <= slope(last, WALLS) <= min(1.6 * kappa, MOST)
+    assert 0.9 * kappa <= stiffness_used(last, WALLS) <= min(1.6 * kappa, MOST)
     np.testing.assert_allclose(tilt(last, WALLS), DEG_3 * LATERAL, atol=0.25 * DEG_3)
 
 
@@ -146,18 +146,18 @@ def test_hard_below_soft_and_soft_below_hard_are_noticed_within_a_few_noises():
         deeper = start + np.linspace(0.0, 5.0 * NOISE / MOST, 60)
         last = estimated(path(deeper), lambda tips, at=start, k=second: 20.0 + k * (
             tips @ WALLS.direction - at), estimate=before)[-1]
-        assert slope(last, WALLS) > 0.8 * MOST or second < first
+        assert stiffness_used(last, WALLS) > 0.8 * MOST or second < first
         longer = start + np.linspace(0.0, 15.0 / second, 120)
         last = estimated(path(longer), lambda tips, at=start, k=second: 20.0 + k * (
             tips @ WALLS.direction - at), estimate=before)[-1]
-        assert 0.9 * second <= slope(last, WALLS) <= max(2.0 * second, 0.3 * MOST)
+        assert 0.9 * second <= stiffness_used(last, WALLS) <= max(2.0 * second, 0.3 * MOST)
 
 
 def test_a_wall_that_hardens_is_followed():
     depth = np.linspace(0.0, 0.06, 300)
     estimates = estimated(path(depth), lambda tips: 5e3 * (tips @ WALLS.direction) ** 2)
     for i in (150, 299):
-        assert 0.6 <= slope(estimates[i], WALLS) / (1e4 * depth[i]) <= 1.5
+        assert 0.6 <= stiffness_used(estimates[i], WALLS) / (1e4 * depth[i]) <= 1.5
 
 
 def test_a_wall_that_is_gone_is_forgotten_and_one_not_reached_is_not():
@@ -165,7 +165,8 @@ def test_a_wall_that_is_gone_is_forgotten_and_one_not_reached_is_not():
     for depth, forgotten in ((-0.05, False), (0.0, False), (0.04, True)):
         after = with_reading(before, WALLS, path(depth), 0.2, False, NOISE, MEMORY, PERIOD)
         assert np.isnan(after.mean[0]) == forgotten
-        assert slope(after, WALLS) == (MOST if forgotten else slope(before, WALLS))
+        expected = MOST if forgotten else stiffness_used(before, WALLS)
+        assert stiffness_used(after, WALLS) == expected
 
 
 @pytest.mark.parametrize("kappa", [100.0, 400.0, MOST])
@@ -182,8 +183,8 @@ def test_a_fast_press_teaches_the_slope_too(kappa, delay):
         F += SIGMA * np.clip(rng.standard_normal(), -3.0, 3.0)
         estimate = with_reading(
             estimate, WALLS, tip, F, F > NOISE, NOISE, MEMORY, PERIOD, distance_moved)
-        assert slope(estimate, WALLS) > 0.6 * kappa  # A press converges from half of κ on.
-    assert slope(estimate, WALLS) < max(2.0 * kappa, 0.25 * MOST)
+        assert stiffness_used(estimate, WALLS) > 0.6 * kappa  # A press converges from half of κ on.
+    assert stiffness_used(estimate, WALLS) < max(2.0 * kappa, 0.25 * MOST)
 
 
 def test_a_reading_that_may_be_of_another_place_is_of_another_wall_only_beyond_that():
@@ -226,7 +227,7 @@ def test_a_slide_leaves_no_force_error_once_the_inclination_is_known(known):
     for time in np.arange(0.0, 20.0, 0.1):
         force, place = force_at(tip), path(0.0, speed * time)
         estimate = with_reading(estimate, WALLS, tip, force, True, NOISE, MEMORY, 0.1)
-        kappa_hat = slope(estimate, WALLS) if known else kappa
+        kappa_hat = stiffness_used(estimate, WALLS) if known else kappa
         depth_offset = tilt(estimate, WALLS) @ (tip - place) if known else 0.0
         depth = target_depth(desired, np.array([WALLS.depth(tip), force]), True, kappa_hat, 0.0,
                              np.inf, depth_offset=depth_offset)

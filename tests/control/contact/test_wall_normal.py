@@ -128,7 +128,8 @@ def test_the_system_reads_its_ports_and_keeps_what_it_learned_off_the_wall():
     reading_force = force(d, 0.3)
 
     def fix(place, touched):
-        for name, value in (("reading", [*place, 10.0]), ("touched", [touched]), ("slope", [KAPPA]),
+        for name, value in (("reading", [*place, 10.0]), ("touched", [touched]),
+                            ("stiffness_used", [KAPPA]),
                             ("force_measured", [*reading_force, 0.0, 0.0, 0.0])):
             system.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
 

@@ -123,7 +123,7 @@ def test_as_a_system_it_reads_the_contact_state(model):
     config, zeta, zeta_dot = plan.at(0.25)
     for name, value in (("plan", Value(plan)), ("nominal_state", np.append(config, zeta)),
                         ("nominal_acceleration", zeta_dot), ("reading", [0.1, 0.2, 0.3, 6.0]),
-                        ("slope", [400.0]), ("tilt", tilt), ("force_lost", [0.0])):
+                        ("stiffness_used", [400.0]), ("tilt", tilt), ("force_lost", [0.0])):
         system.GetInputPort(name).FixValue(context, value)
     for touched, pressed in ((0.0, None), (1.0, SurfaceReaction(n, 6.0, 400.0 * (n + tilt)))):
         system.GetInputPort("touched").FixValue(context, [touched])

@@ -16,7 +16,7 @@ from uvms_drake.station.contact_bounds import safe_depth_margin
 from uvms_drake.tube.contact.hold_band import hold_band
 from uvms_drake.tube.ultimate_bounds import tip_errors
 
-PANELS = ["force along $n$ [N]", "depth [mm]", "slope [N/m]", "", "depth [mm]"]
+PANELS = ["force along $n$ [N]", "depth [mm]", "stiffness [N/m]", "", "depth [mm]"]
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +67,15 @@ def test_its_panels_show_the_logs(record):
     np.testing.assert_array_equal(force["real"], record.force[:, 0])
     assert set(force["desired"]) == {20.0}
     assert set(force["limit of the static force"]) == {45.0}
-    slope = lines(axes[2])
-    np.testing.assert_array_equal(slope["estimated"], record.signals["slope"][:, 0])
-    assert set(slope[r"declared, $\kappa_+$"]) == {1000.0}
+    stiffness = lines(axes[2])
+    for label, name in ((r"estimated, $\pm\,2\sigma$", "estimate"),
+                        ("used by the controller", "used")):
+        np.testing.assert_array_equal(
+            stiffness[label], record.signals[f"stiffness_{name}"][:, 0])
+    assert set(stiffness[r"declared, $\kappa_+$"]) == {1000.0}
+    band, = axes[2].collections
+    found = band.get_paths()[0].vertices[:, 1]
+    assert (np.min(found), np.max(found)) == (pytest.approx(210.0), pytest.approx(1200.0))
     for axis in (axes[1], axes[4]):
         depth, expected = lines(axis), depths_of(record)
         for label, name in (("tip", "tip"), ("planned tip", "planned"), ("wall", "wall"),

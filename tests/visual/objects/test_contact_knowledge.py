@@ -104,13 +104,13 @@ def test_nothing_is_explored_or_believed_before_it_is():
         assert scale(f"{WALL}/size", sizes.given) == wall
 
 
-def test_the_numbers_are_the_force_along_n_the_way_explored_and_the_slope():
+def test_the_numbers_are_the_force_along_n_the_way_explored_and_the_stiffness():
     sizes = Sizes()
     start = np.array([-0.3, 0.1, 0.0])
     knowledge = DrawnKnowledge(Stage(sizes), "board", ContactSpecification(ASLANT, 0.004), start)
     knowledge.show(ContactKnowledge(FORCE * 10.0, 0.1, 0.05, 734.0), TIP)
     for name, value in (
-            ("measured", FORCE[:3] @ ASLANT * 10.0), ("slope", 734.0),
+            ("measured", FORCE[:3] @ ASLANT * 10.0), ("stiffness", 734.0),
             ("explored", 1e3 * (0.1 + 0.004 - start @ ASLANT))):
         digits = {}
         for path, _, size in sizes.given:
@@ -133,7 +133,7 @@ def test_what_is_not_all_there_is_not_known():
     signals = {name: np.arange(float(size)) for name, size in KNOWN.items()}
     known = contact_knowledge_from({**signals, "more": np.zeros(2)})
     np.testing.assert_array_equal(known.force_last_valid, np.arange(6.0))
-    assert (known.safe_depth, known.contact_depth, known.slope) == (0.0, 0.0, 0.0)
+    assert (known.safe_depth, known.contact_depth, known.stiffness_estimate) == (0.0, 0.0, 0.0)
     for name in KNOWN:
         nothing = contact_knowledge_from(
             {key: value for key, value in signals.items() if key != name})
@@ -164,7 +164,7 @@ def illustrated(meshcat, **signals):
 
 def test_an_illustration_shows_what_its_ports_say(meshcat):
     illustrated(meshcat, force_last_valid=FORCE, safe_depth=[0.08], contact_depth=[0.05],
-                slope=[800.0])
+                stiffness_estimate=[800.0])
     for path, depth in ((SAFE_END, 0.084), (WALL, 0.05)):
         assert packed_transform(meshcat, path)[0, 3] == pytest.approx(depth)
 

@@ -25,7 +25,8 @@ from uvms_drake.control.contact.contact_state import (
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
 from uvms_drake.control.contact.stiffness_estimate import (
     StiffnessEstimate,
-    slope,
+    stiffness_std,
+    stiffness_used,
     surface_depth,
     tilt,
 )
@@ -49,7 +50,9 @@ class ContactEstimator(LeafSystem):
         - apex
         - touched
         - reading
-        - slope
+        - stiffness_estimate
+        - stiffness_std
+        - stiffness_used
         - tilt
         - contact_depth
         - force_lost
@@ -64,9 +67,11 @@ class ContactEstimator(LeafSystem):
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
     - `touched` (1): 1 if the last reading was a touch, else 0.
     - `reading` (4): place of the tip at the last reading (3) [m], and its force n·𝐅 [N].
-    - `slope` (1): κ̂ [N/m], see `slope`.
+    - `stiffness_estimate`, `stiffness_std` (1): mean and standard deviation of the estimated
+      stiffness [N/m]; NaN before the first touch.
+    - `stiffness_used` (1): κ̂ [N/m], see `stiffness_used`.
     - `tilt` (3): inclination 𝔱 of the wall across n, see `tilt`; zero before the first touch.
-    - `contact_depth` (1): depth of the undeformed wall, by κ̂ [m]; NaN before the first touch.
+    - `contact_depth` (1): estimated depth of the undeformed wall [m]; NaN before the first touch.
     - `force_lost` (1): 1 if the last readings, as many as the sensor's `patience`, are missing.
 
     The discrete state is `ContactState`. Until the first update, outputs are those of the present
@@ -100,7 +105,10 @@ class ContactEstimator(LeafSystem):
             ("apex", 3, lambda now: now.apex),
             ("touched", 1, lambda now: now.reading[4:]),
             ("reading", 4, lambda now: now.reading[:4]),
-            ("slope", 1, lambda now: slope(StiffnessEstimate.of(now.stiffness), surface)),
+            ("stiffness_estimate", 1, lambda now: StiffnessEstimate.of(now.stiffness).mean[1]),
+            ("stiffness_std", 1, lambda now: stiffness_std(StiffnessEstimate.of(now.stiffness))),
+            ("stiffness_used", 1, lambda now: stiffness_used(
+                StiffnessEstimate.of(now.stiffness), surface)),
             ("tilt", 3, lambda now: tilt(StiffnessEstimate.of(now.stiffness), surface)),
             ("contact_depth", 1, lambda now: surface_depth(
                 StiffnessEstimate.of(now.stiffness), surface, now.past[-6:-3])),

@@ -39,8 +39,8 @@ LATERAL_TOLERANCE = 0.05
 """Lateral error from which on the tip goes no deeper in search of the wall [m]."""
 
 
-def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, slope: np.ndarray,
-                 contact_depth: np.ndarray, safe_depth: np.ndarray,
+def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray,
+                 stiffness_used: np.ndarray, contact_depth: np.ndarray, safe_depth: np.ndarray,
                  depth_offset: np.ndarray | float = 0.0, lateral_error: np.ndarray | float = 0.0,
                  search_lead: float = np.inf) -> np.ndarray:
     """Returns the target depth [m] of one wall, or of an array of them; see the module.
@@ -49,7 +49,7 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
         desired: F_des, along n [N].
         reading: Depths x [m] and forces F [N] of the last readings (2, ...).
         touched: Whether those readings were touches.
-        slope: κ̂ [N/m].
+        stiffness_used: κ̂ [N/m].
         contact_depth: Depth at which the wall begins [m]; NaN: unknown.
         safe_depth: x_safe [m].
         depth_offset: −𝔱·(𝔲 − 𝔭), depth of the wall at the place less that at the tip [m].
@@ -58,7 +58,7 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
     """
     depth = np.where(touched, reading[0], np.maximum(reading[0], contact_depth))
     force = np.where(touched, reading[1], 0.0)
-    pressing = depth + (desired - force) / slope + depth_offset
+    pressing = depth + (desired - force) / stiffness_used + depth_offset
     lead = np.where(desired > 0.0, search_lead * np.maximum(desired, TINY), np.inf)
     search = np.where(
         lateral_error < LATERAL_TOLERANCE,
@@ -112,7 +112,7 @@ class PressTarget(LeafSystem):
         - deepest (optional)
         - reading
         - touched
-        - slope
+        - stiffness_used
         - tilt
         - contact_depth
         - safe_depth
@@ -145,8 +145,8 @@ class PressTarget(LeafSystem):
         self._place_port = self.DeclareVectorInputPort("place", 3)
         self._deepest_port = self.DeclareVectorInputPort("deepest", 1)
         self._ports = {name: self.DeclareVectorInputPort(name, size) for name, size in (
-            ("reading", 4), ("touched", 1), ("slope", 1), ("tilt", 3), ("contact_depth", 1),
-            ("safe_depth", 1), ("force_lost", 1))}
+            ("reading", 4), ("touched", 1), ("stiffness_used", 1), ("tilt", 3),
+            ("contact_depth", 1), ("safe_depth", 1), ("force_lost", 1))}
         self.DeclareVectorOutputPort("target", 3, self._calc, {self.all_input_ports_ticket()})
 
     def _depth(self, context: Context, line: np.ndarray) -> np.ndarray:

@@ -7,7 +7,8 @@ inclination, ‖𝔱‖ ≤ α, see `SurfaceClass`. For z = (φ, κ, t₁, t₂)
     F = φ + noise of deviation σ,      K = P e_φ/(P_φφ + σ²).
 
 There is a step when the tip has moved by ν/κ₊, and κ is learned only in steps with |s| ≥ ‖P_t m‖.
-A press takes κ̂ = min(κ₊, κ + √P_κκ). It is no bound, and need be none: the safe region holds for
+The controller uses κ̂ = min(κ₊, κ + √P_κκ): a press overshoots by a stiffness that is too small.
+It is no bound, and need be none: the safe region holds for
 every wall of the class. control/contact/theory.md#estimate-of-stiffness-and-inclination.
 """
 
@@ -178,7 +179,7 @@ def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.nda
         covariance[..., 0, 0] + (WANDER * noise) ** 2 * period,
         np.maximum(covariance[..., 0, 0], noise**2))
     estimate = estimate._replace(covariance=covariance)
-    age_error = slope(estimate, surface) * advance
+    age_error = stiffness_used(estimate, surface) * advance
     off = unlike(estimate, surface, tip, force, noise + age_error)
     far = (np.linalg.norm(tip - estimate.at, axis=-1) >= enough) & touched
     after = estimate
@@ -197,10 +198,16 @@ def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.nda
     return after
 
 
-def slope(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
-    """Returns κ̂ (...) [N/m], in (0, κ₊]."""
-    above = estimate.mean[..., 1] + np.sqrt(estimate.covariance[..., 1, 1])
-    return np.fmin(above, surface.stiffness)
+def stiffness_std(estimate: StiffnessEstimate) -> np.ndarray:
+    """Returns the standard deviation √P_κκ of the estimate (...) [N/m]; NaN before contact."""
+    std: np.ndarray = np.where(
+        np.isnan(estimate.mean[..., 1]), np.nan, np.sqrt(estimate.covariance[..., 1, 1]))
+    return std
+
+
+def stiffness_used(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
+    """Returns κ̂ = min(κ₊, κ + √P_κκ) (...) [N/m], which the controller uses; κ₊ before contact."""
+    return np.fmin(estimate.mean[..., 1] + stiffness_std(estimate), surface.stiffness)
 
 
 def tilt(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
@@ -211,8 +218,8 @@ def tilt(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
 
 def surface_depth(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray
                   ) -> np.ndarray:
-    """Returns x − φ/κ̂ (...) [m], the depth of the wall at a place (..., 3); NaN before contact."""
+    """Returns x − φ/κ (...) [m], the depth of the wall at a place (..., 3); NaN before contact."""
     motion = tip - estimate.at
-    deep = estimate.mean[..., 0] / slope(estimate, surface) + np.sum(
+    deep = estimate.mean[..., 0] / estimate.mean[..., 1] + np.sum(
         motion * (surface.direction + tilt(estimate, surface)), axis=-1)
     return surface.depth(tip) - deep

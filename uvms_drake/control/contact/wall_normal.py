@@ -50,7 +50,7 @@ UNKNOWN = Inclination(np.zeros(3), np.full(4, np.nan))
 
 
 def learned(before: Inclination, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
-            slope: float) -> Inclination:
+            stiffness: float) -> Inclination:
     """Returns the estimate after a reading on the wall; 𝔱 is one of the class.
 
     Args:
@@ -58,7 +58,7 @@ def learned(before: Inclination, surface: SurfaceClass, tip: np.ndarray, force: 
         surface: The class of walls.
         tip: Place of the tip (3,) in Σ_I [m].
         force: 𝐅 on the wall (3,) in Σ_I [N]; not finite: no reading.
-        slope: Estimate of κ [N/m].
+        stiffness: Estimate of κ [N/m].
     """
     n = surface.direction
     reading = np.append(tip, n @ force)
@@ -72,7 +72,7 @@ def learned(before: Inclination, surface: SurfaceClass, tip: np.ndarray, force: 
     length = float(np.linalg.norm(displacement))
     if length < STEP:
         return before
-    d, inclination, pressed = displacement / length, force / reading[3] - n, change[3] / slope
+    d, inclination, pressed = displacement / length, force / reading[3] - n, change[3] / stiffness
     along = d @ before.tilt
     if abs(pressed) <= STEADY * length:
         along = (pressed - deeper) / length
@@ -104,12 +104,12 @@ class WallNormal(LeafSystem):
         input_ports:
         - reading
         - touched
-        - slope
+        - stiffness_used
         - force_measured
         output_ports:
         - turn
 
-    - `reading`, `touched`, `slope`: those of a `ContactEstimator`.
+    - `reading`, `touched`, `stiffness_used`: those of a `ContactEstimator`.
     - `force_measured`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
     - `turn` (1): follows `wall_turn` with `TURN_PER_METRE` [rad]; constant off the wall.
 
@@ -128,7 +128,7 @@ class WallNormal(LeafSystem):
         self._surface, self._most = surface, most
         self._reading_port = self.DeclareVectorInputPort("reading", 4)
         self._touched_port = self.DeclareVectorInputPort("touched", 1)
-        self._slope_port = self.DeclareVectorInputPort("slope", 1)
+        self._stiffness_port = self.DeclareVectorInputPort("stiffness_used", 1)
         self._force_port = self.DeclareVectorInputPort("force_measured", 6)
         for part in UNKNOWN:
             self.DeclareDiscreteState(part)
@@ -144,7 +144,8 @@ class WallNormal(LeafSystem):
         before = known = self._known(context)
         if self._touched_port.Eval(context)[0]:
             known = learned(known, self._surface, self._reading_port.Eval(context)[:3],
-                            self._force_port.Eval(context)[:3], self._slope_port.Eval(context)[0])
+                            self._force_port.Eval(context)[:3],
+                            self._stiffness_port.Eval(context)[0])
         else:
             known = known._replace(reading=UNKNOWN.reading)
         turn = context.get_discrete_state(2)[0]
@@ -171,4 +172,5 @@ class WallNormal(LeafSystem):
             name: Name of the system.
         """
         return added(builder, name, WallNormal(surface, most, period), **{
-            port: estimator.GetOutputPort(port) for port in ("reading", "touched", "slope")})
+            port: estimator.GetOutputPort(port) for port in (
+                "reading", "touched", "stiffness_used")})

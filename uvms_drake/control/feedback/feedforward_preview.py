@@ -26,7 +26,7 @@ from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.model.signals.sensor_actuator import ActuationDelay
 from uvms_drake.model.uvms_model import UvmsModel
 
-CONTACT_PORTS = {"touched": 1, "reading": 4, "slope": 1, "tilt": 3, "force_lost": 1}
+CONTACT_PORTS = {"touched": 1, "reading": 4, "stiffness_used": 1, "tilt": 3, "force_lost": 1}
 """Ports of a `ContactEstimator` that the preview reads, and their sizes."""
 
 
@@ -80,7 +80,7 @@ class FeedforwardPreview(LeafSystem):
         - nominal_acceleration
         - touched (optional, with a direction)
         - reading (optional, with a direction)
-        - slope (optional, with a direction)
+        - stiffness_used (optional, with a direction)
         - tilt (optional, with a direction)
         - force_lost (optional, with a direction)
         output_ports:
@@ -88,7 +88,7 @@ class FeedforwardPreview(LeafSystem):
 
     - `plan`: current `DynamicPlan` (abstract).
     - `nominal_state`, `nominal_acceleration`: (𝔮̄, ζ̄) (2(6+n)) and ζ̄̇ (6+n) of now.
-    - `touched` (1), `reading` (4), `slope` (1), `tilt` (3), `force_lost` (1): those of a
+    - `touched` (1), `reading` (4), `stiffness_used` (1), `tilt` (3), `force_lost` (1): those of a
       `ContactEstimator`. While the force is lost no reaction is predicted.
     - `preview`: see `previewed_forces` (6+n) [N, N m].
 
@@ -119,9 +119,11 @@ class FeedforwardPreview(LeafSystem):
                          for name in ("touched", "force_lost"))
         if lost or not touched:
             return None
-        reading, slope, tilt = (
-            self._contact_ports[name].Eval(context) for name in ("reading", "slope", "tilt"))
-        return SurfaceReaction(self._direction, float(reading[3]), slope * (self._direction + tilt))
+        reading, stiffness, tilt = (
+            self._contact_ports[name].Eval(context) for name in (
+                "reading", "stiffness_used", "tilt"))
+        return SurfaceReaction(
+            self._direction, float(reading[3]), stiffness * (self._direction + tilt))
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         state = self._state_port.Eval(context)

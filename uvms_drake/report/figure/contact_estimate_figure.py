@@ -37,7 +37,7 @@ BEFORE, AROUND = 1.5, 8.0
 
 
 def draw_contact_estimate(record: Record, certified: float | None = None) -> Figure:
-    """Draws force, depths, slope and events of a sensed contact, and the contact enlarged.
+    """Draws force, depths, stiffness and events of a sensed contact, and the contact enlarged.
 
     Depths are along n, from where the tip first touches the wall or else from where it starts.
 
@@ -53,7 +53,7 @@ def draw_contact_estimate(record: Record, certified: float | None = None) -> Fig
     depths = depths_of(record)
     _draw_depths(axes[1], record, depths)
     legend_over(axes[1], 3)
-    _draw_slopes(axes[2], record)
+    _draw_stiffness(axes[2], record)
     _draw_marks(axes[3], marks)
     for axis in axes[:3]:
         axis.sharex(axes[3])
@@ -144,14 +144,20 @@ def _draw_depths(axis: Axes, record: Record, depths: dict[str, np.ndarray]) -> N
     axis.set_ylabel("depth [mm]")
 
 
-def _draw_slopes(axis: Axes, record: Record) -> None:
-    contact, estimated = sensed_contact(record.scenario), record.signals["slope"][:, 0]
+def _draw_stiffness(axis: Axes, record: Record) -> None:
+    """Draws the stiffness of the wall, its estimate with a band of ± 2σ, and the one used."""
+    contact = sensed_contact(record.scenario)
+    estimated, std, used = (record.signals[f"stiffness_{name}"][:, 0]
+                            for name in ("estimate", "std", "used"))
     own = surface_slope(check_surface(true_surface(record.scenario)), record.chi, contact.direction)
     axis.axhline(contact.stiffness, **{**LIMIT, "label": r"declared, $\kappa_+$"})
     axis.plot(record.time, own, color=BLUE, label="of the wall")
-    axis.plot(record.time, estimated, **{**ESTIMATED, "label": "estimated"})
+    axis.plot(record.time, estimated, **{**ESTIMATED, "label": r"estimated, $\pm\,2\sigma$"})
+    axis.fill_between(record.time, estimated - 2.0 * std, estimated + 2.0 * std, color=VERMILION,
+                      alpha=0.15, linewidth=0)
+    axis.plot(record.time, used, color=GREEN, linewidth=0.7, label="used by the controller")
     axis.set_ylim(0.0, 1.15 * contact.stiffness)
-    axis.set_ylabel("slope [N/m]")
+    axis.set_ylabel("stiffness [N/m]")
     legend_over(axis, 3)
 
 

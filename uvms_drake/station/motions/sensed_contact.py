@@ -60,7 +60,7 @@ class SensedContactMotion(Dynamic):
 
     knows_force = along_run = False
     controller_signals = (*Dynamic.controller_signals, "target", "turn", "safe_depth", "touched",
-                          "slope", "contact_depth")
+                          "stiffness_estimate", "stiffness_std", "stiffness_used", "contact_depth")
 
     def check(self, scenario: Scenario) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this motion."""

@@ -39,11 +39,11 @@ class ContactKnowledge:
     """Largest safe depth x_safe of the planned tip [m]; −inf: nothing is explored."""
     contact_depth: float = np.nan
     """Estimated depth of the undeformed surface [m]; NaN: not touched yet."""
-    slope: float = 0.0
-    """Estimated stiffness κ̂ [N/m]."""
+    stiffness_estimate: float = np.nan
+    """Mean of the estimated stiffness [N/m]; NaN: not touched yet."""
 
 
-KNOWN = {"force_last_valid": 6, "safe_depth": 1, "contact_depth": 1, "slope": 1}
+KNOWN = {"force_last_valid": 6, "safe_depth": 1, "contact_depth": 1, "stiffness_estimate": 1}
 """Signals of a station that make up the estimate, and their sizes."""
 
 
@@ -86,7 +86,7 @@ class DrawnKnowledge:
                        frame_at(end + 0.5 * along, along))
         self._numbers = {}
         for i, (name, after, color) in enumerate((
-                ("measured", " N measured", ESTIMATED), ("slope", " N/m", ESTIMATED),
+                ("measured", " N measured", ESTIMATED), ("stiffness", " N/m", ESTIMATED),
                 ("explored", " mm explored", EXPLORED))):
             path = f"{board}/{name}"
             stage.meshcat.SetTransform(path, frame_at([0.0, 0.0, -1.3 * LINE * i]))
@@ -101,7 +101,7 @@ class DrawnKnowledge:
         self._numbers["measured"].show(
             float(self._specification.direction @ known.force_last_valid[:3]))
         self._numbers["explored"].show(1e3 * max(explored - self._origin, 0.0))
-        self._numbers["slope"].show(known.slope)
+        self._numbers["stiffness"].show(float(np.nan_to_num(known.stiffness_estimate)))
 
     def _show_at(self, path: str, tip: np.ndarray, depth: float) -> None:
         """Shows an object normal to n at a depth [m], or hides it if that is not finite."""
