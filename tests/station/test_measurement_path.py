@@ -3,8 +3,10 @@
 import pytest
 from pydrake.systems.framework import Diagram, InputPortIndex
 
+from uvms_drake.certificate.assumptions import assumptions_of
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.measurement_path import measurement_path
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 
 STATE_FAULT = "faults=[!LostState {start: 1.0}]"
@@ -35,6 +37,8 @@ def test_every_system_between_a_sensor_and_the_law_has_a_line(name, overrides):
     scenario = load_scenario(name, overrides)
     listed = measurement_path(scenario)
     assert {each.system for each in listed} == between(make_station(scenario))
+    lines = [each.statement for each in assumptions_of(scenario, load_model(scenario))]
+    assert all(any(each.statement in line for line in lines) for each in listed)
     covered = {each.system for each in listed if each.theorem}
     assert covered == {"WristSensor", "ForceFaultDetector", "HoldLastValue"}
 

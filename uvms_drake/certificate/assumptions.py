@@ -15,8 +15,8 @@ from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.sensing.repeated_readings import CHANCE
 from uvms_drake.station.contact_bounds import UNEVEN, sensed_contact
+from uvms_drake.station.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -24,7 +24,6 @@ SCOPE = ("actuation", "sensing", "surface")
 """Subjects whose first assumption is part of the verdict."""
 OPERATOR = "operator"
 MAKER = "robot's maker"
-SENSOR_MAKER = "sensor's maker"
 INTEGRATOR = "integrator of the controller"
 CERTIFIER = "the person who certifies"
 
@@ -114,9 +113,10 @@ def _sensing(scenario: Scenario, model: ContactModel) -> Lines:
         yield ("sensing", "noise, bias, drift, lag and range of the force sensor, and mass and "
                "inertia of the tool beyond it, are as declared until "
                f"t = {scenario.duration:g} s", SENSOR_MAKER)
-        yield ("sensing", "no run of readings repeats all six components by chance; declared noise "
-               f"and resolution do so with a probability of {CHANCE:g} a reading, and a reading "
-               "that is lost is not covered", SENSOR_MAKER)
+        for element in measurement_path(scenario):
+            covered = element.theorem or "no theorem covers it"
+            yield ("sensing", f"{element.system}, before the law: {element.statement} ({covered})",
+                   element.guaranteed_by)
         yield ("sensing", f"the tip's acceleration along n changes by {UNEVEN:g} m/s² at most "
                "between two readings of the force", OPERATOR)
 

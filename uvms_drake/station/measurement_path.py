@@ -28,8 +28,8 @@ class PathElement(NamedTuple):
     """Effect on the measurement, and the assumption under which the theorem covers it."""
     theorem: str = ""
     """Link below `uvms_drake/`; empty: no theorem covers it."""
-    guaranteed_by: str = ""
-    """Person or maker that has to guarantee the assumption, if there is one."""
+    guaranteed_by: str = "not covered"
+    """Person or maker that has to guarantee the assumption."""
 
 
 def measurement_path(scenario: Scenario) -> list[PathElement]:
@@ -44,7 +44,8 @@ def measurement_path(scenario: Scenario) -> list[PathElement]:
     if faults_at("force", scenario.faults):
         elements.append(PathElement("FaultySensor", "fault of the measured force"))
     elements += [_detector(scenario), PathElement(
-        "HoldLastValue", "passes every valid reading; of a lost one nothing is proven", DETECTION)]
+        "HoldLastValue", "passes valid readings; there is no gap, and of a reading that is lost "
+        "nothing is proven", DETECTION, SENSOR_MAKER)]
     if sensed_contact(scenario).tangential_lag > 0.0:
         elements.append(PathElement("TangentialFilter", "lag of the force across the direction"))
     return elements
