@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from uvms_drake.control.convex.dual_active_set import DualActiveSet
+from uvms_drake.control.convex import dual_active_set
+from uvms_drake.control.convex.dual_active_set import NO_ROWS, least_norm_point
 
 
 def random_polyhedron(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -38,14 +39,12 @@ def test_random_polyhedra_have_an_optimum_or_are_empty():
     kinds = []
     for seed in range(90):
         E, e, G, b = random_polyhedron(seed)
-        polyhedron = DualActiveSet(E, e)
-        polyhedron.add(G, b)
-        found = polyhedron.least_norm()
+        found = least_norm_point(np.vstack([E, G]), np.append(e, b), len(e))
         kinds.append(found is None)
         assert is_empty(E, e, G, b) == (found is None)
         if found is None:
             continue
-        r, multipliers = found
+        r, multipliers = found[0], found[1].value
         of_rows = multipliers[len(e):]
         np.testing.assert_allclose(r, -np.concatenate([E, G]).T @ multipliers, atol=1e-7)
         np.testing.assert_allclose(E @ r, e, atol=1e-7)
@@ -59,12 +58,12 @@ def test_rows_added_later_lead_to_the_same():
     """With the rows that hold already as a start."""
     for seed in (7, 8, 16):
         E, e, G, b = random_polyhedron(seed)
-        whole, bit_by_bit = DualActiveSet(E, e), DualActiveSet(E, e)
-        whole.add(G, b)
-        for rows in np.split(np.arange(30), 5):
-            bit_by_bit.add(G[rows], b[rows])
-            found = bit_by_bit.least_norm()
-        r, _ = whole.least_norm()
+        G, b, active = np.vstack([E, G]), np.append(e, b), NO_ROWS
+        for count in range(6, 31, 6):
+            found = least_norm_point(
+                G[: len(e) + count], b[: len(e) + count], len(e), active)
+            active = found[1].active
+        r, _ = least_norm_point(G, b, len(e))
         assert np.linalg.norm(r) > 0.01
         np.testing.assert_allclose(found[0], r, atol=1e-7)
 
@@ -72,17 +71,36 @@ def test_rows_added_later_lead_to_the_same():
 @pytest.mark.parametrize("distance", [1.0, 1e-3])
 def test_the_corner_of_two_walls(distance):
     """The closed form: r to the corner, and no row that does not matter has a price."""
-    polyhedron = DualActiveSet(np.zeros((0, 3)), np.zeros(0))
-    polyhedron.add(np.array([[-2.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
-                   distance * np.array([-2.0, -3.0, 1.0]))
-    r, multipliers = polyhedron.least_norm()
+    r, (multipliers, active) = least_norm_point(
+        np.array([[-2.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
+        distance * np.array([-2.0, -3.0, 1.0]))
     np.testing.assert_allclose(r, distance * np.array([1.0, 3.0, 0.0]), rtol=1e-12)
     np.testing.assert_allclose(multipliers, distance * np.array([0.5, 3.0, 0.0]), rtol=1e-12)
+    assert set(active) == {0, 1}
 
 
 def test_dependent_equalities_have_no_answer():
-    polyhedron = DualActiveSet(np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([1.0, 2.0]))
-    assert polyhedron.least_norm() is None
+    assert least_norm_point(
+        np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([1.0, 2.0]), 2) is None
+
+
+def test_of_equal_rows_the_first_is_active():
+    rows = np.array([[1.0, 0.0], [2.0, 0.0], [1.0, 0.0]])
+    _, (multipliers, active) = least_norm_point(rows, np.array([-1.0, -2.0, -1.0]))
+    np.testing.assert_allclose(multipliers, [1.0, 0.0, 0.0], atol=1e-12)
+    assert list(active) == [0]
+
+
+def test_rows_one_by_one_lead_to_the_same(monkeypatch):
+    """The method that takes over where exchanges of many rows do not end."""
+    for seed in (7, 8, 16):
+        E, e, G, b = random_polyhedron(seed)
+        G, b = np.vstack([E, G]), np.append(e, b)
+        usual, _ = least_norm_point(G, b, len(e))
+        with monkeypatch.context() as patch:
+            patch.setattr(dual_active_set, "EXCHANGES", 0)
+            r, _ = least_norm_point(G, b, len(e))
+        np.testing.assert_allclose(r, usual, atol=1e-7)
 
 
 def test_what_is_returned_is_an_optimum_even_of_rows_that_are_nearly_equal():
@@ -95,19 +113,15 @@ def test_what_is_returned_is_an_optimum_even_of_rows_that_are_nearly_equal():
         r = -tight.T @ (100.0 * rng.uniform(0.1, 1.0, size=8))
         free = rng.normal(size=(10, 12))
         G, b = np.vstack([tight, free]), np.append(tight @ r, free @ r + rng.uniform(size=10))
-        polyhedron = DualActiveSet(np.zeros((0, 12)), np.zeros(0))
-        polyhedron.add(G, b)
-        found = polyhedron.least_norm()
+        found = least_norm_point(G, b)
         if found is not None:
             answers += 1
-            assert np.min(found[1]) >= -1e-8 * np.max(found[1])
+            assert np.min(found[1].value) >= -1e-8 * np.max(found[1].value)
             assert np.max(G @ found[0] - b) < 1e-6
     assert answers > 80
 
 
 @pytest.mark.parametrize(("row", "bound"), [([1.0, 0.0], np.nan), ([np.nan, 0.0], 1.0)])
 def test_what_is_no_number_has_no_answer(row, bound):
-    polyhedron = DualActiveSet(np.zeros((0, 2)), np.zeros(0))
-    polyhedron.add(np.array([row, [0.0, 1.0]]), np.array([bound, -1.0]))
     with np.errstate(invalid="ignore"):
-        assert polyhedron.least_norm() is None
+        assert least_norm_point(np.array([row, [0.0, 1.0]]), np.array([bound, -1.0])) is None

@@ -10,7 +10,7 @@ from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 from uvms_drake.control.convex import staged_solver
 from uvms_drake.control.convex.least_norm_conic import least_norm
-from uvms_drake.control.convex.regulator import motion, riccati
+from uvms_drake.control.convex.regulator import motion, responses, riccati, row_gradients
 from uvms_drake.control.convex.staged_program import (
     LinearLimits,
     NormLimit,
@@ -113,6 +113,14 @@ def random_program(seed: int, scale: float, radius: float = 0.2) -> StagedProgra
         slack_penalty=1.0, excess_penalty=2.0)
 
 
+def end_of(program: StagedProgram, w: np.ndarray) -> np.ndarray:
+    """Returns x_N after a change w."""
+    x = np.zeros(program.A.shape[1])
+    for A, B, w_k in zip(program.A, program.B, w, strict=True):
+        x = A @ x + B @ w_k
+    return x
+
+
 KINDS = ("free", "by rows", "by cones", "infeasible")
 
 
@@ -141,6 +149,26 @@ def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
     kinds += [compare(random_program(seed, scale, radius=100.0))
               for scale in (0.3, 1.0) for seed in range(seeds)]
     assert set(KINDS) == {kind for kind in KINDS if kinds.count(kind) > 5}
+
+
+@pytest.mark.parametrize("seeds", [8, pytest.param(250, marks=pytest.mark.long)])
+def test_a_terminal_set_that_matters_needs_no_conic_program(seeds):
+    """With a radius that is constant or falls with the end, and penalties that forbid a slack."""
+    kinds = []
+    for seed in range(seeds):
+        for scale in (0.1, 1.0, 3.0):
+            program = replace(random_program(seed, scale), slack_penalty=100.0,
+                              excess_penalty=1000.0)
+            row = np.random.default_rng(seed).normal(size=(1, 4))
+            falling = program.terminal._replace(
+                radius_bound=RadiusBound(np.array([0.2 * scale]), row))
+            for each in (program, replace(program, terminal=falling)):
+                kind, found = compare(each), solve_staged(each)
+                ends = found is not None and each.terminal.excess(
+                    end_of(each, found.w)) > found.slack - 1e-6
+                kinds.append((kind, ends, found is not None and found.slack > 1e-6))
+    without_slack = [kind for kind, ends, slack in kinds if ends and not slack]
+    assert without_slack.count("by rows") >= 0.97 * len(without_slack) > 0.5 * len(kinds)
 
 
 @pytest.mark.parametrize("off", [0.0, 1.0])
@@ -247,6 +275,7 @@ def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_p
         return solve(program, regulator, z, kept, sparse=sparse, softened=softened)
 
     monkeypatch.setattr(staged_solver, "least_norm", watched)
+    monkeypatch.setattr(staged_solver, "least_norm_active_set", lambda *_: None)
     for ocp in (short_ocp, with_limits(short_ocp, nu1=0.03, nu2=0.02, qdot=0.05)):
         for where in ("off", "on"):
             solve_staged(ocp.staged_program(start_plans[where][0]))
@@ -315,3 +344,16 @@ def test_the_program_is_the_first_order_model_of_the_problem(short_ocp, start_pl
     np.testing.assert_allclose(rows, predicted[:-1, :20], rtol=1e-4, atol=1e-4)
     y = derivative(lambda s: short_ocp.model.task_pose(moved(s).config), 1e-5)
     np.testing.assert_allclose(y[1:], np.array(z)[1:, :10], atol=1e-6)
+
+
+def test_gradients_of_rows_are_those_of_the_response_of_the_motion():
+    """By the adjoint recursion, for rows of several stages in any order."""
+    program = random_program(5, 1.0)
+    regulator, rng = riccati(program), np.random.default_rng(0)
+    stages = np.array([3, 5, 0, 5, 1, 3])
+    C = rng.normal(size=(6, 6))
+    C[stages == 5, 4:] = 0.0
+    expected = np.einsum("mz,mzr->mr", C, responses(program, regulator)[stages])
+    np.testing.assert_allclose(
+        row_gradients(program, regulator, stages, C), expected, atol=1e-12)
+    assert row_gradients(program, regulator, stages[:0], C[:0]).shape == (0, 10)

@@ -1,19 +1,20 @@
-"""Least-norm vector of a polyhedron, by the dual active-set method of Goldfarb and Idnani (1983).
+"""Least-norm vector of a polyhedron, by its multipliers: exchanges of many rows, then of one.
 
-    min ½‖r‖²  s.t.  E r = e,  G r ≤ b
+    min ½‖r‖²  s.t.  G r = b in the first rows, G r ≤ b in the others
 
-The method passes through points of least norm for some of the rows, at first for the equalities
-alone. It adds one row at a time, the one with the largest violation, and removes rows whose
-multipliers reach zero meanwhile: the norm grows in every step, so no active set recurs, and the
-number of steps is about that of the rows active at the end. Rows may be added then, and the method
-continues from there.
+With M = G Gᵀ and λ the multipliers, r = −Gᵀλ: all of it is computed in M, of the size of the number
+of rows, whatever the length of r. Any other norm of r changes M alone.
 
-With rows of unit length, M their Gram matrix and λ the multipliers, r = −Σ λ_i g_i: all of it is
-computed in M, of the size of the number of rows, whatever the length of r.
-
-Reference: D. Goldfarb and A. Idnani, A numerically stable dual method for solving strictly convex
-quadratic programs, Mathematical Programming 27, 1983.
+At first all violated rows become active and all with a negative multiplier leave, at once: a
+semismooth Newton step (Hintermüller, Ito and Kunisch 2002), a few of which are enough as a rule,
+fewer from the rows of a similar problem. Nothing ensures that they end, so after some of them the
+dual active-set method of Goldfarb and Idnani (1983) takes over. It passes through points of least
+norm for some of the rows, at first for none. It adds one row at a time, the one
+with the largest violation, and removes rows whose multipliers reach zero meanwhile: the norm grows
+in every step, so no active set recurs.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,68 +22,152 @@ BROKEN = 1e-8
 """Excess of a row, in its own unit, that counts as none."""
 DEPENDENT = 1e-11
 """Least square of the part of a unit row that is independent of the active ones."""
+EXCHANGES = 12
+"""Largest number of exchanges of many rows."""
+ALIKE = 0.3
+"""Cosine of the angle of two rows above which only one of them becomes active in an exchange."""
+EARLIER = 1e-7
+"""Part of a violation that makes the earlier one of two equal rows active."""
 STEPS = 3
-"""Largest number of steps a row."""
+"""Largest number of steps a row with one row at a time."""
 ROUNDING = 1e-9
 """Part of the largest multiplier by which one may be negative."""
 
 
-class DualActiveSet:
-    """Polyhedron and its least-norm vector for the active rows.
+class Multipliers(NamedTuple):
+    """Multipliers of a least-norm vector."""
+
+    value: np.ndarray
+    """Multipliers λ of all rows (m,)."""
+    active: np.ndarray
+    """Indices of the active rows but for the equalities."""
+
+
+NO_ROWS = np.zeros(0, dtype=int)
+
+
+def multipliers(M: np.ndarray, b: np.ndarray, equalities: int, tolerance: np.ndarray,
+                active: np.ndarray = NO_ROWS) -> Multipliers | None:
+    """Returns the multipliers of the least-norm vector, or None.
+
+    None if there is no such vector, if it is not found in `STEPS` a row, or if rows are so nearly
+    dependent that rounding spoils the result; that proves nothing. What is returned keeps all rows,
+    the active ones to the same tolerance, with multipliers of the right sign.
 
     Args:
-        E: Independent rows (k, n).
-        e: Their values (k,).
+        M: Gram matrix G Gᵀ (m, m) of rows of about unit length.
+        b: Values (m,).
+        equalities: Number of equalities, which come first.
+        tolerance: Excess of a row that counts as none (m,).
+        active: Guess of the active rows but for the equalities.
     """
+    if not np.isfinite(M).all() or np.isnan(b).any():
+        return None
+    if not equalities:
+        found = _Rows(M, b, tolerance).multipliers(active)
+        return None if found is None else Multipliers(found[0], found[1])
+    # The part of the other rows that is independent of the equalities.
+    first, rest = slice(equalities), slice(equalities, None)
+    try:
+        inverse = np.linalg.inv(M[first, first])
+    except np.linalg.LinAlgError:
+        return None
+    by = M[rest, first] @ inverse
+    own, values = M[rest, rest] - by @ M[first, rest], b[rest] - by @ b[first]
+    square = np.diag(own)
+    free = np.flatnonzero(square > DEPENDENT)
+    if np.any(np.delete(values + tolerance[rest], free) < 0.0):
+        return None
+    scale = 1.0 / np.sqrt(square[free])
+    place = np.full(len(values), -1)
+    place[free] = np.arange(len(free))
+    guess = place[active - equalities]
+    found = _Rows(own[np.ix_(free, free)] * scale * scale[:, None], values[free] * scale,
+                  tolerance[rest][free] * scale).multipliers(guess[guess >= 0])
+    if found is None:
+        return None
+    value = np.zeros(len(b))
+    value[equalities + free] = found[0] * scale
+    value[first] = -inverse @ (b[first] + M[first, rest] @ value[rest])
+    missed = np.abs(M[first] @ value + b[first])
+    return (Multipliers(value, equalities + free[found[1]])
+            if np.all(missed <= tolerance[first]) else None)
 
-    def __init__(self, E: np.ndarray, e: np.ndarray):
-        self._equalities = len(e)
-        self._G, self._b = np.zeros((0, E.shape[1])), np.zeros(0)
-        self._size, self._M = np.zeros(0), np.zeros((0, 0))
-        self._active = np.arange(len(e))
-        self.add(E, e)
 
-    def add(self, G: np.ndarray, b: np.ndarray) -> None:
-        """Adds rows, none of which is zero: G r ≤ b."""
-        size = np.linalg.norm(G, axis=1)
-        G = G / size[:, None]
-        mixed = self._G @ G.T
-        self._M = np.block([[self._M, mixed], [mixed.T, G @ G.T]])
-        self._G, self._b = np.concatenate([self._G, G]), np.append(self._b, b / size)
-        self._size = np.append(self._size, size)
+class _Rows(NamedTuple):
+    """Rows G r ≤ b of unit length."""
 
-    def least_norm(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Returns r (n,) and the multipliers of all rows, the equalities first; or None.
+    M: np.ndarray
+    b: np.ndarray
+    tolerance: np.ndarray
 
-        None if there is no such vector, if it is not found in `STEPS` a row, or if rows are so
-        nearly dependent that rounding spoils the result; that proves nothing. A vector that is
-        returned keeps all rows, the active ones to the same tolerance, with multipliers of the
-        right sign.
+    def multipliers(self, active: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Returns the multipliers and the active rows, or None; `active` is a guess."""
+        return self._by_exchanges(active) or self._by_steps()
+
+    def _at(self, active: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Returns the multipliers of active rows (k,), the excess of all (m,), and their inverse.
+
+        The excess of the active rows is what the multipliers miss.
         """
-        M, first, active = self._M, self._equalities, self._active
-        if not np.isfinite(M).all() or np.isnan(self._b).any():
+        columns, b = self.M[:, active], self.b[active]
+        gram = columns[active]
+        try:  # With one step of iterative refinement.
+            inverse = np.linalg.inv(gram)
+        except np.linalg.LinAlgError:
             return None
-        tolerance, left = BROKEN / self._size, STEPS * len(self._b)
-        while True:
-            # Inverse anew, as updates accumulate errors; one step of iterative refinement.
-            gram = M[np.ix_(active, active)]
-            try:
-                inverse = np.linalg.inv(gram)
-            except np.linalg.LinAlgError:
+        multiplier = -(inverse @ b)
+        multiplier -= inverse @ (gram @ multiplier + b)
+        return multiplier, -(columns @ multiplier) - self.b, inverse
+
+    def _result(self, active: np.ndarray, multiplier: np.ndarray, excess: np.ndarray
+                ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Returns the multipliers of all rows if active rows are kept and signs are right."""
+        least = -ROUNDING * np.max(np.abs(multiplier), initial=0.0)
+        if np.any(np.abs(excess[active]) > self.tolerance[active]) or np.any(multiplier < least):
+            return None
+        value = np.zeros(len(self.b))
+        value[active] = multiplier
+        return value, active
+
+    def _by_exchanges(self, active: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Returns the multipliers by exchanges of many rows, or None if they do not end soon."""
+        for _ in range(EXCHANGES):
+            found = self._at(active)
+            if found is None:
                 return None
-            multiplier = -inverse @ self._b[active]
-            multiplier -= inverse @ (gram @ multiplier + self._b[active])
-            excess = -M[:, active] @ multiplier - self._b
-            missed = np.abs(excess[active])
+            multiplier, excess, _ = found
+            over = excess > self.tolerance
+            over[active] = False
+            broken = np.flatnonzero(over)
+            if not len(broken):
+                result = self._result(active, multiplier, excess)
+                if result is not None:
+                    return result
+            elif len(broken) > 1:
+                # Of rows of about one direction the most violated one keeps the others, too.
+                violation = excess[broken] * (1.0 - EARLIER * broken)
+                alike = self.M[broken[:, None], broken] > ALIKE
+                broken = broken[violation >= np.max(alike * violation, axis=1)]
+            active = np.concatenate([active[multiplier > 0.0], broken])
+        return None
+
+    def _by_steps(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Returns the multipliers by the method of Goldfarb and Idnani."""
+        M, left, active = self.M, STEPS * len(self.b), NO_ROWS
+        earlier = 1.0 - EARLIER * np.arange(len(self.b))
+        while True:
+            # Inverse anew, as updates accumulate errors.
+            found = self._at(active)
+            if found is None:
+                return None
+            multiplier, missed, inverse = found
+            excess = missed.copy()
             excess[active] = -np.inf
-            # The end, unless rounding has spoiled active rows or signs of multipliers.
-            if np.all(excess <= tolerance):
-                if np.any(missed > tolerance[active]) or np.any(
-                        multiplier[first:] < -ROUNDING * np.max(np.abs(multiplier), initial=0.0)):
-                    return None
-                break
-            while np.any(excess > tolerance):
-                row, own = int(np.argmax(excess - tolerance)), 0.0
+            if np.all(excess <= self.tolerance):
+                return self._result(active, multiplier, missed)
+            while np.any(excess > self.tolerance):
+                row, own = int(np.argmax((excess - self.tolerance) * earlier)), 0.0
                 # The row's own multiplier grows until the row is kept (a whole step) or another
                 # multiplier reaches zero; that one's row is removed from the active set.
                 while True:
@@ -91,8 +176,8 @@ class DualActiveSet:
                     left -= 1
                     by = M[active, row]
                     change = inverse @ by
-                    rate = 1.0 - by @ change
-                    falls = np.flatnonzero(change[first:] > 0.0) + first
+                    rate = M[row, row] - by @ change
+                    falls = np.flatnonzero(change > 0.0)
                     lasts = multiplier[falls] / change[falls]
                     whole = excess[row] / rate if rate > DEPENDENT else np.inf
                     step = min(whole, np.min(lasts, initial=np.inf))
@@ -110,14 +195,26 @@ class DualActiveSet:
                         by_out, by_out / inverse[out, out])
                     active, multiplier = active[stay], multiplier[stay]
                 # The row becomes active.
-                corner = np.append(change, -1.0)
-                inverse = _bordered(inverse, corner, rate)
+                inverse = _bordered(inverse, np.append(change, -1.0), rate)
                 active, multiplier = np.append(active, row), np.append(multiplier, own)
                 excess[row] = -np.inf
-        self._active = active
-        all_multipliers = np.zeros(len(self._b))
-        all_multipliers[active] = multiplier / self._size[active]
-        return -(multiplier @ self._G[active]), all_multipliers
+
+
+def least_norm_point(G: np.ndarray, b: np.ndarray, equalities: int = 0,
+                     active: np.ndarray = NO_ROWS) -> tuple[np.ndarray, Multipliers] | None:
+    """Returns the least-norm r (n,) and its multipliers; see `multipliers`.
+
+    Args:
+        G: Rows (m, n), none of which is zero.
+        b: Their values (m,).
+        equalities: Number of equalities, which come first.
+        active: Guess of the active rows but for the equalities.
+    """
+    size = np.linalg.norm(G, axis=1)
+    G, b = G / size[:, None], b / size
+    found = multipliers(G @ G.T, b, equalities, BROKEN / size, active)
+    return None if found is None else (
+        -(found.value @ G), found._replace(value=found.value / size))
 
 
 def _bordered(inverse: np.ndarray, corner: np.ndarray, rate: float) -> np.ndarray:

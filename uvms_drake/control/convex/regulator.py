@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.convex.staged_program import StagedProgram
+from uvms_drake.model.frames.spatial import times
 
 
 class Regulator(NamedTuple):
@@ -16,23 +17,30 @@ class Regulator(NamedTuple):
     """Feedforward k_k (N, nw)."""
     W: np.ndarray
     """Inverse factors L_k⁻ᵀ (N, nw, nw)."""
+    closed: np.ndarray
+    """Closed loop A_k + B_k K_k (N, nx, nx)."""
 
 
 def riccati(program: StagedProgram) -> Regulator:
     """Returns the optimal regulator of the program without its limits."""
     N, nx, nw = program.B.shape
-    AB = np.concatenate([program.A, program.B], axis=2)
-    S, s = program.H_end, program.g_end
-    K, k, W = np.empty((N, nw, nx)), np.empty((N, nw)), np.empty((N, nw, nw))
+    # Homogeneous coordinates (x, 1, w) have Hessian and gradient in one matrix.
+    AB, H = np.zeros((N, nx + 1, nx + 1 + nw)), np.zeros((N, nx + 1 + nw, nx + 1 + nw))
+    AB[:, :nx, :nx], AB[:, :nx, nx + 1:], AB[:, nx, nx] = program.A, program.B, 1.0
+    index = np.r_[:nx, nx + 1: nx + 1 + nw]
+    H[:, index[:, None], index], H[:, nx, index], H[:, index, nx] = program.H, program.g, program.g
+    S = np.zeros((nx + 1, nx + 1))
+    S[:nx, :nx], S[:nx, nx], S[nx, :nx] = program.H_end, program.g_end, program.g_end
+    roots, rows = np.empty((N, nw, nw)), np.empty((N, nw, nx + 1))
     for i in range(N - 1, -1, -1):
-        H = program.H[i] + AB[i].T @ S @ AB[i]
-        g = program.g[i] + AB[i].T @ s
-        root = np.linalg.inv(np.linalg.cholesky(H[nx:, nx:]))
-        by_x, constant = root @ H[nx:, :nx], root @ g[nx:]
-        K[i], k[i], W[i] = -root.T @ by_x, -root.T @ constant, root.T
-        S = H[:nx, :nx] - by_x.T @ by_x
-        s = g[:nx] - by_x.T @ constant
-    return Regulator(K, k, W)
+        total = H[i] + AB[i].T @ (S @ AB[i])
+        roots[i] = root = np.linalg.inv(np.linalg.cholesky(total[nx + 1:, nx + 1:]))
+        rows[i] = by = root @ total[nx + 1:, : nx + 1]
+        S = total[: nx + 1, : nx + 1] - by.T @ by
+    W = roots.swapaxes(1, 2)
+    law = -(W @ rows)
+    K = law[..., :nx]
+    return Regulator(K, law[..., nx], W, program.A + program.B @ K)
 
 
 def motion(program: StagedProgram, regulator: Regulator, r: np.ndarray | float = 0.0
@@ -40,11 +48,45 @@ def motion(program: StagedProgram, regulator: Regulator, r: np.ndarray | float =
     """Returns z (N+1, nx+nw) for some r (N, nw)."""
     N, nx, nw = program.B.shape
     z = np.zeros((N + 1, nx + nw))
-    free = regulator.k + (regulator.W @ np.broadcast_to(r, (N, nw))[..., None])[..., 0]
-    for i in range(N):
-        z[i, nx:] = regulator.K[i] @ z[i, :nx] + free[i]
-        z[i + 1, :nx] = program.A[i] @ z[i, :nx] + program.B[i] @ z[i, nx:]
+    free = regulator.k + times(regulator.W, np.broadcast_to(r, (N, nw)))
+    x = np.zeros(nx)
+    for i, (closed, constant) in enumerate(zip(
+            regulator.closed, times(program.B, free), strict=True)):
+        z[i + 1, :nx] = x = closed @ x + constant
+    z[:-1, nx:] = times(regulator.K, z[:-1, :nx]) + free
     return z
+
+
+def row_gradients(program: StagedProgram, regulator: Regulator, stages: np.ndarray, C: np.ndarray
+                  ) -> np.ndarray:
+    """Returns the gradients (m, N nw) by r of values C_i z of one stage each.
+
+    By the adjoint recursion: the gradients by x of all rows go back stage by stage.
+
+    Args:
+        program: The program.
+        regulator: Its regulator.
+        stages: Stage of each row (m,).
+        C: Rows (m, nx+nw); w is zero at the last stage.
+    """
+    N, nx, nw = program.B.shape
+    order = np.argsort(-stages, kind="stable")
+    by_x, by_w, stages = C[order, :nx], C[order, nx:], stages[order]
+    inner = np.flatnonzero(stages < N)
+    at = stages[inner]
+    by_x[inner] += (by_w[inner, None] @ regulator.K[at])[:, 0]
+    out = np.zeros((len(C), N, nw))
+    out[inner, at] = (by_w[inner, None] @ regulator.W[at])[:, 0]
+    # Rows of later stages come first: those before `reach[k]` are of stages after k.
+    reach = np.searchsorted(-stages, -np.arange(N))
+    response = program.B @ regulator.W
+    for k in range(N - 1, -1, -1):
+        later = by_x[: reach[k]]
+        out[: reach[k], k] = later @ response[k]
+        by_x[: reach[k]] = later @ regulator.closed[k]
+    ordered = np.empty_like(out)
+    ordered[order] = out
+    return ordered.reshape(len(C), N * nw)
 
 
 def responses(program: StagedProgram, regulator: Regulator) -> np.ndarray:
