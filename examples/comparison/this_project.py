@@ -31,9 +31,11 @@ from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp, Linearisation
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
-from uvms_drake.control.ocp.ocp import Inputs, MpcConfig, Ocp
+from uvms_drake.control.ocp.limit_stack import Inputs
+from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import DynamicPlan, Plan
+from uvms_drake.control.plan.points import Points
 
 
 class ZeroOrderHoldOcp(DynamicOcp):
@@ -41,18 +43,17 @@ class ZeroOrderHoldOcp(DynamicOcp):
 
     input_ends = 1
 
-    def inputs(self, plan: DynamicPlan) -> tuple[np.ndarray, np.ndarray]:
+    def _inputs_at(self, plan: DynamicPlan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns the constant ū (N, 10), twice."""
-        begin, end = super().inputs(plan)
+        begin, end = super()._inputs_at(plan, knots)
         return 0.5 * (begin + end), 0.5 * (begin + end)
 
     def linearised_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray,
-                          B: np.ndarray) -> list[Inputs]:
+                          B: np.ndarray) -> Inputs:
         """Returns the constant ū and its derivatives, once."""
-        begin, end = super().linearised_inputs(plan, model, A, B)
-        return [begin._replace(
-            points=replace(begin.points, u=0.5 * (begin.points.u + end.points.u)),
-            u_z=0.5 * (begin.u_z + end.u_z))]
+        at, y_z, zeta_z, u_z = super().linearised_inputs(plan, model, A, B)
+        N = self.horizon
+        return Inputs(at, y_z[:N], zeta_z[:N], 0.5 * (u_z[:N] + u_z[N:]))
 
 
 def make_ocp(problem: Problem) -> Ocp:

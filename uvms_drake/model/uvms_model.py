@@ -176,6 +176,13 @@ class UvmsModel:
         J_x[..., 6:, :] = self._joint_rows
         return J_x
 
+    def inverse_extended(self, J_chi: np.ndarray) -> np.ndarray:
+        """Returns J_x⁻¹ = [J_v⁻¹ −J_v⁻¹J_q; 0 I] (..., 6+n, 6+n) of J = [J_v J_q], real."""
+        inverse = np.linalg.inv(J_chi[..., :6])
+        J_x = self.extended(J_chi)
+        J_x[..., :6, :6], J_x[..., :6, 6:] = inverse, -(inverse @ J_chi[..., 6:])
+        return J_x
+
     def task_motion(
         self, config: np.ndarray, zeta: np.ndarray, kinematics: Kinematics | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -274,6 +281,21 @@ class UvmsModel:
         return (_stacked(J).swapaxes(-1, -2) @ _stacked(self.links.inertia @ J)
                 + np.diag(self._rotor_inertia))
 
+    def mass_matrix_rates(self, kinematics: Kinematics) -> np.ndarray:
+        """Returns the derivatives ∂M/∂qⱼ (..., n, 6+n, 6+n) by the joints, real.
+
+        Seen from the links beyond joint j, the screws before it turn: ∂sᵢ = −sⱼ × sᵢ. With these
+        columns Dⱼ in axes of B and the sum over those links, ∂M = Dⱼᵀ Σ Xₖᵀ Iₖ Jₖ + its transpose.
+        """
+        J, screw = kinematics.J_links, kinematics.screw
+        carried = J[..., :6].swapaxes(-1, -2) @ (self.links.inertia @ J)
+        beyond = np.cumsum(carried[..., :0:-1, :, :], axis=-3)[..., ::-1, :, :]
+        screws = np.concatenate(
+            [np.broadcast_to(np.eye(6), (*screw.shape[:-2], 6, 6)), _columns(screw)], axis=-1)
+        D = -(motion_matrix(screw) @ screws[..., None, :, :]) * self._beyond[:, None, :]
+        rates = D.swapaxes(-1, -2) @ beyond
+        return rates + rates.swapaxes(-1, -2)
+
     def drift(self, config: np.ndarray, zeta: np.ndarray, contact: np.ndarray | None = None
               ) -> np.ndarray:
         """Returns f (..., 6+n) of (eq:func_h): the acceleration at τ = 0.
@@ -287,19 +309,26 @@ class UvmsModel:
     def drift_derivatives(
         self, config: np.ndarray, zeta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns f (..., 6+n), ∂f/∂𝔮 and ∂f/∂ζ (..., 6+n, 6+n), real.
+        """Returns f (..., 6+n), ∂f/∂𝔮 and ∂f/∂ζ (..., 6+n, 6+n), real."""
+        kinematics = self.kinematics(config)
+        inverse = np.linalg.inv(self.mass_matrix(kinematics))
+        f = -times(inverse, self.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta)))
+        return f, *self.drift_gradients(config, zeta, f, kinematics, inverse)
+
+    def drift_gradients(
+        self, config: np.ndarray, zeta: np.ndarray, f: np.ndarray, kinematics: Kinematics,
+        inverse_mass: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns ∂f/∂𝔮 and ∂f/∂ζ (..., 6+n, 6+n), real, at a known drift f, geometry and M⁻¹.
 
         From M f + b = 0: ∂f = −M⁻¹ ∂(M ζ̇ + b) at ζ̇ = f held fixed, so no derivative of M⁻¹ is
         needed. A change of 𝔮 moves the vehicle in its own axes by Γ(𝔮)⁻¹ d𝔮.
         """
-        kinematics = self.kinematics(config)
-        inverse = np.linalg.inv(self.mass_matrix(kinematics))
-        f = -times(inverse, self.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta)))
         rates = self.inverse_dynamics_derivatives(kinematics, zeta, f)
         rates[..., :6] = rates[..., :6] @ block_diagonal(
             kinematics.R_WB.swapaxes(-1, -2), inverse_rate_matrix(config[..., 3:6]))
-        derivatives = -(inverse @ rates)
-        return f, derivatives[..., : self.size], derivatives[..., self.size:]
+        derivatives = -(inverse_mass @ rates)
+        return derivatives[..., : self.size], derivatives[..., self.size:]
 
     def inverse_dynamics_derivatives(
         self, kinematics: Kinematics, zeta: np.ndarray, zeta_dot: np.ndarray

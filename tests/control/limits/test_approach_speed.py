@@ -8,7 +8,7 @@ from uvms_drake.control.limits.approach_speed import ContactSpeed, ToolAngle
 from uvms_drake.control.plan.points import Points, slopes
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.model.uvms_model import configuration_rate, configuration_rate_matrix
+from uvms_drake.model.uvms_model import configuration_rate
 
 DIRECTION = np.array([0.6, 0.0, 0.8])
 AXES = SurfaceClass(DIRECTION).axes
@@ -19,8 +19,7 @@ TUBE = resolved_radii(TubeRadii(position=0.01, orientation=0.02, tip_speed=0.04,
 @pytest.fixture(scope="module")
 def points(model, states) -> Points:
     config, zeta = np.split(states["free"], 2, axis=1)
-    config_y = configuration_rate_matrix(config) @ np.linalg.inv(model.task_jacobian(config))
-    return Points(model, config, model.task_pose(config), zeta, config_y=config_y)
+    return Points(model, config, model.task_pose(config), zeta)
 
 
 @pytest.mark.parametrize("limit", LIMITS)

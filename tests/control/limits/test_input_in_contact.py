@@ -9,7 +9,6 @@ from uvms_drake.control.limits.inputs import Accelerations, Forces
 from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.plan.points import Points, check_slopes, slopes
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 CONE = ForceCone(np.array([0.6, 0.0, 0.8]), 25.0, 0.4)
 
@@ -24,8 +23,7 @@ def points(model, states) -> Points:
     """Four states, with an input."""
     config, zeta = np.split(states["free"][:4], 2, axis=1)
     u = np.random.default_rng(1).uniform(-0.3, 0.3, config.shape)
-    config_y = configuration_rate_matrix(config) @ np.linalg.inv(model.task_jacobian(config))
-    return Points(model, config, model.task_pose(config), zeta, u, config_y=config_y)
+    return Points(model, config, model.task_pose(config), zeta, u)
 
 
 @pytest.fixture(params=[Accelerations, Forces])
@@ -73,7 +71,7 @@ def test_slopes_are_those_of_complex_steps_and_of_differences(limit, points):
     np.testing.assert_allclose(
         np.broadcast_to(found.u, expected.u.shape), expected.u, atol=1e-9)
     at = points.subset(slice(0, 1), points.u[:1])
-    one = Points(at.model, at.config[0], at.y[0], at.zeta[0], at.u[0], config_y=at.config_y[0])
+    one = Points(at.model, at.config[0], at.y[0], at.zeta[0], at.u[0])
     check_slopes("limit", limit.values, one, "input")
 
 

@@ -11,7 +11,6 @@ from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 PLANE = check_surface(UnilateralPlane())
 
@@ -39,9 +38,7 @@ def model() -> ContactModel:
 
 def points(model: ContactModel, y: np.ndarray, zeta: np.ndarray, u: np.ndarray) -> Points:
     config = np.array([model.configuration(row) for row in y])
-    J_x = model.task_motion(config, np.zeros_like(config))[1]
-    return Points(model, config, y, zeta, u,
-                  config_y=configuration_rate_matrix(config) @ np.linalg.inv(J_x))
+    return Points(model, config, y, zeta, u)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ from uvms_drake.control.limits.safe_depth import SafeDepth, SafeDepthBetweenKnot
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.plan.points import Points, slopes
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 DIRECTION = np.array([0.6, 0.0, 0.8])
 FACETS = SurfaceClass(DIRECTION, angle=0.2).facets
@@ -19,8 +18,7 @@ H = 0.2
 @pytest.fixture(scope="module")
 def points(model, states) -> Points:
     config, zeta = np.split(states["free"], 2, axis=1)
-    config_y = configuration_rate_matrix(config) @ np.linalg.inv(model.task_jacobian(config))
-    return Points(model, config, model.task_pose(config), zeta, config_y=config_y)
+    return Points(model, config, model.task_pose(config), zeta)
 
 
 @pytest.mark.parametrize("limit", [

@@ -16,7 +16,6 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.points import Points, slopes
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 
 @pytest.fixture
@@ -28,10 +27,8 @@ def five(girona) -> ThrusterForces:
 @pytest.fixture
 def points(model, states) -> Points:
     config, zeta = np.split(states["free"][:4], 2, axis=1)
-    J_x = model.task_motion(config, zeta)[1]
     u = np.random.default_rng(1).normal(size=(4, 10))
-    return Points(model, config, model.task_pose(config), zeta, u,
-                  config_y=configuration_rate_matrix(config) @ np.linalg.inv(J_x))
+    return Points(model, config, model.task_pose(config), zeta, u)
 
 
 def test_the_values_are_the_forces_of_the_allocation_and_what_it_does_not_give(

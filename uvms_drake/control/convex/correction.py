@@ -9,11 +9,9 @@ with slopes at the new plan; with those of the old plan, which are known, of the
 step.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from uvms_drake.control.convex.regulator import responses, riccati
+from uvms_drake.control.convex.regulator import Regulator, motion, row_gradients
 from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.model.frames.spatial import times
 
@@ -28,27 +26,44 @@ DEPENDENT = 1e-3
 independent."""
 
 
-class Excesses(NamedTuple):
-    """Excesses of limits and their gradients by z; negative inside."""
+def excesses(program: StagedProgram, z: np.ndarray | None = None) -> np.ndarray:
+    """Returns the excesses (N+1, m) of the program's limits but for the terminal set after z.
 
-    value: np.ndarray
-    """Excesses (N+1, m); −∞ where there is no limit."""
-    C: np.ndarray
-    """Their gradients (N+1, m, nx+nw)."""
+    Those of upper bounds, lower bounds and norms; negative inside, −∞ where there is no limit.
 
-
-def excesses(program: StagedProgram, z: np.ndarray | float = 0.0) -> Excesses:
-    """Returns the program's excesses after a motion z (N+1, nx+nw), without the terminal set."""
-    (N, nx, nw), linear = program.B.shape, program.linear
-    z = np.broadcast_to(z, (N + 1, nx + nw))
-    value = linear.value + times(linear.C, z)
-    values, rows = [value - linear.upper, linear.lower - value], [linear.C, -linear.C]
+    Args:
+        program: The program.
+        z: Motion (N+1, nx+nw); None for none.
+    """
+    linear = program.linear
+    value = linear.value if z is None else linear.value + times(linear.C, z)
+    values = [value - linear.upper, linear.lower - value]
     for limit in program.norms:
-        vector = limit.value + z @ limit.C.T
-        size = np.linalg.norm(vector, axis=1, keepdims=True)
-        values.append(size - limit.bound[:, None])
-        rows.append((vector / np.maximum(size, INSIDE) @ limit.C)[:, None])
-    return Excesses(np.concatenate(values, axis=1), np.concatenate(rows, axis=1))
+        vector = limit.value if z is None else limit.value + z @ limit.C.T
+        values.append((np.linalg.norm(vector, axis=1) - limit.bound)[:, None])
+    return np.concatenate(values, axis=1)
+
+
+def excess_rows(program: StagedProgram, which: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Returns the gradients (k, nx+nw) by z of some of the `excesses` after z, stage by stage.
+
+    Args:
+        program: The program.
+        which: Mask of them (N+1, m), with k entries.
+        z: Motion (N+1, nx+nw).
+    """
+    stage, column = np.nonzero(which)
+    count = program.linear.value.shape[1]
+    C = np.zeros((len(stage), z.shape[1]))
+    for sign, first in ((1.0, 0), (-1.0, count)):
+        own = (column >= first) & (column < first + count)
+        C[own] = sign * program.linear.C[stage[own], column[own] - first]
+    for i, limit in enumerate(program.norms, start=2 * count):
+        own = column == i
+        vector = limit.value[stage[own]] + z[stage[own]] @ limit.C.T
+        C[own] = vector / np.maximum(
+            np.linalg.norm(vector, axis=1, keepdims=True), INSIDE) @ limit.C
+    return C
 
 
 class Correction:
@@ -56,20 +71,18 @@ class Correction:
 
     Args:
         program: The program that the step is the solution of.
+        regulator: Its regulator.
         w: The step (N, nw).
-
-    Raises:
-        LinAlgError: A cost is not convex, or an entry not finite.
     """
 
-    def __init__(self, program: StagedProgram, w: np.ndarray):
+    def __init__(self, program: StagedProgram, regulator: Regulator, w: np.ndarray):
         N, nx, nw = program.B.shape
         z = np.zeros((N + 1, nx + nw))
         z[:-1, nx:] = w
         for k in range(N):
             z[k + 1, :nx] = program.A[k] @ z[k, :nx] + program.B[k] @ w[k]
-        self._response = responses(program, riccati(program))
-        predicted = excesses(program, z).value
+        self._regulator = regulator
+        predicted = excesses(program, z)
         self._wanted = np.where(predicted > -REACHED, np.minimum(predicted, -INSIDE), -INSIDE)
         self._goal = program.terminal.value + program.terminal.T @ z[-1, :nx]
 
@@ -82,18 +95,20 @@ class Correction:
         Args:
             program: The program with the values at the plan after the step, and with the slopes
                 there or, nearly as good after a short step, those before it.
+
+        Raises:
+            LinAlgError: An entry is not finite.
         """
-        response, wanted = self._response, self._wanted
-        (_, nx, nw), end, goal = program.B.shape, program.terminal, self._goal
-        end_r, radius = response[-1, :nx], program.terminal.radius_bounds(np.zeros(nx))
+        wanted = self._wanted
+        (N, nx, nw), end, goal = program.B.shape, program.terminal, self._goal
+        radius = end.radius_bounds(np.zeros(nx))
         least = np.linalg.norm(goal) + INSIDE
-        active, r = np.zeros(wanted.shape, dtype=bool), np.zeros(response.shape[-1])
+        active, z = np.zeros(wanted.shape, dtype=bool), np.zeros((N + 1, nx + nw))
         ends, tight = False, np.zeros(len(radius.size), dtype=bool)
         for _ in range(ROUNDS):
             # Norms are not linear: their gradients are taken after the last round.
-            value, C = excesses(program, response @ r)
+            value, x = excesses(program, z), z[-1, :nx]
             active |= value > wanted
-            x = end_r @ r
             ends = ends or end.excess(x) > -INSIDE
             size = radius.size + radius.rows @ x
             tight |= ends & (size < least)
@@ -102,14 +117,18 @@ class Correction:
                 goal - end.value - end.T @ x if ends else []])
             if np.max(np.abs(residual), initial=0.0) < INSIDE:
                 break
-            F = np.concatenate([
-                *(C[k, active[k]] @ response[k] for k in range(len(C))), radius.rows[tight] @ end_r,
-                end.T @ end_r if ends else end.T[:0] @ end_r])
+            last = np.concatenate([radius.rows[tight], end.T[: len(end.T) * ends]])
+            rows = np.concatenate([excess_rows(program, active, z),
+                                   np.pad(last, ((0, 0), (0, nw)))])
+            stages = np.concatenate([np.nonzero(active)[0], np.full(len(last), N)])
+            F = row_gradients(program, self._regulator, stages, rows)
             sizes = np.linalg.norm(F, axis=1)
             moves = sizes > 0.0
-            F, residual = F[moves] / sizes[moves, None], residual[moves] / sizes[moves]
-            r = least_norm_solution(F, residual + F @ r)
-        return (response @ r)[:-1, nx:].reshape(-1, nw)
+            F, residual = F[moves] / sizes[moves, None], (
+                residual + np.sum(rows * z[stages], axis=1))[moves] / sizes[moves]
+            r = least_norm_solution(F, residual)
+            z = motion(program, self._regulator._replace(k=np.zeros((N, nw))), r.reshape(N, nw))
+        return z[:-1, nx:]
 
 
 def least_norm_solution(F: np.ndarray, b: np.ndarray) -> np.ndarray:

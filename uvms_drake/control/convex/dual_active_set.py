@@ -51,8 +51,8 @@ def multipliers(M: np.ndarray, b: np.ndarray, equalities: int, tolerance: np.nda
     """Returns the multipliers of the least-norm vector, or None.
 
     None if there is no such vector, if it is not found in `STEPS` a row, or if rows are so nearly
-    dependent that rounding spoils the result; that proves nothing. What is returned keeps all rows,
-    the active ones to the same tolerance, with multipliers of the right sign.
+    dependent that rounding spoils the result; that proves nothing. A vector that is returned keeps
+    all rows, the active ones to the same tolerance, with multipliers of the right sign.
 
     Args:
         M: Gram matrix G Gᵀ (m, m) of rows of about unit length.
@@ -108,7 +108,7 @@ class _Rows(NamedTuple):
     def _at(self, active: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Returns the multipliers of active rows (k,), the excess of all (m,), and their inverse.
 
-        The excess of the active rows is what the multipliers miss.
+        The excess of the active rows is that of rounding.
         """
         columns, b = self.M[:, active], self.b[active]
         gram = columns[active]

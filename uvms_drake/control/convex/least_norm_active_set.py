@@ -151,6 +151,8 @@ class _Search:
 
     def _added(self, new: WorkingSet) -> bool:
         """Adds limits; returns whether those that r does not change are kept."""
+        if not new.any():
+            return True
         program, regulator, z = self._program, self._regulator, self._z
         for limit, stages in zip(program.norms, new.norms, strict=True):
             for k in np.flatnonzero(stages):

@@ -111,18 +111,3 @@ class StagedProgram:
     """Penalty ρ_s of the slack s."""
     excess_penalty: float
     """Penalty ρ_v of the excess v."""
-
-
-class StagedSolution(NamedTuple):
-    """Optimal change of the plan."""
-
-    w: np.ndarray
-    """Decisions w (N, nw)."""
-    slack: float
-    """Slack s of the terminal set."""
-    excess: float
-    """Excess v of the softened limits."""
-    cone_programs: int
-    """Number of conic programs solved; 0 where no limit was active, or rows were enough."""
-    rows: int
-    """Number of rows of the last working set."""

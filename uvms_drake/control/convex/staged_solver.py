@@ -17,12 +17,14 @@ iterations served to bring a v to zero. A solution without v whose multipliers o
 to at most ρ_v is one with v = 0; otherwise v comes back.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from uvms_drake.control.convex.least_norm_active_set import least_norm_active_set
 from uvms_drake.control.convex.least_norm_conic import least_norm
-from uvms_drake.control.convex.regulator import motion, riccati
-from uvms_drake.control.convex.staged_program import StagedProgram, StagedSolution
+from uvms_drake.control.convex.regulator import Regulator, motion, riccati
+from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.control.convex.working_set import WorkingSet
 
 MANY = 0.75
@@ -30,6 +32,23 @@ MANY = 0.75
 NEAR, LESS_NEAR = 0.03, 0.1
 """Distance to a bound, over the limit's range, below which it counts as nearly reached, and as less
 nearly."""
+
+
+class StagedSolution(NamedTuple):
+    """Optimal change of the plan."""
+
+    w: np.ndarray
+    """Decisions w (N, nw)."""
+    slack: float
+    """Slack s of the terminal set."""
+    excess: float
+    """Excess v of the softened limits."""
+    cone_programs: int
+    """Number of conic programs solved; 0 where no limit was active, or rows were enough."""
+    rows: int
+    """Number of rows of the last working set."""
+    regulator: Regulator
+    """The program's regulator."""
 
 
 def solve_staged(program: StagedProgram) -> StagedSolution | None:
@@ -47,14 +66,14 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         return None
     kept = WorkingSet.broken(program, z, 0.0)
     if not kept.any():
-        return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)
+        return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0, regulator)
     # The fast solver, for limits that are rows; its failure proves nothing.
     kept |= WorkingSet.near(program, NEAR)
     softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
     by_active_set = least_norm_active_set(program, regulator, z, kept)
     if by_active_set is not None:
         return StagedSolution(motion(program, regulator, by_active_set[0].r)[:-1, nx:], 0.0, 0.0, 0,
-                              by_active_set[1].rows(program))
+                              by_active_set[1].rows(program), regulator)
     # The conic solver, until its solution violates no limit outside of the working set.
     while True:
         sparse = kept.rows(program) > MANY * N * nw
@@ -71,7 +90,8 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         broken = WorkingSet.broken(program, best, found.excess).without(kept)
         if not broken.any():
             return StagedSolution(
-                best[:-1, nx:], found.slack, found.excess, cone_programs, kept.rows(program))
+                best[:-1, nx:], found.slack, found.excess, cone_programs, kept.rows(program),
+                regulator)
         kept |= broken
 
 

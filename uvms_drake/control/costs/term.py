@@ -32,7 +32,7 @@ class CostTerm(ABC):
         """Returns H (N, w, w) and g (N, w) of h Σ‖r‖² ≈ a constant + Σ(½ zᵀHz + gᵀz).
 
         Args:
-            at: The points, with `config_y`.
+            at: The points.
             chain: Derivatives of y, ζ and u there by z (w,).
             h: Time step [s].
         """

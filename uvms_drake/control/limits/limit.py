@@ -103,7 +103,10 @@ class Limit(ABC):
         return None
 
     def cone(self, at: Points) -> Cone | None:
-        """Returns the limit as a cone for the convex program, in place of `rows`, or None."""
+        """Returns the limit as a cone for the convex program, in place of `rows`, or None.
+
+        It is one at all points or at none.
+        """
         return None
 
     def slopes(self, at: Points) -> Slopes:
@@ -114,9 +117,17 @@ class Limit(ABC):
         """Returns the values of the limit's rows in a convex program (..., m)."""
         return self.values(at)
 
+    def row_slopes(self, at: Points) -> Slopes:
+        """Returns the derivatives of the rows; (m, 6+n) where they are the same everywhere."""
+        return self.slopes(at)
+
+    def row_bounds(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the lower and the upper bounds (m,) of the rows, the same at all points."""
+        return self.lower, self.upper
+
     def rows(self, at: Points) -> Rows:
         """Returns the limit as rows of a convex program about the points `at`."""
-        return Rows(self.row_values(at), self.slopes(at), self.lower, self.upper)
+        return Rows(self.row_values(at), self.row_slopes(at), *self.row_bounds(at))
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first parameter that has no meaning."""

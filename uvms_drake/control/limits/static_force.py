@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from uvms_drake.control.limits.limit import AbsoluteLimit, Cone, Rows
+from uvms_drake.control.limits.limit import AbsoluteLimit, Cone
 from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.plan.points import Points, Slopes
 from uvms_drake.model.surface.law import StaticForceRows, Surface
@@ -54,11 +54,14 @@ class StaticForce(AbsoluteLimit):
         """Returns the depth in a plane."""
         return self.surface.static_force_rows(at.y[..., :6], self.upper[0]).value
 
-    def rows(self, at: Points) -> Rows:
-        """Returns the depth in a plane."""
+    def row_slopes(self, at: Points) -> Slopes:
+        """Returns the derivatives of the depth in a plane."""
+        return Slopes(_by_y(self.surface.static_force_rows(at.y[..., :6], self.upper[0]), at))
+
+    def row_bounds(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the bound of the depth in a plane."""
         limit = self.surface.static_force_rows(at.y[..., :6], self.upper[0])
-        return Rows(limit.value, Slopes(_by_y(limit, at)), np.array([-np.inf]),
-                    np.array([limit.bound]))
+        return np.array([-np.inf]), np.array([limit.bound])
 
     def cone(self, at: Points) -> Cone | None:
         """Returns the stretch of a spring."""

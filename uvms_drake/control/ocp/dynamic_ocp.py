@@ -19,7 +19,8 @@ from uvms_drake.common.errors import require
 from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.ocp.ocp import Inputs, MpcConfig, Ocp, Transitions, weight
+from uvms_drake.control.ocp.limit_stack import Inputs
+from uvms_drake.control.ocp.ocp import MpcConfig, Ocp, PlanPoints, Transitions, weight
 from uvms_drake.control.plan.plan import DynamicPlan, advance
 from uvms_drake.control.plan.points import Points, Slopes
 from uvms_drake.control.plan.terminal import declared_terminal, terminal_ingredients
@@ -86,7 +87,10 @@ class DynamicOcp(Ocp[DynamicPlan]):
 
     def inputs(self, plan: DynamicPlan) -> tuple[np.ndarray, np.ndarray]:
         """Returns ū (N, 6+n) at the beginning and at the end of every interval."""
-        f = self.model.drift(plan.config, plan.zeta)
+        return self._inputs_at(plan, self._knots(plan))
+
+    def _inputs_at(self, plan: DynamicPlan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
+        f = knots.drift
         return plan.zeta_dot - f[:-1], plan.zeta_dot - f[1:]
 
     def nominal_input(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -114,16 +118,19 @@ class DynamicOcp(Ocp[DynamicPlan]):
     def _velocities(self, plan: DynamicPlan) -> np.ndarray:
         return plan.zeta
 
-    def linearise(self, plan: DynamicPlan) -> Linearisation:
-        """Returns the first-order model about a plan."""
-        motion = self._transitions(plan, plan.zeta[:-1], plan.zeta_dot)
-        f, f_config, f_zeta = self.model.drift_derivatives(plan.config, plan.zeta)
+    def linearise(self, plan: DynamicPlan, knots: Points | None = None) -> Linearisation:
+        """Returns the first-order model about a plan; `knots` are its points, if known."""
+        knots = knots or self._knots(plan)
+        motion = self._transitions(knots, plan.zeta[:-1], plan.zeta_dot)
+        f_config, f_zeta = self.model.drift_gradients(
+            plan.config, plan.zeta, knots.drift, knots.kinematics, knots.inverse_mass)
         return Linearisation(
-            **vars(motion), f=f, f_y=f_config @ motion.knots.config_y, f_zeta=f_zeta)
+            **vars(motion), f=knots.drift, f_y=f_config @ knots.config_y, f_zeta=f_zeta)
 
-    def staged_program(self, plan: DynamicPlan) -> StagedProgram:
+    def staged_program(self, plan: DynamicPlan, points: PlanPoints | None = None) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of ζ̄̇."""
-        model = self.linearise(plan)
+        points = points or self.points(plan)
+        model = self.linearise(plan, points.knots)
         N, size, h = self.horizon, self.model.size, self.time_step
         eye = np.eye(size)
         A, B = np.zeros((N, 2 * size, 2 * size)), np.zeros((N, 2 * size, size))
@@ -131,22 +138,20 @@ class DynamicOcp(Ocp[DynamicPlan]):
         A[:, size:, size:] = eye
         B[:, :size], B[:, size:] = model.dy_da, h * eye
         return self._program(
-            plan, A, B, model.knots, self.linearised_inputs(plan, model, A, B))
+            plan, A, B, points, self.linearised_inputs(plan, model, A, B))
 
     def linearised_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray,
-                          B: np.ndarray) -> list[Inputs]:
+                          B: np.ndarray) -> Inputs:
         """Returns ū at both ends of the intervals and its derivatives by (ξ, ζ̄̇) at the first.
 
         A and B are the derivatives of ξ at the last.
         """
-        N, size, eye = self.horizon, self.model.size, np.eye(self.model.size)
+        N, size = self.horizon, self.model.size
         f_xi = np.concatenate([model.f_y, model.f_zeta], axis=2)
-        begin_z = np.concatenate([-f_xi[:-1], np.tile(eye, (N, 1, 1))], axis=2)
-        end_z = np.concatenate([-f_xi[1:] @ A, eye - f_xi[1:] @ B], axis=2)
-        xi_z = np.concatenate([A, B], axis=2)
-        y_z, zeta_z = self._state_z(3 * size)
-        return [
-            Inputs(model.knots.subset(slice(-1), plan.zeta_dot - model.f[:-1]),
-                   y_z, zeta_z, begin_z),
-            Inputs(model.knots.subset(slice(1, None), plan.zeta_dot - model.f[1:]),
-                   xi_z[:, :size], xi_z[:, size:], end_z)]
+        # ∂ξ/∂z at both ends, and ∂ū/∂z = ∂ζ̄̇/∂z − ∂f/∂ξ ∂ξ/∂z.
+        xi_z = np.zeros((2 * N, 2 * size, 3 * size))
+        xi_z[:N, :, : 2 * size] = np.eye(2 * size)
+        xi_z[N:, :, : 2 * size], xi_z[N:, :, 2 * size:] = A, B
+        u_z = np.concatenate([-f_xi[:-1] @ xi_z[:N], -f_xi[1:] @ xi_z[N:]])
+        u_z[..., 2 * size:] += np.eye(size)
+        return Inputs(self._ends(plan, model.knots), xi_z[:, :size], xi_z[:, size:], u_z)

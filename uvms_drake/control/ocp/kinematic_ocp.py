@@ -11,7 +11,8 @@ from uvms_drake.common.errors import require
 from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.ocp.ocp import Inputs, MpcConfig, Ocp, weight
+from uvms_drake.control.ocp.limit_stack import Inputs
+from uvms_drake.control.ocp.ocp import MpcConfig, Ocp, PlanPoints, weight
 from uvms_drake.control.plan.plan import KinematicPlan, advance
 from uvms_drake.control.plan.points import Points, Slopes
 from uvms_drake.control.plan.terminal import declared_terminal, kinematic_terminal_ingredients
@@ -61,6 +62,9 @@ class KinematicOcp(Ocp[KinematicPlan]):
         """Returns ζ̄ (N, 6+n), the same at the beginning and at the end of every interval."""
         return plan.zeta, plan.zeta
 
+    def _inputs_at(self, plan: KinematicPlan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
+        return plan.zeta, plan.zeta
+
     def nominal_input(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
         """Returns ζ̄ (6+n,)."""
         return at[1]
@@ -82,10 +86,11 @@ class KinematicOcp(Ocp[KinematicPlan]):
     def _velocities(self, plan: KinematicPlan) -> np.ndarray:
         return np.concatenate([plan.zeta, np.zeros((1, self.model.size))])
 
-    def staged_program(self, plan: KinematicPlan) -> StagedProgram:
+    def staged_program(self, plan: KinematicPlan, points: PlanPoints | None = None
+                       ) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of ζ̄."""
-        model = self._transitions(plan, plan.zeta, np.zeros_like(plan.zeta))
-        y_z, zeta_z = self._state_z(2 * self.model.size)
-        inputs = Inputs(model.knots.subset(slice(-1), plan.zeta), y_z, zeta_z,
-                        np.tile(zeta_z, (self.horizon, 1, 1)))
-        return self._program(plan, model.dy_dy, model.dy_dzeta, model.knots, [inputs])
+        points = points or self.points(plan)
+        model = self._transitions(points.knots, plan.zeta, np.zeros_like(plan.zeta))
+        y_z, zeta_z = np.repeat(self._state_z(2 * self.model.size)[:, None], self.horizon, axis=1)
+        inputs = Inputs(points.begin, y_z, zeta_z, zeta_z)
+        return self._program(plan, model.dy_dy, model.dy_dzeta, points, inputs)

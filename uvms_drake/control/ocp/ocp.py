@@ -26,22 +26,18 @@ from typing import ClassVar, Generic, NamedTuple, Self
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.control.convex.staged_program import (
-    LinearLimits,
-    NormLimit,
-    StagedProgram,
-    TerminalLimit,
-    stacked,
-)
+from uvms_drake.control.convex.staged_program import StagedProgram, TerminalLimit
 from uvms_drake.control.costs import AnyTerm
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.costs.term import CostTerm
 from uvms_drake.control.limits import Limit
+from uvms_drake.control.ocp.limit_stack import Inputs, LimitStack, Values
 from uvms_drake.control.plan.plan import P, advance_derivatives
 from uvms_drake.control.plan.points import Points, Slopes, check_slopes
 from uvms_drake.control.plan.terminal import Terminal
-from uvms_drake.model.frames.euler import wrap_angle
-from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
+from uvms_drake.model.frames.euler import inverse_rate_matrix, wrap_angle
+from uvms_drake.model.frames.spatial import block_diagonal
+from uvms_drake.model.uvms_model import UvmsModel
 
 INITIAL_STATES = ("nominal", "measured")
 INPUT_REFERENCES = ("equilibrium", "zero")
@@ -100,26 +96,15 @@ class Transitions:
     """∂ȳ_{k+1}/∂ζ̄̇_k (N, 6+n, 6+n)."""
 
 
-class Inputs(NamedTuple):
-    """One end of every interval."""
-
-    points: Points
-    """Points of the N ends, with their inputs ū."""
-    y_z: np.ndarray
-    """Derivatives ∂y/∂z by the interval's z (N, 6+n, size of z), or one for all intervals."""
-    zeta_z: np.ndarray
-    """Derivatives ∂ζ/∂z, likewise."""
-    u_z: np.ndarray
-    """Derivatives ∂u/∂z, likewise."""
-
-
 class PlanPoints(NamedTuple):
     """Points of a plan at which it has limits and costs."""
 
     knots: Points
     """Points of the N+1 knots."""
-    ends: list[Points]
-    """Points of the beginnings and of the ends of the intervals, with ū."""
+    begin: Points
+    """Points of the N beginnings of the intervals, with ū."""
+    values: Values
+    """Limited values."""
 
 
 @dataclass(frozen=True)
@@ -209,22 +194,38 @@ class Ocp(ABC, Generic[P]):
         self.limits = limits
         self.own_terms: list[CostTerm] = list(mpc.terms)
         self._check_own()
+        self._stacked = self._stack_of(limits)
         self._radius = mpc.terminal_radius if mpc.terminal_set else np.inf
 
     def _check_own(self) -> None:
         """Raises `TypeError` for a limit or a term with wrong derivatives."""
-        size = self.model.size
-        zeta, u = 0.1 * np.sin(np.arange(2 * size)).reshape(2, size)
-        y = self.y_des + 0.1 * zeta
-        config = self.model.configuration(y)
-        at = Points(self.model, config, y, zeta, u, config_y=configuration_rate_matrix(
-            config) @ np.linalg.inv(self.model.task_jacobian(config)))
+        at = self._examples()
         for limit in self.limits.values():
             if type(limit).slopes is Limit.slopes and type(limit).cone is Limit.cone:
                 check_slopes(f"limits.{limit.name}", limit.values, at, limit.about)
         for i, term in enumerate(self.own_terms):
             with within(f"terms[{i}]"):
                 check_slopes(f"mpc.terms[{i}]", term.residual, at, term.about)
+
+    def _examples(self) -> Points:
+        """Returns two points near the task, of ordinary size."""
+        size = self.model.size
+        zeta, u = 0.1 * np.sin(np.arange(4 * size)).reshape(2, 2, size)
+        y = self.y_des + 0.1 * zeta
+        return Points(self.model, self.model.configuration(y), y, zeta, u)
+
+    def _stack_of(self, limits: dict[str, Limit], stages: int | None = None) -> LimitStack:
+        """Returns limits in arrays, for the states and decisions of this problem."""
+        return LimitStack(limits, self._examples(), stages or self.horizon + 1,
+                          self.state_size + self.model.size, self.given_speed, self.input_ends)
+
+    def stack(self, plan: P) -> LimitStack:
+        """Returns the limits in arrays, for a plan of usually N intervals."""
+        if len(plan.config) != self.horizon + 1:
+            return self._stack_of(self.limits, len(plan.config))
+        if not self._stacked.is_of(self.limits):
+            self._stacked = self._stack_of(self.limits)
+        return self._stacked
 
     @property
     def Q(self) -> np.ndarray:
@@ -277,8 +278,17 @@ class Ocp(ABC, Generic[P]):
         """Returns y − y_des and ζ̄ under the terminal controller as rows of ξ (6+n, its size)."""
 
     @abstractmethod
-    def staged_program(self, plan: P) -> StagedProgram:
-        """Returns the convex program about a plan, for the change of its decision."""
+    def _inputs_at(self, plan: P, knots: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the same as `inputs`, by the plan's knots."""
+
+    @abstractmethod
+    def staged_program(self, plan: P, points: PlanPoints | None = None) -> StagedProgram:
+        """Returns the convex program about a plan, for the change of its decision.
+
+        Args:
+            plan: The plan.
+            points: Its points, if they are known.
+        """
 
     @abstractmethod
     def _velocities(self, plan: P) -> np.ndarray:
@@ -374,14 +384,14 @@ class Ocp(ABC, Generic[P]):
             plan: The plan.
             points: Its points, if they are known.
         """
-        knots, ends = points or self.points(plan)
-        xi = self.errors(plan, knots.y)
-        stages = sum(term.value(ends[0]) for term in (self._stage_cost(plan), *self.own_terms))
+        points = points or self.points(plan)
+        xi = self.errors(plan, points.knots.y)
+        stages = sum(term.value(points.begin)
+                     for term in (self._stage_cost(plan), *self.own_terms))
         end = self.terminal_axes(plan) @ xi[-1]
         terminal = float(end @ self.terminal.P @ end)
         slack = max(0.0, np.sqrt(terminal) - self.terminal_radius(plan))
-        excess = np.maximum(np.concatenate([
-            each.ravel() for _, _, each in self._excesses(knots, ends)]), 0.0)
+        excess = np.maximum(self.stack(plan).excess(points.values, points.knots), 0.0)
         return Evaluation(
             cost=float(self.time_step * stages + terminal + TERMINAL_PENALTY * slack),
             terminal_slack=float(slack),
@@ -391,48 +401,48 @@ class Ocp(ABC, Generic[P]):
 
     def excesses(self, plan: P) -> Iterator[tuple[Limit, np.ndarray, np.ndarray]]:
         """Yields the limits, times (T,) [s], and a plan's excesses there (T, m)."""
-        times = plan.start_time + self.time_step * np.arange(self.horizon + 1)
-        for limit, which, excess in self._excesses(*self.points(plan)):
-            yield limit, times[which], excess
-
-    def points(self, plan: P) -> PlanPoints:
-        """Returns the points of a plan at which it has limits and costs."""
-        y = self.unwrapped(self.model.task_pose(plan.config))
-        knots = Points(self.model, plan.config, y, self._velocities(plan))
-        begin, end = self.inputs(plan)
-        return PlanPoints(knots, [knots.subset(slice(-1), begin),
-                                  knots.subset(slice(1, None), end)])
-
-    def _excesses(self, knots: Points, ends: list[Points]
-                  ) -> Iterator[tuple[Limit, slice, np.ndarray]]:
-        """Yields the limits, the indices of their knots, and the excesses; negative within.
-
-        Args:
-            knots: The N+1 knots; limits of values that are given do not count.
-            ends: Beginning and end of the intervals.
-        """
+        times = plan.start_time + self.time_step * np.arange(len(plan.config))
+        knots = self._knots(plan)
         first, last = slice(-1), slice(1, None)
         decided = {"pose": [last], "speed": [last if self.given_speed == 0 else first],
                    "input": [first, last]}
+        inputs = self._inputs_at(plan, knots)
         for limit in self.limits.values():
-            for i, which in enumerate(decided[limit.about]):
-                points = ends[i] if limit.about == "input" else knots.subset(which)
-                yield limit, which, limit.excess(points)
+            for which, u in zip(decided[limit.about], inputs, strict=False):
+                at = knots.subset(which, u) if limit.about == "input" else knots.subset(which)
+                yield limit, times[which], limit.excess(at)
 
-    def _transitions(self, plan: P, zeta: np.ndarray, zeta_dot: np.ndarray) -> Transitions:
+    def points(self, plan: P) -> PlanPoints:
+        """Returns the points of a plan at which it has limits and costs."""
+        knots = self._knots(plan)
+        ends, first = self._ends(plan, knots), slice(len(plan.config) - 1)
+        return PlanPoints(knots, ends.subset(first, ends.u[first]),
+                          self.stack(plan).values(knots, ends))
+
+    def _ends(self, plan: P, knots: Points) -> Points:
+        """Returns the beginnings of the intervals, then their ends if the input is another one."""
+        inputs = self._inputs_at(plan, knots)[: self.input_ends]
+        first = np.arange(len(plan.config) - 1)
+        return knots.subset(np.concatenate([first, first + 1][: self.input_ends]),
+                            np.concatenate(inputs))
+
+    def _knots(self, plan: P) -> Points:
+        """Returns the points of the knots of a plan."""
+        return Points.known(
+            self.model, plan.config, self.model.kinematics(plan.config), self.unwrapped,
+            self._velocities(plan))
+
+    def _transitions(self, knots: Points, zeta: np.ndarray, zeta_dot: np.ndarray) -> Transitions:
         """Returns the first-order model of a plan with ζ̄ and ζ̄̇ (N, 6+n) of its intervals."""
-        config = plan.config
-        y, J_x, _ = self.model.task_motion(config, np.zeros_like(config))
-        Gamma = configuration_rate_matrix(config)
-        config_y = Gamma @ np.linalg.inv(J_x)
-        y_config = J_x[1:] @ np.linalg.inv(Gamma[1:])
+        config = knots.config
+        y_config = self.model.extended(knots.kinematics.J_chi[1:])
+        y_config[..., :6] = y_config[..., :6] @ block_diagonal(
+            np.swapaxes(knots.kinematics.R_WB[1:], -1, -2), inverse_rate_matrix(config[1:, 3:6]))
         by_config, by_zeta, by_zeta_dot = (y_config @ rate for rate in advance_derivatives(
             config[:-1], zeta, zeta_dot, self.time_step))
-        knots = Points(self.model, config, self.unwrapped(y), self._velocities(plan),
-                       config_y=config_y)
-        return Transitions(knots, by_config @ config_y[:-1], by_zeta, by_zeta_dot)
+        return Transitions(knots, by_config @ knots.config_y[:-1], by_zeta, by_zeta_dot)
 
-    def _program(self, plan: P, A: np.ndarray, B: np.ndarray, knots: Points, ends: list[Inputs]
+    def _program(self, plan: P, A: np.ndarray, B: np.ndarray, points: PlanPoints, inputs: Inputs
                  ) -> StagedProgram:
         """Returns the program about a plan, of a model ξ⁺ = Aξ + Bw.
 
@@ -440,49 +450,24 @@ class Ocp(ABC, Generic[P]):
             plan: The plan.
             A: Derivatives by ξ (N, nx, nx).
             B: Derivatives by w (N, nx, nw).
-            knots: The N+1 knots.
-            ends: Beginning of the intervals, and the end where the input is another one there.
+            points: Points of the plan.
+            inputs: Its inputs and their derivatives.
         """
-        points, *by_z = ends[0]
+        knots, begin = points.knots, points.begin
+        by_z = [each[: len(A)] for each in inputs[1:]]
         xi = self.errors(plan, knots.y)
-        H, g = self._stage_cost(plan).quadratic(points, Slopes(*by_z), self.time_step)
+        H, g = self._stage_cost(plan).quadratic(begin, Slopes(*by_z), self.time_step)
         for term in self.own_terms:
-            more_H, more_g = term.quadratic(points, Slopes(*by_z), self.time_step)
+            more_H, more_g = term.quadratic(begin, Slopes(*by_z), self.time_step)
             H, g = H + more_H, g + more_g
-        axes, width = self.terminal_axes(plan), H.shape[-1]
+        axes = self.terminal_axes(plan)
         penalty, root = axes.T @ self.terminal.P @ axes, self.terminal.root @ axes
         return StagedProgram(
             A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
-            linear=self._linear_limits(knots, ends, width),
-            norms=self._norm_limits(knots, width),
+            linear=self.stack(plan).linear(knots, points.values, inputs),
+            norms=self.stack(plan).norms(points.values),
             terminal=TerminalLimit(root, root @ xi[-1], self.terminal_radius(plan)),
             slack_penalty=TERMINAL_PENALTY, excess_penalty=EXCESS_PENALTY)
-
-    def _linear_limits(self, knots: Points, ends: list[Inputs], width: int) -> LinearLimits:
-        """Returns the limits that are rows of z (`width`,): of the inputs, then at the knots."""
-        stages, at_knots = self.horizon + 1, Slopes(*self._state_z(width))
-        none = np.empty((stages, 0))
-        parts = [LinearLimits(np.empty((stages, 0, width)), none, none, none, np.empty(0, bool))]
-        for limit, end in self._by_rows(knots, len(ends)):
-            if end is not None:
-                parts.append(self._linear_limit(limit, ends[end].points, Slopes(*ends[end][1:])))
-                continue
-            part, given = self._linear_limit(limit, knots, at_knots), self._given(limit)
-            part.upper[given], part.lower[given] = np.inf, -np.inf
-            parts.append(part)
-        return stacked(parts)
-
-    def _by_rows(self, knots: Points, ends: int) -> Iterator[tuple[Limit, int | None]]:
-        """Yields the limits that are rows, in their order, and the end of the intervals, or None.
-
-        None stands for the knots.
-        """
-        for limit in self.limits.values():
-            if limit.about == "input":
-                yield from ((limit, end) for end in range(ends))
-        for limit in self.limits.values():
-            if limit.about != "input" and limit.cone(knots) is None:
-                yield limit, None
 
     def revalued(self, program: StagedProgram, plan: P, points: PlanPoints) -> StagedProgram:
         """Returns a program with its own slopes and the limited values at another plan.
@@ -492,67 +477,20 @@ class Ocp(ABC, Generic[P]):
             plan: The plan.
             points: Points of the plan.
         """
-        knots, ends = points
-        stages = len(program.linear.value)
-        ends = ends[: self.input_ends]
-
-        def padded(values: np.ndarray) -> np.ndarray:
-            """Returns values of the knots at the last stages, those of intervals one before."""
-            out = np.zeros((stages, values.shape[1]))
-            out[stages - self.horizon - 1:][: len(values)] = values
-            return out
-
-        values = [padded(limit.row_values(knots if end is None else ends[end]))
-                  for limit, end in self._by_rows(knots, len(ends))]
-        cones = [cone for limit in self.limits.values()
-                 if limit.about != "input" and (cone := limit.cone(knots)) is not None]
+        rows, cones = points.values
+        first = len(program.linear.value) - len(rows)  # A stage before the plan has no limits.
+        value = np.pad(rows, ((first, 0), (0, 0)))
         return replace(
-            program,
-            linear=program.linear._replace(
-                value=np.concatenate(values, axis=1) if values else program.linear.value),
-            norms=tuple(norm._replace(value=padded(cone.value))
+            program, linear=program.linear._replace(value=value),
+            norms=tuple(norm._replace(value=np.pad(cone, ((first, 0), (0, 0))))
                         for norm, cone in zip(program.norms, cones, strict=True)),
             terminal=program.terminal._replace(
                 value=self.terminal.root @ self.terminal_axes(plan) @ self.errors(
-                    plan, knots.y)[-1]))
-
-    def _linear_limit(self, limit: Limit, points: Points, chain: Slopes) -> LinearLimits:
-        """Returns a limit as rows of the stages of the points, at most all.
-
-        Args:
-            limit: The limit.
-            points: N + 1 knots, or one end of the N intervals.
-            chain: Derivatives of y, ζ and u there by z.
-        """
-        rows = limit.rows(points)
-        by_z = rows.slopes.through(chain)
-        count, size = rows.value.shape
-        C = np.zeros((self.horizon + 1, size, by_z.shape[-1]))
-        value, upper = np.zeros((self.horizon + 1, size)), np.full((self.horizon + 1, size), np.inf)
-        lower = -upper
-        C[:count], value[:count], lower[:count], upper[:count] = (
-            by_z, rows.value, rows.lower, rows.upper)
-        return LinearLimits(C, value, lower, upper, np.full(size, limit.soft))
-
-    def _norm_limits(self, knots: Points, width: int) -> tuple[NormLimit, ...]:
-        """Returns the limits that are cones of z (`width`,)."""
-        out = []
-        for limit in self.limits.values():
-            cone = None if limit.about == "input" else limit.cone(knots)
-            if cone is not None:
-                bounds = np.full(len(cone.value), cone.bound)
-                bounds[self._given(limit)] = np.inf
-                by_z = cone.slopes.through(Slopes(*self._state_z(width)))
-                out.append(NormLimit(by_z, cone.value, bounds))
-        return tuple(out)
+                    plan, points.knots.y)[-1]))
 
     def _state_z(self, width: int) -> np.ndarray:
         """Returns ∂y/∂z and ∂ζ/∂z (2, 6+n, `width`) at a knot: z starts with them."""
         return np.eye(width)[: 2 * self.model.size].reshape(2, -1, width)
-
-    def _given(self, limit: Limit) -> int:
-        """Returns the knot at which the limited values are given."""
-        return self.given_speed if limit.about == "speed" else 0
 
 
 def weight(mpc: MpcConfig, key: str, size: int, *, zeros: bool = False) -> np.ndarray:

@@ -16,6 +16,7 @@ import numpy as np
 
 from uvms_drake.control.convex.correction import Correction
 from uvms_drake.control.convex.staged_program import StagedProgram
+from uvms_drake.control.convex.staged_solver import StagedSolution
 from uvms_drake.control.convex.staged_solver import solve_staged as solve_staged
 from uvms_drake.control.ocp.ocp import Evaluation, Ocp, PlanPoints
 from uvms_drake.control.plan.plan import P
@@ -54,34 +55,35 @@ class SequentialConvexSolver(Generic[P]):
             iterations: Largest number of convex programs.
             tolerance: Converged when a step improves the merit by less than this fraction of it.
         """
-        plan, evaluation, rows = guess, self.ocp.evaluate(guess), 0
+        plan, points, rows = guess, self.ocp.points(guess), 0
+        evaluation = self.ocp.evaluate(guess, points)
         for iteration in range(1, iterations + 1):
-            program = self.ocp.staged_program(plan)
+            program = self.ocp.staged_program(plan, points)
             change = solve_staged(program)
             if change is None:
                 if iteration == 1:
                     return Solution(None, None, iteration, converged=False)
                 return Solution(plan, evaluation, iteration, converged=False, rows=rows)
             rows = change.rows
-            step = self._line_search(plan, evaluation, program, change.w)
+            step = self._line_search(plan, evaluation, program, change)
             if step is None:
                 return Solution(plan, evaluation, iteration, converged=True, rows=rows)
             gain = evaluation.merit - step[1].merit
-            plan, evaluation = step
+            plan, evaluation, points = step
             if gain <= tolerance * abs(evaluation.merit):
                 return Solution(plan, evaluation, iteration, converged=True, rows=rows)
         return Solution(plan, evaluation, iterations, converged=False, rows=rows)
 
     def _line_search(self, plan: P, evaluation: Evaluation, program: StagedProgram,
-                     change: np.ndarray) -> tuple[P, Evaluation] | None:
-        """Returns the plan after the longest step that is better, and its value."""
+                     change: StagedSolution) -> tuple[P, Evaluation, PlanPoints] | None:
+        """Returns the plan after the longest step that is better, its value and its points."""
         step = 1.0
         while step >= SHORTEST_STEP:
-            candidate = plan.redone(plan.start, plan.decision + step * change)
+            candidate = plan.redone(plan.start, plan.decision + step * change.w)
             points = self.ocp.points(candidate)
             value = self.ocp.evaluate(candidate, points)
             if self._is_better(value, evaluation):
-                return candidate, value
+                return candidate, value, points
             if step == 1.0 and self.ocp.is_sound(evaluation) and value.cost < evaluation.cost:
                 corrected = self._corrected(candidate, value, points, program, change)
                 if self._is_better(corrected[1], evaluation):
@@ -90,9 +92,9 @@ class SequentialConvexSolver(Generic[P]):
         return None
 
     def _corrected(self, plan: P, value: Evaluation, points: PlanPoints, program: StagedProgram,
-                   change: np.ndarray) -> tuple[P, Evaluation]:
-        """Returns the plan after a step, moved back to within the limits, and its value."""
-        correction = Correction(program, change)
+                   change: StagedSolution) -> tuple[P, Evaluation, PlanPoints]:
+        """Returns the plan after a step, moved back to within the limits, its value and points."""
+        correction = Correction(program, change.regulator, change.w)
         for _ in range(CORRECTIONS):
             before = max(value.violation, value.terminal_slack)
             try:
@@ -105,7 +107,7 @@ class SequentialConvexSolver(Generic[P]):
             after = max(value.violation, value.terminal_slack)
             if self.ocp.is_sound(value) or after > SHRINKS * before:
                 break  # It is within limits, or converges too slowly.
-        return plan, value
+        return plan, value, points
 
     def _is_better(self, new: Evaluation, old: Evaluation) -> bool:
         """Returns whether a plan may take another's place."""

@@ -98,7 +98,9 @@ class TrackingOcp(DynamicOcp):
         self._moved = np.array([0, 1, 2, YAW] if turn else [0, 1, 2])
         self._require_the_same_everywhere()
         self._lasting = limits
+        self._stacked_aimed = self._stack_of(self._aimed_limits(TrackingTarget(y_des[:3])))
         self.depth_reach = max([self._reach(), *(other._reach(T) for T, other in self.turned())])
+        self._radius_rows = self._bound_rows()
         self.aim = TrackingTarget(y_des[:3])
 
     def following_lag(self, committed: int = 0) -> float:
@@ -192,13 +194,16 @@ class TrackingOcp(DynamicOcp):
     def aimed(self, aim: TrackingTarget) -> Self:
         """Returns the problem of another target; it shares all that does not depend on it."""
         out = copy(self)
-        out.aim = aim
-        depths = np.broadcast_to(np.asarray(aim.safe_depth, dtype=float), (len(self.facets),))
-        out.limits = {
-            **self._lasting, SafeDepth.name: SafeDepth(self.facets, depths),
-            SafeDepthBetweenKnots.name: SafeDepthBetweenKnots(
-                self.facets, depths, self.time_step)}
+        out.aim, out.limits = aim, self._aimed_limits(aim)
+        out._stacked = self._stacked_aimed.with_bounds(out.limits) or self._stacked_aimed
         return out
+
+    def _aimed_limits(self, aim: TrackingTarget) -> dict[str, Limit]:
+        """Returns the limits with those of a safe region."""
+        depths = np.broadcast_to(np.asarray(aim.safe_depth, dtype=float), (len(self.facets),))
+        return {**self._lasting, SafeDepth.name: SafeDepth(self.facets, depths),
+                SafeDepthBetweenKnots.name: SafeDepthBetweenKnots(
+                    self.facets, depths, self.time_step)}
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
         """Returns the problem of the given target, safe depth and turn."""
@@ -237,6 +242,14 @@ class TrackingOcp(DynamicOcp):
         """Returns ξ = (y − y_des − E a, ζ) at the knots (N+1, 2(6+n))."""
         return np.concatenate([y - self.reference(plan), plan.zeta], axis=1)
 
+    def _bound_rows(self) -> np.ndarray:
+        """Returns the gradients of the bounds of ρ(a) by a (m, size of a), of facets and turn."""
+        rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (0, len(self._moved) - 3)))
+        if not self.turn:
+            return rows
+        per = self.terminal.radius / ((1.0 - TURNED_FREELY) * self.turn)
+        return np.concatenate([rows, per * np.array([[0.0, 0.0, 0.0, -1.0], [0.0, 0.0, 0.0, 1.0]])])
+
     def terminal_radius(self, plan: DynamicPlan) -> float:
         """Returns the radius ρ(a)."""
         return float(np.min(self._radius_bound(plan).size, initial=self.terminal.radius))
@@ -245,12 +258,10 @@ class TrackingOcp(DynamicOcp):
         """Returns the bounds of ρ(a) other than ε, of facets and turn, with gradients by a."""
         assert isinstance(plan, TrackingPlan)
         sizes = (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
-        rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (0, len(self._moved) - 3)))
+        rows = self._radius_rows
         if self.turn:
-            per = self.terminal.radius / ((1.0 - TURNED_FREELY) * self.turn)
-            turns = per * np.array([[0.0, 0.0, 0.0, -1.0], [0.0, 0.0, 0.0, 1.0]])
-            sizes = np.append(sizes, per * self.turn + turns @ plan.a)
-            rows = np.concatenate([rows, turns])
+            m = len(self.facets)
+            sizes = np.append(sizes, rows[m, 3:] * -self.turn + rows[m:] @ plan.a)
         there = np.isfinite(sizes)
         return RadiusBound(sizes[there], rows[there])
 
@@ -274,9 +285,9 @@ class TrackingOcp(DynamicOcp):
         return replace(value, cost=(
             value.cost + self.offset.value(missing) + self.offset.value(turn)))
 
-    def staged_program(self, plan: DynamicPlan) -> StagedProgram:
+    def staged_program(self, plan: DynamicPlan, points: PlanPoints | None = None) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of a and of ζ̄̇."""
-        program, bound = super().staged_program(plan), self._radius_bound(plan)
+        program, bound = super().staged_program(plan, points), self._radius_bound(plan)
         program = replace(program, terminal=program.terminal._replace(radius=self.terminal.radius))
         bound = bound._replace(rows=np.pad(bound.rows, ((0, 0), (self.state_size, 0))))
         H, g = np.zeros((len(self._moved), len(self._moved))), np.zeros(len(self._moved))

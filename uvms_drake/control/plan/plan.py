@@ -12,7 +12,8 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from uvms_drake.model.frames.euler import COMPLEX_STEP, Numbers, rotated, rotation_matrix
+from uvms_drake.model.frames.euler import Numbers, rate_matrix, rotated, rotation_matrix
+from uvms_drake.model.frames.spatial import cross, times
 from uvms_drake.model.uvms_model import configuration_rate
 
 KNOT_TOLERANCE = 1e-9
@@ -53,21 +54,65 @@ def advance_derivatives(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarr
                         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns the derivatives (K, 6+n, 6+n) of `advance` (K, 6+n) by 𝔮, ζ and ζ̇.
 
-    By complex steps in the variables that enter nonlinearly: the vehicle's attitude and velocity.
+    By the chain rule through the stages 𝔮_i = 𝔮 + c_i k_{i−1}, ζ_i = ζ + c_i ζ̇, k_i = Γ(𝔮_i) ζ_i.
+    Only the attitude enters nonlinearly; the joints are linear.
     """
-    size = config.shape[-1]
-    steps = 1j * COMPLEX_STEP * np.eye(15)
-    eta, nu, nu_dot = (item[:, None, :6].astype(complex) for item in (config, zeta, zeta_dot))
-    eta = np.repeat(eta, 15, axis=1)
-    eta[..., 3:] += steps[:, :3]
-    moved = advance(eta, nu + steps[:, 3:9], nu_dot + steps[:, 9:], duration)
-    rates = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)
-    by_config = np.tile(np.eye(size), (len(config), 1, 1))
-    by_config[:, :6, 3:6] = rates[..., :3]
-    by_zeta, by_zeta_dot = duration * by_config, 0.5 * duration**2 * by_config
-    by_zeta[:, :6, :6] = rates[..., 3:9]
-    by_zeta_dot[:, :6, :6] = rates[..., 9:]
+    K, size, c = len(config), config.shape[-1], (0.0, 0.5 * duration, 0.5 * duration, duration)
+    offsets = np.array(c)[:, None, None]
+    speed = zeta[:, :6] + offsets * zeta_dot[:, :6]  # (4, K, 6)
+    # Attitudes of the stages, and Γ and the rates' derivatives by the attitude there.
+    rpy = np.empty((4, K, 3))
+    rate = np.zeros((K, 3))
+    for i in range(4):
+        rpy[i] = config[:, 3:6] + c[i] * rate
+        rate = times(rate_matrix(rpy[i]), speed[i, :, 3:])
+    R, T = rotation_matrix(rpy), rate_matrix(rpy)
+    linear_o, angular_o = _rate_gradients(rpy, R, speed)
+    # Derivatives of the k_i by attitude, ν and ν̇ (15).
+    by_linear, by_angular = np.zeros((K, 3, 15)), np.zeros((K, 3, 15))
+    step = np.zeros((K, 3, 15))
+    for i, weight in enumerate((1.0, 2.0, 2.0, 1.0)):
+        attitude = c[i] * step
+        attitude[:, range(3), range(3)] += 1.0
+        step, linear = angular_o[i] @ attitude, linear_o[i] @ attitude
+        step[..., 6:9] += T[i]
+        step[..., 12:] += c[i] * T[i]
+        linear[..., 3:6] += R[i]
+        linear[..., 9:12] += c[i] * R[i]
+        by_linear += weight / 6.0 * duration * linear
+        by_angular += weight / 6.0 * duration * step
+    by_config = np.tile(np.eye(size), (K, 1, 1))
+    by_config[:, :3, 3:6] = by_linear[..., :3]
+    by_config[:, 3:6, 3:6] += by_angular[..., :3]
+    by_zeta = np.tile(duration * np.eye(size), (K, 1, 1))
+    by_zeta_dot = 0.5 * duration * by_zeta
+    for out, columns in ((by_zeta, slice(3, 9)), (by_zeta_dot, slice(9, 15))):
+        out[:, :3, :6], out[:, 3:6, :6] = by_linear[..., columns], by_angular[..., columns]
     return by_config, by_zeta, by_zeta_dot
+
+
+def _rate_gradients(rpy: np.ndarray, R: np.ndarray, nu: np.ndarray
+                    ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the derivatives (..., 3, 3) of R(𝔬) ν₁ and of T(𝔬) ν₂ by 𝔬, real.
+
+    Args:
+        rpy: 𝔬 (..., 3) [rad].
+        R: R(𝔬) (..., 3, 3).
+        nu: (ν₁, ν₂) (..., 6) [m/s, rad/s].
+    """
+    (sf, _, sp), (cf, ct, cp) = (np.moveaxis(each, -1, 0) for each in (np.sin(rpy), np.cos(rpy)))
+    tan = np.tan(rpy[..., 1])
+    # A turn about x of the vehicle, the turned y and z moves R ν₁ across that axis.
+    axes = np.zeros((*rpy.shape, 3))
+    axes[..., 0, :] = R[..., 0]
+    axes[..., 1, 0], axes[..., 1, 1], axes[..., 2, 2] = -sp, cp, 1.0
+    linear = np.swapaxes(cross(axes, times(R, nu[..., :3])[..., None, :]), -1, -2)
+    q, r = nu[..., 4], nu[..., 5]
+    across, along = sf * q + cf * r, cf * q - sf * r
+    angular = np.zeros((*rpy.shape, 3))
+    angular[..., 0, 0], angular[..., 1, 0], angular[..., 2, 0] = tan * along, -across, along / ct
+    angular[..., 0, 1], angular[..., 2, 1] = across / ct**2, across * tan / ct
+    return linear, angular
 
 
 def roll_out(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, time_step: float

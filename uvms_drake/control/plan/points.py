@@ -1,15 +1,15 @@
 """Points of a motion, the arguments of limits and cost terms, and derivatives by them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
 from uvms_drake.model.frames.euler import COMPLEX_STEP, inverse_rate_matrix
-from uvms_drake.model.frames.spatial import cross
-from uvms_drake.model.uvms_model import Kinematics, UvmsModel
+from uvms_drake.model.frames.spatial import cross, times
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel, configuration_rate_matrix
 
 About = Literal["pose", "speed", "input"]
 """Arguments of a function of `Points`: (𝔮, y); these and ζ; or these and u and τ too."""
@@ -34,18 +34,54 @@ class Points:
     """Input (..., 6+n): 𝔲 of dynamic motion, ζ of kinematic motion."""
     forces: np.ndarray = field(default_factory=lambda: UNKNOWN)
     """Generalised force τ (..., 6+n) [N, N m], if it is not M(𝔮)𝔲."""
-    config_y: np.ndarray = field(default_factory=lambda: UNKNOWN)
-    """Derivative ∂𝔮/∂y (..., 6+n, 6+n), for derivatives."""
-    whole: tuple["Points", slice] | None = None
+    whole: tuple["Points", slice | np.ndarray] | None = None
     """Points that these were taken from, see `subset`."""
 
-    def subset(self, index: slice, u: np.ndarray = UNKNOWN) -> Self:
-        """Returns some of the points, with this input there; they share one mass matrix."""
-        config, y, zeta, config_y = (
-            each if each is UNKNOWN else each[index]
-            for each in (self.config, self.y, self.zeta, self.config_y))
-        return replace(self, config=config, y=y, zeta=zeta, u=u, forces=UNKNOWN, config_y=config_y,
-                       whole=(self, index))
+    @classmethod
+    def known(cls, model: UvmsModel, config: np.ndarray, kinematics: Kinematics,
+              unwrapped: Callable[[np.ndarray], np.ndarray], zeta: np.ndarray) -> Self:
+        """Returns the points at 𝔮 with a known geometry.
+
+        Args:
+            model: The model.
+            config: 𝔮 (..., 6+n).
+            kinematics: Geometry at 𝔮.
+            unwrapped: Function from y to the same y with Euler angles near those of a task.
+            zeta: ζ (..., 6+n).
+        """
+        y = np.concatenate([kinematics.chi, config[..., 6:]], axis=-1)
+        out = cls(model, config, unwrapped(y), zeta)
+        vars(out)["kinematics"] = kinematics
+        return out
+
+    def subset(self, index: slice | np.ndarray, u: np.ndarray = UNKNOWN) -> Self:
+        """Returns some of the points, with this input there; they share all geometry."""
+        zeta = self.zeta if self.zeta is UNKNOWN else self.zeta[index]
+        return type(self)(
+            self.model, self.config[index], self.y[index], zeta, u, whole=(self, index))
+
+    @cached_property
+    def config_y(self) -> np.ndarray:
+        """Derivative ∂𝔮/∂y = Γ J_x⁻¹ (..., 6+n, 6+n) of real points."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.config_y[index]
+        return configuration_rate_matrix(self.config) @ self.model.inverse_extended(
+            self.kinematics.J_chi)
+
+    @cached_property
+    def drift(self) -> np.ndarray:
+        """Drift f(𝔮, ζ) (..., 6+n) [m/s², rad/s²]."""
+        bias = self.model.inverse_dynamics(self.kinematics, self.zeta, np.zeros_like(self.zeta))
+        return -times(self.inverse_mass, bias)
+
+    @cached_property
+    def inverse_mass(self) -> np.ndarray:
+        """Inverse M⁻¹ (..., 6+n, 6+n) of the mass matrix."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.inverse_mass[index]
+        return np.linalg.inv(self.mass_matrix)
 
     @cached_property
     def mass_matrix(self) -> np.ndarray:
@@ -61,7 +97,7 @@ class Points:
         if self.whole is not None:
             points, index = self.whole
             return points.by_tip_force[index]
-        return np.linalg.solve(self.mass_matrix, np.swapaxes(self.tip_jacobian, -1, -2))
+        return self.inverse_mass @ np.swapaxes(self.tip_jacobian, -1, -2)
 
     @cached_property
     def by_tip_force_rates(self) -> np.ndarray:
@@ -72,21 +108,20 @@ class Points:
         change = np.swapaxes(self.tip_jacobian_rates, -2, -3) - np.einsum(
             "...rcj,...ci->...rij", self.mass_matrix_rates, self.by_tip_force)
         shape = change.shape
-        return np.linalg.solve(
-            self.mass_matrix, change.reshape(*shape[:-2], shape[-2] * shape[-1])).reshape(shape)
+        return (self.inverse_mass @ change.reshape(
+            *shape[:-2], shape[-2] * shape[-1])).reshape(shape)
 
     @cached_property
     def mass_matrix_rates(self) -> np.ndarray:
-        """∂M/∂𝔮 (..., 6+n, 6+n, 6+n), the last axis that of 𝔮; by a complex step.
+        """∂M/∂𝔮 (..., 6+n, 6+n, 6+n) of real points, the last axis that of 𝔮.
 
         In the vehicle's axes M does not depend on its pose: only the joints' part is not zero.
         """
         if self.whole is not None:
             points, index = self.whole
             return points.mass_matrix_rates[index]
-        M = self.model.mass_matrix(self.moved_kinematics)
-        rates = np.zeros((*self.config.shape, *M.shape[-2:]))
-        rates[..., 6:, :, :] = M.imag / COMPLEX_STEP
+        rates = np.zeros((*self.config.shape, *self.config.shape[-1:] * 2))
+        rates[..., 6:, :, :] = self.model.mass_matrix_rates(self.kinematics)
         return np.moveaxis(rates, -3, -1)
 
     @cached_property
@@ -99,32 +134,38 @@ class Points:
 
     @cached_property
     def tip_jacobian_rates(self) -> np.ndarray:
-        """∂J_𝔭/∂𝔮 (..., 3, 6+n, 6+n), the last axis that of 𝔮; by a complex step in the joints.
+        """∂J_𝔭/∂𝔮 (..., 3, 6+n, 6+n) of real points, the last axis that of 𝔮.
 
-        As the vehicle turns by ω, J_𝔭 turns with it: ω × its columns.
+        As the vehicle turns by ω, J_𝔭 turns with it: ω × its columns. A joint turns the columns
+        beyond it likewise; those before it are ωᵢ × (𝔭 − pᵢ), and 𝔭 moves by the joint's column.
         """
         if self.whole is not None:
             points, index = self.whole
             return points.tip_jacobian_rates[index]
-        J = self.moved_kinematics.J_chi[..., :3, :]
-        rates = np.zeros((*self.config.shape, *J.shape[-2:]))
-        turning = self.kinematics.R_WB @ inverse_rate_matrix(self.config[..., 3:6])
-        rates[..., 3:6, :, :] = np.swapaxes(cross(
-            np.swapaxes(turning, -1, -2)[..., None, :],
-            np.swapaxes(self.tip_jacobian, -1, -2)[..., None, :, :]), -1, -2)
-        rates[..., 6:, :, :] = J.imag / COMPLEX_STEP
-        return np.moveaxis(rates, -3, -1)
+        n, R_WB = self.model.num_joints, self.kinematics.R_WB
+        columns = np.swapaxes(self.tip_jacobian, -1, -2)
+        # Axes that the columns turn about, in Σ_I; none of a translation.
+        axes = np.zeros_like(columns)
+        axes[..., 3:6, :] = np.swapaxes(R_WB, -1, -2)
+        axes[..., 6:, :] = np.where(self.model.slides[:, None], 0.0, self.kinematics.axis
+                                    @ np.swapaxes(R_WB, -1, -2))
+        # rates[j, i] = ∂ column i/∂qⱼ, that is ω_min × column_max of i and j.
+        turned = cross(axes[..., :, None, :], columns[..., None, :, :])
+        rates = np.zeros((*self.config.shape, *columns.shape[-2:]))
+        first = np.arange(6, 6 + n)[:, None], np.arange(6 + n)
+        rates[..., 6:, :, :] = turned[..., np.minimum(*first), np.maximum(*first), :]
+        rates[..., 3:6, :, :] = np.einsum(
+            "...kj,...kic->...jic", inverse_rate_matrix(self.config[..., 3:6]),
+            turned[..., 3:6, :, :])
+        return np.moveaxis(rates, (-3, -1), (-1, -3))
 
     @cached_property
     def kinematics(self) -> Kinematics:
         """Geometry at the points."""
+        if self.whole is not None:
+            points, index = self.whole
+            return Kinematics(*(item[index] for item in points.kinematics))
         return self.model.kinematics(self.config)
-
-    @cached_property
-    def moved_kinematics(self) -> Kinematics:
-        """Geometry after a complex step of each joint (..., n)."""
-        return self.model.kinematics(
-            self.config[..., None, :] + 1j * COMPLEX_STEP * np.eye(self.model.size)[6:])
 
     @cached_property
     def tau(self) -> np.ndarray:
@@ -153,7 +194,7 @@ def slopes(values: Callable[[Points], np.ndarray], at: Points, about: About) -> 
 
     Args:
         values: A function of points.
-        at: The points, with `config_y`.
+        at: The points.
         about: Arguments that `values` reads.
     """
     step = 1j * COMPLEX_STEP * np.eye(at.model.size)
@@ -179,7 +220,7 @@ def check_slopes(name: str, values: Callable[[Points], np.ndarray], at: Points, 
     Args:
         name: Name of the function, for the message.
         values: A function of points.
-        at: One point, with `config_y`.
+        at: One point.
         about: Arguments that `values` reads.
     """
     dy, dzeta, du = 1e-6 * np.cos(np.arange(3 * at.model.size)).reshape(3, -1)

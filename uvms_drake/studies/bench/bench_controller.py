@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_drake.control.convex.staged_program import StagedProgram, StagedSolution
+from uvms_drake.control.convex.staged_program import StagedProgram
+from uvms_drake.control.convex.staged_solver import StagedSolution
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import scp
 from uvms_drake.control.ocp.ocp import Ocp
