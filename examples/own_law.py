@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.model.frames.euler import pose_difference
 
 
 @dataclass
@@ -27,7 +26,7 @@ class ProportionalDerivative(uv.AncillaryLaw):
                 nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> uv.Command:
         """Returns the acceleration u, and the force M(𝔮)u."""
-        pose_error = now.inverse @ pose_difference(*now.y)
+        pose_error = now.inverse @ uv.pose_difference(*now.y)
         velocity_error = now.zeta[0] - now.zeta[1]
         u = (nominal_input() - self.derivative * velocity_error
              - self.proportional * pose_error)

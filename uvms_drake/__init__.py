@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from uvms_drake.control.limits.limit import Limit as Limit
     from uvms_drake.control.plan.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
+    from uvms_drake.model.frames.euler import pose_difference as pose_difference
     from uvms_drake.model.robot import Robot as Robot
     from uvms_drake.model.signals.sensor_actuator import Part as Part
     from uvms_drake.model.signals.sensor_actuator import Signals as Signals
@@ -71,6 +72,7 @@ _HOME = {
     "Pair": "control.laws.law",
     "Part": "model.signals.sensor_actuator",
     "Points": "control.plan.points",
+    "pose_difference": "model.frames.euler",
     "Record": "station.record",
     "Robot": "model.robot",
     "Scenario": "station.scenario.scenario",

@@ -155,6 +155,15 @@ def test_a_disturbance_of_the_users_own_comes_in_through_a_port():
     np.testing.assert_allclose(*rates, rtol=1e-12, atol=1e-12)
 
 
+def test_open_water_without_a_disturbance_is_the_default():
+    rates = []
+    for uvms in (make_uvms_plant(model=MODEL), make(surface=None)):
+        context = uvms.CreateDefaultContext()
+        set_state(uvms, context, moving_state())
+        rates.append(uvms.EvalTimeDerivatives(context).CopyToVector())
+    np.testing.assert_array_equal(*rates)
+
+
 def test_the_disturbance_is_what_is_added_to_the_rate_of_zeta():
     """ζ̇ by central differences of the `state` port along the motion."""
     rates = []

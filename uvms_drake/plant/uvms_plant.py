@@ -25,8 +25,8 @@ from uvms_drake.plant.surface import CompliantSurface
 def make_uvms_plant(
     *,
     model: str,
-    surface: Surface | None,
-    disturbance: OpenLoopDisturbance | None,
+    surface: Surface | None = None,
+    disturbance: OpenLoopDisturbance | None = None,
     seed: int = 0,
     error: ModelError | None = None,
     start: np.ndarray | None = None,
@@ -58,7 +58,7 @@ def make_uvms_plant(
         - current_acceleration (optional)
         - applied_spatial_force (optional)
         - applied_generalized_force (optional)
-        - disturbance (with disturbance=None)
+        - disturbance (optional, with disturbance=None)
         output_ports:
         - state
         - force (with a surface)
@@ -102,7 +102,8 @@ def make_uvms_plant(
         model: Name of a shipped robot or path of a robot's folder.
         surface: The surface at the tip; None means open water, and `force`,
             `penetration` and `chi` are not there.
-        disturbance: d, added to ζ̇; None exports an input port `disturbance` for the caller's.
+        disturbance: d, added to ζ̇; None exports an input port `disturbance` for the caller's,
+            which means zero if unconnected.
         seed: Seed of the disturbance.
         error: Model error of the robot, if any.
         start: Default 𝔮 (6 + n,) [m, rad], at rest; if left out, that of the robot's file.

@@ -1,0 +1,57 @@
+"""The tutorials: each runs without an error, contains its figures and keeps to the glossary."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from test_vocabulary import GLOSSARY, RETIRED
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "examples" / "tutorials"
+TUTORIALS = sorted(FOLDER.glob("*.ipynb"))
+
+each = pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+
+
+def cells(path: Path, kind: str) -> list[dict]:
+    return [cell for cell in json.loads(path.read_text("utf-8"))["cells"]
+            if cell["cell_type"] == kind]
+
+
+@pytest.mark.slow
+@each
+def test_a_tutorial_runs(path, tmp_path):
+    pytest.importorskip("nbclient", reason="needs pip install '.[tutorials]'")
+    import nbformat
+    from tutorials.execute import executed
+    done = executed(path, tmp_path)
+    nbformat.write(done, tmp_path / path.name)  # To look at its figures.
+    assert any("image/png" in output.get("data", {})
+               for cell in done.cells for output in cell.get("outputs", ()))
+
+
+@each
+def test_a_tutorial_has_no_retired_word(path):
+    for cell in cells(path, "markdown") + cells(path, "code"):
+        text = "".join(cell["source"]).lower()
+        words = set(re.findall(r"[a-z]+", re.sub(r"\(\S+?\)|`[^`]*`", " ", text)))
+        assert not words & RETIRED.keys(), text
+
+
+@each
+def test_a_link_of_a_tutorial_leads_somewhere(path):
+    text = "".join("".join(cell["source"]) for cell in cells(path, "markdown"))
+    headings = {re.sub(r"[^\w -]", "", line).strip().lower().replace(" ", "-")
+                for line in re.findall(r"^#+ (.*)$", GLOSSARY, re.MULTILINE)}
+    links = re.findall(r"\]\(([^)#]+)(?:#([^)]+))?\)", text)
+    assert any(target.endswith("glossary.md") for target, _ in links)
+    for target, anchor in links:
+        assert (FOLDER / target).exists(), target
+        assert not anchor or not target.endswith("glossary.md") or anchor in headings, anchor
+
+
+def test_the_table_of_the_tutorials_has_all_of_them_in_their_order():
+    text = (FOLDER / "README.md").read_text("utf-8")
+    assert re.findall(r"^\| \[\d\. [^\]]+\]\((\S+)\)", text, re.MULTILINE) == [
+        path.name for path in TUTORIALS]
