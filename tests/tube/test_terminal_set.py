@@ -415,3 +415,12 @@ def test_where_the_tip_is_beyond_its_reach_the_set_is_refused(tracking):
     short.depth_reach = 0.9 * short.depth_reach
     check = check_terminal(short, 0.01)
     assert {"safe_depth", "safe_depth_between_knots"} & set(check.failures)
+
+
+@pytest.mark.parametrize("kind", ["robot", "tracking"])
+def test_a_margin_alone_is_its_column_of_all_margins(kind, request):
+    loop = TerminalLoop(request.getfixturevalue(kind))
+    xi = 0.3 * boundary_samples(loop.P, 3, np.random.default_rng(5))[:3] + 1e-30j
+    margins = loop.margins(xi)
+    for column in range(len(loop.names)):
+        np.testing.assert_array_equal(loop.margin(xi, column), margins[:, column])

@@ -97,6 +97,11 @@ class TerminalLoop:
         self.names = (DECREASE, *(f"{part} {end}" for limit in self.inputs
                                   for end in ("begin", "end") for part in limit.parts),
                       *(part for limit in self.sampled for part in limit.parts), *ocp.reach_names)
+        # Limit, whether at the end of an interval, and component of the columns that have one.
+        self._columns = [
+            *((limit, at_end, i) for limit in self.inputs for at_end in (False, True)
+              for i in range(len(limit.parts))),
+            *((limit, False, i) for limit in self.sampled for i in range(len(limit.parts)))]
         step = 1j * COMPLEX_STEP * np.eye(size + ocp.model.size)
         after, w, begin, end = ocp.move(step[:, :size] @ self._axes, step[:, size:])
         moved = (item.imag.T / COMPLEX_STEP for item in (after @ self._axes.T, w, np.concatenate(
@@ -118,18 +123,43 @@ class TerminalLoop:
 
         Of all references that the problem is `turned` to it is the worst.
         """
-        ocp = self.ocp
-        after, w, begin, end = ocp.move(xi @ self._axes, xi @ self.gain.T)
-        stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))
-        decrease = (_square(xi, self.P) - _square(after @ self._axes.T, self.P)) / stage - 1.0
-        left = 1.0 - self._limited("used", begin, end)
-        reached, per = ocp.reached(begin)
-        near = 1.0 - reached / (per * np.sqrt(_square(xi, self.P))[..., None])
-        worst = np.concatenate([decrease[..., None], left, near], axis=-1)
+        after, w, begin, end = self.ocp.move(xi @ self._axes, xi @ self.gain.T)
+        worst = np.concatenate([
+            self._decrease(xi, after, w)[..., None], 1.0 - self._limited("used", begin, end),
+            self._near(xi, begin)], axis=-1)
         for other in self._others:
             margins = other.margins(xi)
             worst = np.where(margins.real < worst.real, margins, worst)
         return worst
+
+    def margin(self, xi: np.ndarray, column: int) -> np.ndarray:
+        """Returns one column (...) of `margins`; no other limit is evaluated."""
+        after, w, begin, end = self.ocp.move(xi @ self._axes, xi @ self.gain.T)
+        worst: np.ndarray
+        if column == 0:
+            worst = self._decrease(xi, after, w)
+        elif column <= len(self._columns):
+            limit, at_end, i = self._columns[column - 1]
+            worst = 1.0 - limit.used(end if at_end else begin)[..., i]
+        else:
+            worst = self._near(xi, begin)[..., column - 1 - len(self._columns)]
+        for other in self._others:
+            margin = other.margin(xi, column)
+            worst = np.where(margin.real < worst.real, margin, worst)
+        return worst
+
+    def _decrease(self, xi: np.ndarray, after: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Returns (V − V⁺)/ℓ − 1 (...) of a step from ξ to ξ⁺ = `after` with the input w."""
+        ocp = self.ocp
+        stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))
+        fall: np.ndarray = _square(xi, self.P) - _square(after @ self._axes.T, self.P)
+        return fall / stage - 1.0
+
+    def _near(self, xi: np.ndarray, begin: Points) -> np.ndarray:
+        """Returns the margins of `Ocp.reached`."""
+        reached, per = self.ocp.reached(begin)
+        near: np.ndarray = 1.0 - reached / (per * np.sqrt(_square(xi, self.P))[..., None])
+        return near
 
     def margin_at_rest(self) -> float:
         """Returns the smallest (V − V⁺)/ℓ − 1 as ξ → 0, a generalised eigenvalue."""
@@ -257,7 +287,7 @@ def _refine(loop: TerminalLoop, radius: float, column: int, start: np.ndarray
     root = radius * np.linalg.inv(np.linalg.cholesky(loop.P)).T  # ξ = root · s, ‖s‖ ≤ 1
 
     def margin(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        values = loop.margins((x + 1j * COMPLEX_STEP * np.eye(len(x))) @ root.T)[:, column]
+        values = loop.margin((x + 1j * COMPLEX_STEP * np.eye(len(x))) @ root.T, column)
         return values[:1].real, values.imag[None] / COMPLEX_STEP
 
     cost = differentiable(margin)
@@ -267,7 +297,7 @@ def _refine(loop: TerminalLoop, radius: float, column: int, start: np.ndarray
     prog.AddQuadraticConstraint(2.0 * np.eye(len(s)), np.zeros(len(s)), INNERMOST**2, 1.0, s)
     found = SnoptSolver().Solve(prog, np.linalg.solve(root, start), None).GetSolution(s)
     state = root @ found / max(1.0, float(np.linalg.norm(found)))
-    return state, float(loop.margins(state)[column])
+    return state, float(loop.margin(state, column))
 
 
 def _square(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
