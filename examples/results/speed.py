@@ -6,13 +6,16 @@ process of its own on one core; old and new alternate, and the table has medians
 """
 
 import argparse
+import copy
 import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +61,89 @@ def mpc_steps(name: str, duration: float) -> dict[str, float]:
     return {"p50 [ms]": p50, "p99 [ms]": p99, "conic programs": float(sum(conic))}
 
 
+def simulation(name: str, duration: float) -> dict[str, float]:
+    """Returns the processor time of a run with everything that it loads [s]."""
+    import uvms_drake as uv
+    from uvms_drake.station.simulation import simulate
+
+    scenario = replace(uv.load_scenario(name), duration=duration)
+    begin = time.process_time()
+    simulate(scenario, realtime_rate=0.0)
+    return {"[s]": time.process_time() - begin}
+
+
+def campaign_run(name: str) -> dict[str, float]:
+    """Returns the processor time of a campaign's second run [s], and the part beside simulation.
+
+    A worker has loaded all modules and the robot's files in the first one. The certificate is made
+    before, once for all runs; here the declared tube is taken.
+    """
+    import uvms_drake as uv
+    from uvms_drake.campaign import run
+    from uvms_drake.campaign.campaign import make_campaign
+
+    spent: list[float] = []
+    simulate = run.simulate
+
+    def timed(scenario: Any) -> Any:
+        begin = time.process_time()
+        record = simulate(scenario)
+        spent.append(time.process_time() - begin)
+        return record
+
+    campaign = make_campaign(stepping(uv.load_scenario(name)), 0, None)
+    run.simulate = timed
+    run.run_one(campaign, 0)
+    begin = time.process_time()
+    run.run_one(campaign, 1)
+    whole = time.process_time() - begin
+    return {"[s]": whole, "beside the simulation [%]": 100.0 * (whole / spent[-1] - 1.0)}
+
+
+def certificate(name: str) -> dict[str, float]:
+    """Returns the processor time of a certificate from an empty cache [s]."""
+    import uvms_drake as uv
+    from uvms_drake.certificate.certify import certify
+
+    scenario = uv.load_scenario(name)
+    with tempfile.TemporaryDirectory() as cache:
+        os.environ["XDG_CACHE_HOME"] = cache
+        begin = time.process_time()
+        certify(scenario)
+        return {"[s]": time.process_time() - begin}
+
+
+def effect_of_step(name: str, duration: float) -> dict[str, float]:
+    """Returns the largest changes of state and force [N] in a run as the step is halved."""
+    import uvms_drake as uv
+    from uvms_drake.station.simulation import simulate
+
+    scenario = stepping(replace(uv.load_scenario(name), duration=duration))
+    finer = replace(scenario, simulator=copy.copy(scenario.simulator))
+    finer.simulator.max_step_size *= 0.5
+    one, other = (simulate(each, realtime_rate=0.0) for each in (scenario, finer))
+    return {"step [ms]": 1e3 * scenario.simulator.max_step_size,
+            "state [m, rad, m/s, rad/s]": float(np.max(np.abs(one.state - other.state))),
+            "force [N]": float(np.max(np.linalg.norm((one.force - other.force)[:, :3], axis=1)))}
+
+
+def stepping(scenario: Any) -> Any:
+    """Returns a scenario with the step that is chosen for it, if this code chooses one."""
+    from uvms_drake.station import step_size
+    from uvms_drake.station.problem import load_model
+
+    with_step = getattr(step_size, "with_step", None)
+    return scenario if with_step is None else with_step(scenario, load_model(scenario))
+
+
 ROWS: dict[str, Callable[[], dict[str, float]]] = {
+    "simulation, girona500_contact": lambda: simulation("girona500_contact", 12.0),
+    "simulation, girona500_ideal": lambda: simulation("girona500_ideal", 5.0),
+    "simulation, girona500_real_loop": lambda: simulation("girona500_real_loop", 12.0),
+    "campaign, girona500_contact": lambda: campaign_run("girona500_contact"),
+    "step, girona500_contact": lambda: effect_of_step("girona500_contact", 12.0),
+    **{f"certify {name}": partial(certificate, name)
+       for name in ("girona500_contact", "girona500_tip_first", "bluerov2_contact")},
     "MPC step, girona500_contact": lambda: mpc_steps("girona500_contact", 12.0),
     "MPC step, girona500_ideal": lambda: mpc_steps("girona500_ideal", 10.0),
     "MPC step, jacket_inspection": lambda: mpc_steps("jacket_inspection", 20.0),
