@@ -34,7 +34,7 @@ DUAL = 1e-6
 AT_THE_TIP = 1e-3
 """‖value‖ of a plan, over that at the edge of an ordinary terminal set, up to which the next plan
 is expected to end at the tip too."""
-TURNED = 1e-5
+TURNED = 1e-4
 """Sine of the angle by which d of an active cone may turn in the last step; the error that remains
 is of the order of its square."""
 SMALLEST = 1e-12
@@ -77,11 +77,13 @@ class _Cone:
     Args:
         at: Positions of A's rows among those of all cones.
         c: Vector c.
+        value: Vector in the plan, whose direction is the first d.
+        bound: Bound of a norm limit.
     """
 
-    def __init__(self, at: slice, c: np.ndarray, bound: float = np.inf):
+    def __init__(self, at: slice, c: np.ndarray, value: np.ndarray, bound: float = np.inf):
         self.at, self.c, self.bound = at, c, bound
-        self.d = c / max(np.linalg.norm(c), SMALLEST)
+        self.d = value / max(np.linalg.norm(value), SMALLEST)
         """Direction d of v."""
         self.mu = 0.0
         """Curvature μ, the multiplier over ‖v‖."""
@@ -118,7 +120,7 @@ class _Search:
         C = np.zeros((p + q, z.shape[1]))
         C[:p, :nx], C[p:, :nx] = terminal.T[:p], self._radius.rows
         self._A = row_gradients(program, regulator, np.full(p + q, len(z) - 1), C)
-        self._end = _Cone(slice(p), (terminal.value + terminal.T @ end)[:p])
+        self._end = _Cone(slice(p), (terminal.value + terminal.T @ end)[:p], terminal.value[:p])
         self._norms: list[_Cone] = []
         # Whether the plan is to end in the tip, and whether it may still be tried.
         self._tip = terminal.radius_bound is not None and bool(
@@ -132,33 +134,38 @@ class _Search:
 
     def run(self) -> LeastNorm | None:
         """Returns the solution, or None if there is none of this form."""
-        program, regulator, new = self._program, self._regulator, self.kept
+        program, regulator = self._program, self._regulator
+        new: WorkingSet | None = self.kept
         for _ in range(ROUNDS):
             found = self._solution() if self._added(new) else None
             if found is None:
                 return None
             r, changed, slack_price, excess_price = found
+            if changed:  # Other limits are asked once the cones have settled.
+                new = None
+                continue
             best = motion(program, regulator, r)
             broken = WorkingSet.broken(program, best, 0.0)
             new = broken.without(self.kept)
             self.kept = self.kept | new
-            if not (changed or new.any() or broken.any()):
+            if not (new.any() or broken.any()):
                 # The multipliers decide whether neither slack nor excess would be cheaper.
                 dear = (excess_price > program.excess_penalty
                         or slack_price > program.slack_penalty)
                 return None if dear else LeastNorm(r, 0.0, 0.0, excess_price)
         return None
 
-    def _added(self, new: WorkingSet) -> bool:
+    def _added(self, new: WorkingSet | None) -> bool:
         """Adds limits; returns whether those that r does not change are kept."""
-        if not new.any():
+        if new is None:
             return True
         program, regulator, z = self._program, self._regulator, self._z
         for limit, stages in zip(program.norms, new.norms, strict=True):
             for k in np.flatnonzero(stages):
                 count = len(self._A)
                 self._norms.append(_Cone(slice(count, count + len(limit.C)),
-                                         limit.value[k] + limit.C @ z[k], limit.bound[k]))
+                                         limit.value[k] + limit.C @ z[k], limit.value[k],
+                                         limit.bound[k]))
                 self._A = np.concatenate([self._A, row_gradients(
                     program, regulator, np.full(len(limit.C), k), limit.C)])
         if len(self._A) > len(self._AA):

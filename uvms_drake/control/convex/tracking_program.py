@@ -38,23 +38,32 @@ def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.n
 
     def spread(rows: np.ndarray) -> np.ndarray:
         """Returns rows of (ξ, w) as rows of (ξ, a, w)."""
-        return np.concatenate([rows[..., :nx], rows[..., moved], rows[..., nx:]], axis=-1)
+        out = np.empty((*rows.shape[:-1], size + nw))
+        out[..., :nx], out[..., nx: size] = rows[..., :nx], rows[..., moved]
+        out[..., size:] = rows[..., nx:]
+        return out
 
     def after(first: float, values: np.ndarray) -> np.ndarray:
         """Returns values of every stage, and `first` for the one before."""
-        return np.concatenate([np.full_like(values[:1], first), values])
+        out = np.empty((len(values) + 1, *values.shape[1:]))
+        out[0], out[1:] = first, values
+        return out
 
     # Motion: the first stage decides b, which no later one changes.
-    A, B = np.tile(np.eye(size), (N + 1, 1, 1)), np.zeros((N + 1, size, nw))
+    A, B = np.zeros((N + 1, size, size)), np.zeros((N + 1, size, nw))
     A[1:, :nx, :nx], B[1:, :nx] = program.A, program.B
-    A[1:, :nx, nx:] = program.A[..., moved] - np.eye(nx)[:, moved]
+    A[1:, :nx, nx:] = program.A[..., moved]
+    A[1:, moved, range(nx, size)] -= 1.0
+    A[:, range(nx, size), range(nx, size)] = 1.0
+    A[0, range(nx), range(nx)] = 1.0
     B[0, moved, range(m)], B[0, range(nx, size), range(m)] = -1.0, 1.0
 
     # Costs: those of ξ and w as before, and of b at the first stage.
     costs, gradients = np.zeros((N + 1, size + nw, size + nw)), np.zeros((N + 1, size + nw))
-    known = np.r_[:nx, size: size + nw]
-    costs[np.ix_(range(1, N + 1), known, known)] = program.H
-    gradients[1:, known] = program.g
+    for rows, own in ((slice(nx), slice(nx)), (slice(size, None), slice(nx, None))):
+        costs[1:, rows, :nx] = program.H[:, own, :nx]
+        costs[1:, rows, size:] = program.H[:, own, nx:]
+        gradients[1:, rows] = program.g[:, own]
     decided = costs[0, size:, size:]
     decided[...] = np.eye(nw)  # Unused decisions of this stage.
     decided[:m, :m], gradients[0, size: size + m] = H, g

@@ -17,8 +17,9 @@ class TrackingPlan(DynamicPlan):
     @property
     def decision(self) -> np.ndarray:
         """Decisions (N+1, 6+n): first (a, 0), then ζ̄̇."""
-        return np.concatenate([np.zeros_like(self.zeta[:1]), self.zeta_dot]) + np.pad(
-            self.a[None], ((0, len(self.zeta_dot)), (0, self.zeta.shape[1] - len(self.a))))
+        out = np.zeros_like(self.zeta)
+        out[0, : len(self.a)], out[1:] = self.a, self.zeta_dot
+        return out
 
     def redone(self, start: np.ndarray, decision: np.ndarray) -> "TrackingPlan":
         """Returns the plan from another (𝔮, ζ) or with another decision."""
