@@ -170,12 +170,14 @@ class ForceSensor(Part):
     def reading(self, time: float, turning: float) -> ForceReading:
         """Returns its properties up to a time; see `force_error_bound.error_bound`."""
         parts = error_bound(self, time, np.zeros(6), turning)
-        independent = parts.bias / np.sqrt(max(self.tare_samples, 1))
+        # The mean of the tare: its noise, and as much of the resolution as a reading has.
+        count = self.tare_samples
+        constant = parts.bias + (0.5 * np.asarray(self.resolution, dtype=float) if count else 0.0)
         repeated = repeat_probability(self.noise, self.noise_multiple, self.resolution)
         return ForceReading(
             in_tip_axes(self, parts.total), self.lag, 1.0 / self.rate, self.tare, repeated,
-            readable_force(self, time), in_tip_axes(self, parts.bias),
-            in_tip_axes(self, independent))
+            readable_force(self, time), in_tip_axes(self, constant),
+            in_tip_axes(self, constant / np.sqrt(max(count, 1))))
 
     @property
     def tare_samples(self) -> int:

@@ -1,7 +1,7 @@
 """Check of a run against the certified bands of the force of a sensed contact.
 
-In contact the force along n is within b(ℓ(t)) of the desired one, ℓ how far the plan is from its
-target: in a hold, once the plan has stood for the time of `HoldRadii`, by `hold_band`, else by
+In contact the force along n is within b(ℓκ̂/κ₊) of the desired one, ℓ how far the plan is from its
+target and κ̂ the estimated stiffness that the target is of: in a hold, once the plan has stood for the time of `HoldRadii`, by `hold_band`, else by
 `SensedContact.band`. tube/contact/theory.md#force-band-of-a-hold.
 """
 
@@ -26,7 +26,7 @@ class ForceBands(NamedTuple):
     error: np.ndarray
     """n·𝐅 − F_des (T,) [N]."""
     bound: np.ndarray
-    """b(ℓ(t)) (T,) [N]; NaN without contact at the last reading."""
+    """b(ℓκ̂/κ₊) (T,) [N]; NaN without contact at the last reading."""
     holds: np.ndarray
     """Whether the band is that of a hold (T,)."""
 
@@ -38,6 +38,7 @@ def force_bands(record: Record) -> ForceBands:
             else record.desired_force[:, :3] @ contact.direction)
     short = record.signals["target"] - record.chi_nominal[:, :3]
     lags = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
+    lags = lags * record.signals["slope"][:, 0] / contact.stiffness  # ℓ counts κ̂ℓ.
     touched = record.signals["touched"][:, 0] > 0.0
     holds = touched & has_stood(record)
     recedes = np.zeros(len(goal))
