@@ -37,7 +37,7 @@ def record():
         base, nominal_state=nominal, force=force, certified=np.array(True),
         scenario=replace(base.scenario, tube=replace(base.scenario.tube, hold=HOLD)),
         signals=base.signals | {"target": target, "touched": (time >= 1.0)[:, None].astype(float),
-                                  "slope": np.full((len(time), 1), 800.0)})
+                                  "stiffness_used": np.full((len(time), 1), 800.0)})
 
 
 def test_a_plan_has_stood_once_all_of_its_speeds_were_small_for_the_time(record):

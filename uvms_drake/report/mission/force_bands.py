@@ -38,7 +38,7 @@ def force_bands(record: Record) -> ForceBands:
             else record.desired_force[:, :3] @ contact.direction)
     short = record.signals["target"] - record.chi_nominal[:, :3]
     lags = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
-    lags = lags * record.signals["slope"][:, 0] / contact.stiffness  # ℓ counts κ̂ℓ.
+    lags = lags * record.signals["stiffness_used"][:, 0] / contact.stiffness  # ℓ counts κ̂ℓ.
     touched = record.signals["touched"][:, 0] > 0.0
     holds = touched & has_stood(record)
     recedes = np.zeros(len(goal))
