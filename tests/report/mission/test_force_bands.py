@@ -25,7 +25,7 @@ STANDS = 2.0  # s, from when on the plan does
 
 @pytest.fixture(scope="module")
 def record():
-    """A plan that stands from 2 s on, in contact from 1 s on, 1 mm short of its target, by an estimate of 800 N/m."""
+    """A plan that stands from 2 s on, in contact from 1 s on, 1 mm short by 800 N/m."""
     base = synthetic_sensed_record(4.0)
     time, nominal = base.time, base.nominal_state.copy()
     nominal[:, 10:] = np.where(time[:, None] < STANDS, 0.05, 0.0)

@@ -1,8 +1,9 @@
 """Check of a run against the certified bands of the force of a sensed contact.
 
 In contact the force along n is within b(ℓκ̂/κ₊) of the desired one, ℓ how far the plan is from its
-target and κ̂ the estimated stiffness that the target is of: in a hold, once the plan has stood for the time of `HoldRadii`, by `hold_band`, else by
-`SensedContact.band`. tube/contact/theory.md#force-band-of-a-hold.
+target and κ̂ the stiffness that the target is of: in a hold, once the plan has stood for the time of
+`HoldRadii`, by `hold_band`, else by `SensedContact.band`.
+tube/contact/theory.md#force-band-of-a-hold.
 """
 
 from typing import Any, NamedTuple
