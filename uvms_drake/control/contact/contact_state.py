@@ -121,10 +121,11 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, exte
         new = before.apex
     touch, pressed = np.linalg.norm(force) > nu, surface.depth(force)
     in_contact = touch or not np.isnan(stiffness.mean[0])  # Else there is nothing to estimate.
-    if in_contact and np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):
+    # The static force is bounded unless the tip retreats faster than 1/c₊.
+    if in_contact and np.all(surface.dissipation * surface.advance(-velocities) < 1.0):
         travelled = tip[:3] - points
-        travelled_forward, back = (
-            np.max(surface.advance(each)) for each in (travelled, -travelled))
+        travelled_forward, back = np.max(
+            surface.advance(np.array([travelled, -travelled])), axis=-1)
         travelled_forward = travelled_forward if back <= nu / surface.stiffness else np.inf
         stiffness = with_reading(stiffness, surface, tip[:3], pressed, touch, nu, sensing.memory,
                                  sensing.period, travelled_forward)

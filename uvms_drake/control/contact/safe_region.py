@@ -53,7 +53,7 @@ def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: floa
         velocities: Tip velocities at the readings (..., m, 3) [m/s].
         period: T [s].
     """
-    rates = np.stack([np.maximum(surface.advance(sign * velocities), 0.0) for sign in (1.0, -1.0)])
+    rates = np.maximum(surface.advance(np.array([velocities, -velocities])), 0.0)
     rates = np.maximum(rates[..., 1:], rates[..., :-1])
     total = np.sum(rates, axis=0)
     turned = np.prod(rates, axis=0) / np.where(total == 0.0, 1.0, total)

@@ -56,7 +56,9 @@ class SurfaceClass:
 
     def lateral(self, motion: np.ndarray) -> np.ndarray:
         """Returns the tangential length ‖P_t m‖ (...) of a vector m (..., 3)."""
-        return np.linalg.norm(motion - self.depth(motion)[..., None] * self.direction, axis=-1)
+        across = motion - self.depth(motion)[..., None] * self.direction
+        length: np.ndarray = np.sqrt(np.sum(across * across, axis=-1))
+        return length
 
     @cached_property
     def axes(self) -> np.ndarray:
@@ -94,7 +96,8 @@ class SurfaceClass:
 
         ⟨m + λn⟩ = ⟨m⟩ + λ, and ⟨m + m'⟩ ≤ ⟨m⟩ + ⟨m'⟩ by the triangle inequality.
         """
-        return self.depth(motion) + self.tilt * self.lateral(motion)
+        return self.depth(motion) + self.tilt * self.lateral(motion) if self.tilt else (
+            self.depth(motion))
 
     @cached_property
     def share(self) -> float:
