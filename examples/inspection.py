@@ -56,7 +56,7 @@ def main() -> None:
         name = type(JOB.steps[int(step)]).__name__ if outcome == RUNNING else "over"
         own = station.GetMyContextFromRoot(context)
         desired, force = (station.GetOutputPort(port).Eval(own)[:3] @ n
-                          for port in ("accepted_force", "force"))
+                          for port in ("desired_force", "force"))
         print(f"{t:6.1f}  {name:<10}{desired:13.2f}{force:11.2f}")
     logs = read_logs(station, context)
     most = np.max(logs["force"][:, :3] @ n)

@@ -21,9 +21,9 @@ from uvms_drake.station.step_size import with_step
 SHORT = ["mpc.horizon=8"]
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 """The tip starts 4 cm off the wall and touches it within a second."""
-LOGGED = ("state", "chi", "nominal_state", "nominal_input", "u", "tau", "lost", "limited",
-          "force", "penetration", "accepted_force", "disturbance", "acceleration", "tube_deviation",
-          "tube_bound")
+LOGGED = ("state", "chi", "nominal_state", "nominal_input", "u", "tau", "state_lost",
+          "input_limited", "force", "penetration", "desired_force", "disturbance", "acceleration",
+          "tube_deviation", "tube_bound")
 """Signals of dynamic motion."""
 WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",
         "limits.pitch=0.3"]
@@ -188,7 +188,7 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     monkeypatch.setattr("uvms_drake.station.motions.dynamic.make_tube_mpc", without_limits)
     assert_identical(limited, logs_of(scenario, 2.0))
     assert told == [scenario.limits]
-    assert np.all(limited["limited"] == 0.0)
+    assert np.all(limited["input_limited"] == 0.0)
 
 
 @pytest.mark.parametrize(("law", "scheme", "limited"), [
@@ -207,7 +207,7 @@ def test_the_command_is_cut_unless_the_integrator_is_implicit(law, scheme, limit
     state = station.GetOutputPort("state").Eval(context).copy()
     state[0] += 0.1
     set_state(uvms, uvms.GetMyMutableContextFromRoot(context), state)
-    u, flag = (station.GetOutputPort(name).Eval(context) for name in ("u", "limited"))
+    u, flag = (station.GetOutputPort(name).Eval(context) for name in ("u", "input_limited"))
     assert bool(flag) == limited == bool(np.max(np.abs(u) / scenario.limits.u) <= 1.0)
 
 

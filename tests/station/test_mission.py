@@ -83,9 +83,9 @@ def test_the_station_is_driven_by_it(scenario):
     assert not any(map(station.HasInputPort, ("desired_force", "place", "deepest")))
     context = station.CreateDefaultContext()
     found = {name: station.GetOutputPort(name).Eval(context)
-             for name in ("accepted_force", "target", "mission_place", "mission_progress")}
+             for name in ("desired_force", "target", "mission_place", "mission_progress")}
     # The first spot is approached off the wall: straight across, with no force.
-    assert found["accepted_force"] == pytest.approx(np.zeros(6))
+    assert found["desired_force"] == pytest.approx(np.zeros(6))
     assert found["mission_place"] == pytest.approx(np.zeros(3))
     assert found["mission_progress"] == pytest.approx(np.zeros(5))
     assert found["target"][1:] == pytest.approx(np.zeros(2), abs=1e-12)

@@ -36,8 +36,8 @@ class Breaks(LeafSystem):
 def logs_of(record):
     logs = {field.name: getattr(record, field.name) for field in fields(record)
             if field.name not in ("scenario", "signals", "wall_time_s")}
-    return logs | {"accepted_force": record.desired_force, "lost": record.state_lost[:, None],
-                   "limited": record.input_limited[:, None]}
+    return logs | {"desired_force": record.desired_force, "state_lost": record.state_lost[:, None],
+                   "input_limited": record.input_limited[:, None]}
 
 
 @pytest.fixture(scope="module")

@@ -11,20 +11,28 @@ import numpy as np
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import field_docs, field_types
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.signals import format_signals
 
 
 def add_keys(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
     keys = commands.add_parser(
-        "keys", help="list the keys of a scenario with default, unit and meaning",
+        "keys", help="list the keys of a scenario with default, unit and meaning, or the signals",
         allow_abbrev=False)
     keys.set_defaults(command=list_keys)
+    keys.add_argument("--signals", action="store_true",
+                      help="list the signals of a run instead, with components, unit, frame and "
+                           "source")
     keys.add_argument("prefix", nargs="?", default="", metavar="PREFIX",
                       help="only those that begin with it, such as mpc or surface.stiffness")
 
 
 def list_keys(args: argparse.Namespace) -> int:
     """Prints the keys that begin with a prefix, in which tags can be left out, a line each."""
+    if args.signals:
+        require(not args.prefix, "PREFIX", args.prefix, "left out with --signals")
+        print(format_signals())
+        return 0
     lines = [line for key, line in keys_of(Scenario())
              if any(name.startswith(args.prefix) for name in (key, re.sub(r"!\w+", "", key)))]
     require(bool(lines), "PREFIX", args.prefix, "the beginning of a key, or left out for all")

@@ -104,6 +104,8 @@ def add_plot(commands: argparse._SubParsersAction) -> None:
     plot.set_defaults(command=plot_run)
     plot.add_argument("folder", type=folder, metavar="DIR", help="folder that 'run' has written")
     plot.add_argument("--replay", action="store_true", help=f"also write {REPLAY_FILE}")
+    plot.add_argument("--mcap", action="store_true",
+                      help="also write log.mcap, for Foxglove (pip install 'uvms_drake[mcap]')")
 
 
 def run_scenario(args: argparse.Namespace) -> int:
@@ -175,9 +177,12 @@ def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
 def plot_run(args: argparse.Namespace) -> int:
     """Draws figures and report of a finished run, from its data."""
     from uvms_drake.report.html import load_run
+    from uvms_drake.report.mcap_log import MCAP_FILE, write_mcap
 
     record, certificate = load_run(args.folder)
-    with output_folder(args.folder, picture_files()) as output:
+    with output_folder(args.folder, (*picture_files(), MCAP_FILE)) as output:
+        if args.mcap:
+            write_mcap(record, output.folder / MCAP_FILE)
         write_pictures(record, certificate, output.folder, figures=True, replay=args.replay)
     print(f"written to {args.folder}: {', '.join(output.kept)}")
     return 0

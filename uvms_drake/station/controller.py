@@ -12,6 +12,7 @@ from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.series_connection import add_chain, keyed
+from uvms_drake.station.signals import LOGGED_AS
 
 
 def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Diagram:
@@ -74,7 +75,7 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
                          scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
     for name in motion.controller_signals:
-        signals[name] = controller.GetOutputPort(name)
+        signals[LOGGED_AS.get(name, name)] = controller.GetOutputPort(name)
     add_force_measurement(builder, scenario, model, controller, measured, signals)
     if scenario.contact.is_sensed:
         add_mission(builder, scenario, model, controller, measured, signals, None)

@@ -30,6 +30,7 @@ from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.station.series_connection import add_chain, keyed
+from uvms_drake.station.signals import LOGGED_AS
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
 from uvms_drake.visual.objects.contact_knowledge import KNOWN
@@ -39,7 +40,7 @@ SAMPLED = ("report", "solve_seconds")
 
 ILLUSTRATED = {"state": "state", "nominal_state": "nominal_state", "u": "u",
                "nominal_input": "nominal_input", "force": "force",
-               "desired_force": "accepted_force", **{name: name for name in KNOWN}}
+               "desired_force": "desired_force", **{name: name for name in KNOWN}}
 """Signal for each port of an `Illustration`; a motion may lack some."""
 
 MONITOR_SLACK = 0.01
@@ -119,7 +120,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     signals = Signals()
     for system, names in ((uvms, motion.plant_signals), (controller, motion.controller_signals)):
         for name in names:
-            signals[name] = system.GetOutputPort(name)
+            signals[LOGGED_AS.get(name, name)] = system.GetOutputPort(name)
 
     for name in (PAYLOAD, PAYLOAD_AT_REST):  # Of a plant whose hand holds something.
         if uvms.HasOutputPort(name):

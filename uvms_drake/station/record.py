@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,12 +11,14 @@ from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
+from uvms_drake.station.signals import SIGNALS, columns_of
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
 SCENARIO_FILE = "scenario.yaml"
 LOG_FILE = "log.npz"
 TIMING_FILE = "timing.npz"
-RENAMED = ("lost", "limited", "accepted_force")
-"""Signals of a station with another name in a `Record`."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,23 @@ class Record:
         """Nominal velocity ζ̄ (T, 6+n) [m/s, rad/s]."""
         return self.nominal_state[:, 6 + self.num_joints:]
 
+    def columns(self) -> dict[str, np.ndarray]:
+        """Returns all logged signals as columns (T,), in SI units, named as in `log.csv`.
+
+        The first is `time_s`. Those of the MPC have instants of their own and are not among them.
+        """
+        arrays = {name: getattr(self, name) for name in SIGNALS if hasattr(self, name)}
+        arrays |= self.signals
+        ordered = {name: arrays[name] for name in SIGNALS if name in arrays}
+        return {"time_s": self.time} | columns_of(
+            ordered | arrays, self.model.slides, self.scenario.motion == "kinematic")
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Returns `columns` as a table with the time as its index; it needs the package pandas."""
+        import pandas
+
+        return pandas.DataFrame(self.columns()).set_index("time_s")
+
     def deviation_of(self, part: str) -> np.ndarray:
         """Returns the deviation (T,) of one of `laws.law.FIELDS`."""
         return self.tube_deviation[:, FIELDS.index(part)]
@@ -157,8 +177,9 @@ def save_record(record: Record, folder: Path) -> list[Path]:
     return [scenario, log, timing]
 
 
-def load_record(folder: Path) -> Record:
+def load_record(folder: str | Path) -> Record:
     """Returns the record that `save_record` wrote into a folder."""
+    folder = Path(folder)
     with np.load(folder / LOG_FILE) as log, np.load(folder / TIMING_FILE) as timing:
         arrays = {name: log[name] for name in _LOGGED}
         signals = {name: log[name] for name in log.files if name not in _LOGGED}

@@ -8,9 +8,9 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from uvms_drake.common.errors import require, within
 from uvms_drake.model.signals.sensor_actuator import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.record import RENAMED, Record
+from uvms_drake.station.record import Record
 
-RESERVED = {"plan", "report", "solve_seconds", "tube_alarm", *RENAMED,
+RESERVED = {"plan", "report", "solve_seconds", "tube_alarm",
             *(field.name for field in fields(Record))}
 """Reserved names of signals: a record's own fields and other outputs."""
 

@@ -16,7 +16,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station, read_logs
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.record import RENAMED, Record
+from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.step_size import with_step
 
@@ -149,10 +149,9 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
     logs = motion.completed(scenario, model, logs)
     chi = model.task_pose(logs["state"][:, :size])[:, :6]  # Where the plant does not say.
     arrays = {"chi": chi} | logs | {
-        "desired_force": logs["accepted_force"],
         "penetration": logs["penetration"].reshape(-1),
-        "state_lost": logs["lost"].reshape(-1),
-        "input_limited": logs["limited"].reshape(-1),
+        "state_lost": logs["state_lost"].reshape(-1),
+        "input_limited": logs["input_limited"].reshape(-1),
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
         "chi_des": motion.goal(scenario, model, logs),
         "joint_lower": joint_lower,
@@ -160,6 +159,6 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
         "certified": np.array(certified),
     }
     known = {f.name for f in fields(Record)}
-    signals = {name: logs[name] for name in logs if name not in {*known, *RENAMED}}
+    signals = {name: logs[name] for name in logs if name not in known}
     return Record(scenario=scenario, wall_time_s=wall_time, signals=signals,
                   **{name: value for name, value in arrays.items() if name in known})

@@ -88,7 +88,7 @@ def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class
     context = station.CreateDefaultContext()
     for asked, accepted in ((12.0, 12.0), (100.0, most), (-3.0, 0.0)):
         station.GetInputPort("desired_force").FixValue(context, contact.wrench(asked))
-        found = station.GetOutputPort("accepted_force").Eval(context)
+        found = station.GetOutputPort("desired_force").Eval(context)
         assert found == pytest.approx(contact.wrench(accepted))
 
 

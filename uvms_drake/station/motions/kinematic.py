@@ -96,8 +96,8 @@ class Kinematic(Motion[KinematicOcp]):
         return logs | {
             "force": model.surface.force(chi, np.zeros_like(chi)),
             "penetration": model.surface.penetration(chi), "tau": nothing,
-            "acceleration": nothing, "limited": np.zeros(len(chi)),
-            "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1)),
+            "acceleration": nothing, "input_limited": np.zeros(len(chi)),
+            "desired_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1)),
             "effective_disturbance": logs["disturbance"]}
 
     def broken_assumptions(self, mpc: MpcConfig) -> list[tuple[str, float]]:

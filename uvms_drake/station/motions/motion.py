@@ -120,7 +120,7 @@ class Motion(ABC, Generic[AnyOcp]):
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
              ) -> np.ndarray:
         """Returns the pose χ_des (6,) that the end-effector was to have at the end."""
-        return model.surface.pose_for(logs["accepted_force"][-1], scenario.task.pose)
+        return model.surface.pose_for(logs["desired_force"][-1], scenario.task.pose)
 
     @abstractmethod
     def broken_assumptions(self, mpc: MpcConfig) -> list[tuple[str, float]]:

@@ -1,0 +1,71 @@
+"""Tests of `uvms_drake.station.signals`: one name, and one description, of every signal."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import uvms_drake
+from uvms_drake.station.diagram import SAMPLED, make_station
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.signals import (
+    IN_NAMES,
+    MPC_SIGNALS,
+    SIGNALS,
+    column_names,
+    columns_of,
+    format_signals,
+)
+
+TABLE = Path(uvms_drake.__file__).parent / "station" / "signals.md"
+
+
+def test_the_table_in_the_docs_is_current():
+    """`uvms-drake keys --signals > uvms_drake/station/signals.md` writes it."""
+    assert TABLE.read_text(encoding="utf-8") == f"{format_signals()}\n"
+
+
+@pytest.mark.parametrize("name", [
+    "girona500_contact", "jacket_inspection_real", "girona500_real_loop", "paper_kinematic",
+    "bluerov2_real_loop"])
+def test_every_logged_signal_of_a_station_is_described_with_its_size(name):
+    scenario = load_scenario(name)
+    station, model = make_station(scenario), load_model(scenario)
+    logged = {system.get_name().removeprefix("log.") for system in station.GetSystems()
+              if system.get_name().startswith("log.")} - set(SAMPLED)
+    assert logged <= set(SIGNALS)
+    kinematic = scenario.motion == "kinematic"
+    for signal in logged:
+        size = station.GetOutputPort(signal).size()
+        columns = column_names(signal, size, model.slides, kinematic)
+        assert len(set(columns)) == size
+        assert all(column.split("/")[0].startswith(signal) for column in columns)
+
+
+def test_the_names_of_a_record_are_those_of_the_ports():
+    """D10: `planned_tip` in the csv, `chi_nominal` in the npz, `nominal_state` at the port."""
+    station = make_station(load_scenario("girona500_contact"))
+    ports = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
+    derived = {name for name, signal in SIGNALS.items() if signal.source.endswith("no port")}
+    of_record = {field.name for field in fields(Record)} & set(SIGNALS)
+    assert of_record <= ports | derived
+    assert not derived & ports
+    assert {f.name for f in fields(Record) if f.name.startswith("mpc_")} < set(MPC_SIGNALS)
+
+
+def test_units_are_in_the_names_and_a_sliding_joint_has_its_own():
+    names = column_names("state", 16, [False, True])
+    assert names[6:8] == ["state/q1_rad", "state/q2_m"]
+    assert names[-2:] == ["state/qdot1_rad_s", "state/qdot2_m_s"]
+    assert column_names("tau", 8, [False, True])[-2:] == ["tau/q1_Nm", "tau/q2_N"]
+    assert column_names("u", 8, [False, True], True)[0] == "u/u_m_s"
+    assert column_names("disturbance", 6, [False, True], True)[5] == "disturbance/yaw_rad_s"
+    assert len(set(IN_NAMES.values())) == len(IN_NAMES)
+
+
+def test_signals_of_a_part_of_ones_own_are_numbered():
+    columns = columns_of({"mine": np.ones((3, 2)), "one": np.zeros(3)}, [], False)
+    assert list(columns) == ["mine/0", "mine/1", "one"]

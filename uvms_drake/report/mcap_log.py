@@ -1,0 +1,45 @@
+"""The log of a run as MCAP, the container that Foxglove opens: a topic for each signal, in JSON."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.program import VERSION
+from uvms_drake.station.record import Record
+
+MCAP_FILE = "log.mcap"
+
+
+def write_mcap(record: Record, path: Path) -> None:
+    """Writes all logged signals, named as in `log.csv`; what is not known is null.
+
+    Raises:
+        InvalidParameter: The package `mcap` is not installed.
+    """
+    try:
+        from mcap.writer import Writer  # type: ignore[import-not-found]
+    except ImportError:
+        raise InvalidParameter("--mcap", MCAP_FILE, "left out without the package 'mcap' (pip "
+                               "install 'uvms_drake[mcap]')") from None
+    columns = record.columns()
+    times = np.round(1e9 * columns.pop("time_s")).astype(int)
+    topics: dict[str, dict[str, np.ndarray]] = {}
+    for name, values in columns.items():
+        topic, _, part = name.rpartition("/")
+        topics.setdefault(topic or name, {})[part] = values
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(library=f"uvms_drake {VERSION}")
+        for topic, parts in topics.items():
+            schema = writer.register_schema(topic, "jsonschema", json.dumps({
+                "type": "object",
+                "properties": {part: {"type": ["number", "null"]} for part in parts}}).encode())
+            channel = writer.register_channel(f"/{topic}", "json", schema)
+            table = np.column_stack(list(parts.values())).astype(float)
+            for time, row in zip(times.tolist(), table.tolist(), strict=True):
+                message = {part: value if np.isfinite(value) else None
+                           for part, value in zip(parts, row, strict=True)}
+                writer.add_message(channel, time, json.dumps(message).encode(), time)
+        writer.finish()
