@@ -26,13 +26,27 @@ GIRONA = "girona500_arm5e"
 STIFFNESS = 1000.0  # N/m
 
 
+SMOKE = {
+    "test_readme.py", "common/test_errors.py", "common/test_schema.py",
+    "model/test_coordinates.py", "model/test_uvms.py", "plant/test_disturbance.py",
+    "plant/test_hydrodynamics.py", "control/test_tube_mpc.py", "sensing/test_hold_last_value.py",
+    "mission/test_law.py", "actuation/test_thrusters.py", "tube/test_conditions.py",
+    "station/test_record.py", "station/test_signals.py", "certificate/test_table.py",
+    "certificate/test_overview.py", "report/test_summary.py", "report/test_headline.py",
+    "report/test_log_table.py", "command/test_progress.py", "visual/test_server.py"}
+"""Files of the smoke subset (`pytest -m smoke`), one or two of every room, without slow tests."""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Makes the tests that are `long` slow, too, and lets the slow ones begin.
+    """Makes the tests that are `long` slow, too, marks the smoke subset, and lets slow ones begin.
 
     So the last tests to run are short, and all processes end together.
     """
     for item in items:
+        path = item.path.relative_to(Path(__file__).parent).as_posix()
+        if path in SMOKE and not any(map(item.get_closest_marker, ("slow", "long"))):
+            item.add_marker(pytest.mark.smoke)
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)

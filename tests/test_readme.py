@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 ROOT = Path(__file__).parents[1]
 CERTIFICATE = ROOT / "uvms_drake" / "certificate" / "README.md"
@@ -29,6 +30,23 @@ def test_the_loop_of_the_readme_runs_and_presses(tmp_path):
 
 def test_the_readme_is_short():
     assert (ROOT / "README.md").stat().st_size <= 12_000
+
+
+def test_the_first_screen_says_what_it_does_shows_it_and_says_what_is_guaranteed():
+    """Two commands, a picture, the table of guarantees, and the scenarios' assumptions."""
+    text = (ROOT / "README.md").read_text("utf-8")
+    first = "\n".join(text.splitlines()[:60])
+    assert first.index("```") < first.index("![") or first.index("![") < first.index("```")
+    assert "uvms-drake run" in first
+    assert "uvms-drake certify" in first
+    rows = re.findall(r"^\| \*\*([^*]+)\*\*", text, re.MULTILINE)
+    assert rows == ["guaranteed", "not guaranteed", "how tight", "measured"]
+    section = text.split("## Which scenario assumes what")[1].split("\n## ")[0]
+    named = re.findall(r"`(\w+)`", section)
+    assert {"girona500_contact", "girona500_sampled", "girona500_lag", "girona500_ideal",
+            "girona500_real_loop"} <= set(named)
+    for name in set(named) & set(shipped_scenarios()):
+        load_scenario(name)
 
 
 def test_the_lags_that_the_guide_of_the_certificate_names_are_where_the_loop_becomes_unstable():

@@ -6,8 +6,8 @@ from support.robots import TEMPLATE, altered
 
 from uvms_drake.command.main import main
 from uvms_drake.model.robot import Robot
+from uvms_drake.plant.robot_loading import complaints_about
 from uvms_drake.report.robot.robot_page import sweeps
-from uvms_drake.station.robot_loading import complaints_about
 
 
 def test_a_new_robot_is_sound_and_has_the_name_of_its_folder(tmp_path, capsys):

@@ -18,9 +18,9 @@ from uvms_drake.model.description.hydrodynamics_file import added_mass_about_ori
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import trim_of
 from uvms_drake.model.uvms import add_uvms
+from uvms_drake.plant.robot_loading import complaints_about, sound_robot
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.report.robot.robot_sheet import notes_of, sheet_of
-from uvms_drake.station.robot_loading import complaints_about, sound_robot
 
 STL = """solid box
 facet normal 0 0 1 outer loop vertex 0 0 0 vertex 0.4 0 0 vertex 0 0.2 0.1 endloop endfacet

@@ -98,8 +98,8 @@ def compass(offset: np.ndarray) -> str:
 def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall, and which a run takes."""
     from uvms_drake.certificate.certify import check_inputs
+    from uvms_drake.plant.robot_loading import sound_robot
     from uvms_drake.station.diagram import make_station
-    from uvms_drake.station.robot_loading import sound_robot
     from uvms_drake.station.scenario.scenario import load_scenario
     from uvms_drake.station.scenario.scenario_file import reported_in
     from uvms_drake.station.simulation import release

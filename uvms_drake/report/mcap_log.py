@@ -13,7 +13,7 @@ MCAP_FILE = "log.mcap"
 
 
 def write_mcap(record: Record, path: Path) -> None:
-    """Writes all logged signals, named as in `log.csv`; what is not known is null.
+    """Writes all logged signals, named as in `log.csv`; an unknown value is null.
 
     Raises:
         InvalidParameter: The package `mcap` is not installed.

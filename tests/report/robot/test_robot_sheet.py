@@ -19,6 +19,7 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
+from uvms_drake.plant.robot_loading import complaints_about
 from uvms_drake.report.robot.robot_sheet import (
     Thrust,
     format_sheet,
@@ -28,7 +29,6 @@ from uvms_drake.report.robot.robot_sheet import (
     swing,
     thrust_of,
 )
-from uvms_drake.station.robot_loading import complaints_about
 
 TIP = '<frame name="tip" attached_to="forearm">'
 BARE = [(".sdf", TIP, TIP.replace("forearm", "vehicle")),

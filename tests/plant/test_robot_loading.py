@@ -1,4 +1,4 @@
-"""`station.robot_loading`."""
+"""`plant.robot_loading`."""
 
 import re
 from dataclasses import replace
@@ -15,8 +15,8 @@ from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture, trim_of
 from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.plant.model_check import model_complaints
+from uvms_drake.plant.robot_loading import complaints_about, sound_robot
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.robot_loading import complaints_about, sound_robot
 from uvms_drake.station.scenario.scenario import load_scenario
 
 TIP = '<frame name="tip" attached_to="forearm">'
