@@ -49,12 +49,17 @@ def test_the_first_screen_says_what_it_does_shows_it_and_says_what_is_guaranteed
         load_scenario(name)
 
 
+def unstable_from() -> dict[str, tuple[float, float]]:
+    """Returns lag and delay [s] of each scenario in the guide's table."""
+    rows = re.findall(r"^\| `(\w+)` \| (\d\.\d+) \| (\d\.\d+) \|$", CERTIFICATE.read_text("utf-8"),
+                      re.MULTILINE)
+    assert [name for name, *_ in rows] == ["girona500_ideal", "girona500_contact"]
+    return {name: (float(lag), float(delay)) for name, lag, delay in rows}
+
+
 def test_the_lags_that_the_guide_of_the_certificate_names_are_where_the_loop_becomes_unstable():
     """Of ë + (k + σ) ė + kσ e = 0 through a lag T: T s³ + s² + (k + σ) s + kσ."""
-    text = CERTIFICATE.read_text("utf-8")
-    found = re.findall(r"(?:room for|leaves)\s+(\d+\.\d+) s", text)
-    assert len(found) == 2
-    for T, name in zip(map(float, found), ("girona500_ideal", "girona500_contact"), strict=True):
+    for name, (T, _) in unstable_from().items():
         law = load_scenario(name).ancillary
         for lag, stable in ((0.99 * T, True), (1.01 * T, False)):
             roots = np.roots([lag, 1.0, law.k + law.sigma, law.k * law.sigma])
@@ -63,10 +68,7 @@ def test_the_lags_that_the_guide_of_the_certificate_names_are_where_the_loop_bec
 
 def test_the_delays_that_the_guide_of_the_certificate_names_are_where_the_loop_becomes_unstable():
     """The same through a delay: where ((k + σ) s + kσ)/s² has the size 1, its phase is used up."""
-    text = CERTIFICATE.read_text("utf-8")
-    named = re.findall(r"of a pure delay, (\d+\.\d+) and (\d+\.\d+) s", text)[0]
-    for delay, name in zip(map(float, named), ("girona500_ideal", "girona500_contact"),
-                           strict=True):
+    for name, (_, delay) in unstable_from().items():
         law = load_scenario(name).ancillary
         total, product = law.k + law.sigma, law.k * law.sigma
         crossing = np.sqrt(0.5 * (total**2 + np.sqrt(total**4 + 4.0 * product**2)))

@@ -23,24 +23,30 @@ if TYPE_CHECKING:
     from uvms_drake.control.laws.law import AncillaryLaw as AncillaryLaw
     from uvms_drake.control.laws.law import Command as Command
     from uvms_drake.control.laws.law import Pair as Pair
+    from uvms_drake.control.laws.resolved import Resolved as Resolved
     from uvms_drake.control.limits.limit import Limit as Limit
     from uvms_drake.control.plan.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
+    from uvms_drake.model.contact_model import ContactModel as ContactModel
     from uvms_drake.model.frames.euler import pose_difference as pose_difference
     from uvms_drake.model.robot import Robot as Robot
     from uvms_drake.model.signals.sensor_actuator import Part as Part
     from uvms_drake.model.signals.sensor_actuator import Signals as Signals
     from uvms_drake.model.surface.law import Surface as Surface
     from uvms_drake.model.surface.plane import UnilateralPlane as UnilateralPlane
+    from uvms_drake.model.surface.shaped_surface import ShapedSurface as ShapedSurface
     from uvms_drake.model.surface.spring import BilateralSpring as BilateralSpring
     from uvms_drake.model.uvms_model import UvmsModel as UvmsModel
+    from uvms_drake.model.uvms_model import read_uvms as read_uvms
     from uvms_drake.plant.disturbance import Disturbance as Disturbance
+    from uvms_drake.plant.disturbance import SinusoidalDisturbance as SinusoidalDisturbance
     from uvms_drake.plant.uvms_plant import make_uvms_plant as make_uvms_plant
     from uvms_drake.plant.uvms_plant import set_state as set_state
     from uvms_drake.report.figures import make_figures as make_figures
     from uvms_drake.report.summary import summarise as summarise
     from uvms_drake.station.controller import make_controller as make_controller
     from uvms_drake.station.diagram import make_station as make_station
+    from uvms_drake.station.diagram import read_logs as read_logs
     from uvms_drake.station.motions.motions import make_ocp as make_ocp
     from uvms_drake.station.problem import start_state as start_state
     from uvms_drake.station.record import Record as Record
@@ -58,6 +64,7 @@ _HOME = {
     "Certificate": "certificate.certificate",
     "certify": "certificate.certify",
     "Command": "control.laws.law",
+    "ContactModel": "model.contact_model",
     "CostTerm": "control.costs.term",
     "Disturbance": "plant.disturbance",
     "Limit": "control.limits.limit",
@@ -73,12 +80,17 @@ _HOME = {
     "Part": "model.signals.sensor_actuator",
     "Points": "control.plan.points",
     "pose_difference": "model.frames.euler",
+    "read_logs": "station.diagram",
+    "read_uvms": "model.uvms_model",
     "Record": "station.record",
+    "Resolved": "control.laws.resolved",
     "Robot": "model.robot",
     "Scenario": "station.scenario.scenario",
     "set_state": "plant.uvms_plant",
+    "ShapedSurface": "model.surface.shaped_surface",
     "Signals": "model.signals.sensor_actuator",
     "simulate": "station.simulation",
+    "SinusoidalDisturbance": "plant.disturbance",
     "start_state": "station.problem",
     "summarise": "report.summary",
     "Surface": "model.surface.law",
