@@ -52,7 +52,7 @@ class Dynamic(Motion[DynamicOcp]):
     tubes, paper_constants = DYNAMIC_TUBES, TRANSPOSE
     disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
     disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
-    stages = (0.65, 0.72, 0.98)
+    stages = (0.04, 0.7, 0.99)
     figures = ("force.png", "inputs.png")
     adversaries = KINDS
 

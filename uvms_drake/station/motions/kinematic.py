@@ -40,7 +40,7 @@ class Kinematic(Motion[KinematicOcp]):
     tubes, paper_constants = KINEMATIC_TUBES, TRANSPOSE
     disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
     disturbance_blocks = ("position", "orientation")
-    stages = (0.46, 0.98, 0.99)
+    stages = (0.01, 0.96, 0.98)
     figures = ("position_errors.png", "orientation_errors.png", "input_norms.png")
     adversaries = ("along_task_error", "constant", "sinusoid")
 

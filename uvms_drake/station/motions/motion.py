@@ -63,7 +63,7 @@ class Motion(ABC, Generic[AnyOcp]):
     """Names of the disturbance's components, three at a time; the last block has the joints."""
     stages: ClassVar[tuple[float, float, float]]
     """Elapsed fractions of the time of a certificate at which tube, terminal set and first plan
-    begin, as measured with the shipped scenarios."""
+    begin, about, in the shipped scenarios."""
     figures: ClassVar[tuple[str, ...]]
     """Figures that no other motion has."""
     adversaries: ClassVar[tuple[str, ...]]
