@@ -138,6 +138,9 @@ def _surface(scenario: Scenario, model: ContactModel) -> Lines:
         yield ("surface", "friction and a normal that turns change the force by "
                f"{contact.force_rate:g} N/s at most, and by {contact.force_ripple:g} N at any rate",
                OPERATOR)
+        if (slow := contact.hold) is not None:
+            yield ("surface", "in a hold they change it by "
+                   f"{slow.force_rate:g} N/s and {slow.force_ripple:g} N at most", OPERATOR)
     yield "surface", "the tip alone touches anything", OPERATOR
 
 

@@ -12,7 +12,7 @@ from uvms_drake.tube.contact.hold import HoldLaw, settled
 from uvms_drake.tube.contact.hold_band import error_along
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 
-STANDING = np.array([0.0025, 0.002, 0.01])
+STANDING = np.array([0.002, 0.002, 0.01])
 """Largest speeds of a plan that stands: advance of the tip [m/s], ‖ν̄₂‖ and ‖q̄̇‖ [rad/s]."""
 
 
