@@ -55,9 +55,10 @@ def test_a_number_that_is_none_fails_without_an_amount():
                                 "help: no faults but those of the solver"),
     ("mpc.terminal_set=false", "not certified: mpc.terminal_set, none; what would help: "
                                "terminal_set: true"),
-    ("model_error.drag=1.25", "not certified: model_error, which the controller does not know: "
-                              "0.25 <= 0 does not hold by 0.25; what would help: leaving it out: "
-                              "it acts as a disturbance that d̃ does not count")])
+    ("surface_error.stiffness=1.25", "not certified: surface_error, which the controller does not "
+                                     "know: 0.25 <= 0 does not hold by 0.25; what would help: "
+                                     "leaving it out: it acts as a disturbance that d̃ does not "
+                                     "count")])
 def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
     scenario = load_scenario("girona500_ideal", [override])
     assert verdict(replace(EMPTY, conditions=tuple(assumed_conditions(scenario)))) == line

@@ -119,9 +119,10 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
         largest: Largest relative error.
         rng: Source of the draws.
     """
-    margin = PREDICTED * SHARE * scenario.disturbance.d_bound
+    share = max(SHARE, scenario.model_error.share)
+    margin = PREDICTED * share * scenario.disturbance.d_bound
     unknowns, scale = draw_unknowns(largest, rng), 1.0
-    shared = replace(scenario, model_error=replace(scenario.model_error, share=SHARE))
+    shared = replace(scenario, model_error=replace(scenario.model_error, share=share))
     for _ in range(ATTEMPTS):
         candidate = unknowns.put_into(shared, scale)
         induced = predicted_disturbance(candidate, plan, ocp)

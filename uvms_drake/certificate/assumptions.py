@@ -13,6 +13,7 @@ from uvms_drake.actuation.ideal_wrench import IdealWrench
 from uvms_drake.actuation.lagged_wrench import LaggedWrench
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thrusters import Thrusters
+from uvms_drake.certificate.declared_unknowns import has_unknowns
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.contact_bounds import UNEVEN, sensed_contact
@@ -145,13 +146,25 @@ def _surface(scenario: Scenario, model: ContactModel) -> Lines:
 
 
 def _disturbance(scenario: Scenario, model: ContactModel) -> Lines:
-    """Yields the bound of d."""
+    """Yields the bound of d, and the declared unknowns that are a part of it."""
     motion, bound = motion_of(scenario), scenario.disturbance
     size = ("in the declared ellipsoid, its largest semi-axis" if np.size(bound.weights)
             else "in norm at most")
     yield ("disturbance", f"all that acts on the robot and is not modelled is a "
            f"{motion.disturbance_symbol} {size} {bound.d_bound:.4g} {motion.disturbance_unit}",
            OPERATOR)
+    error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
+    if np.any(current):
+        yield ("disturbance", "of that, a steady uniform current of at most "
+               f"{np.hypot(*current[:2]):.3g} m/s horizontally, {abs(current[2]):.3g} m/s up or "
+               "down", OPERATOR)
+    if scenario.waves:
+        yield "disturbance", f"of that, {len(scenario.waves)} regular waves as declared", OPERATOR
+    if error.size > 0.0:
+        yield ("disturbance", "of that, mass, water and joint friction of the robot that are off "
+               "by the sizes of model_error", MAKER)
+    if has_unknowns(scenario):
+        yield ("disturbance", f"all else keeps to {1.0 - error.share:.3g} of the bound", OPERATOR)
 
 
 def _robot(scenario: Scenario, model: ContactModel) -> Lines:

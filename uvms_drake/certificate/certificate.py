@@ -17,6 +17,7 @@ import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.certificate.assumptions import Assumption
+from uvms_drake.certificate.declared_unknowns import UnknownEffect
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable, restored
 from uvms_drake.common.program import VERSION
@@ -85,6 +86,8 @@ class Certificate:
     constants: tuple[Constant, ...] = ()
     conditions: tuple[Condition, ...] = ()
     tube: TubeRadii | None = None
+    unknowns: tuple[UnknownEffect, ...] = ()
+    """Declared unknowns and the acceleration that each causes."""
     budget: dict[str, dict[str, float]] = field(default_factory=dict)
     """Parts of some radii by their source; not in the file, if there are none."""
     margin: dict[str, float] = field(default_factory=dict)
@@ -160,6 +163,8 @@ class Certificate:
             "constants": tuple(Constant.from_data(item) for item in data["constants"]),
             "conditions": tuple(Condition(**item) for item in data["conditions"]),
             "estimates": tuple(Estimate(**item) for item in data["estimates"]),
+            "unknowns": tuple(UnknownEffect(**(item | {"each": tuple(item["each"])}))
+                              for item in data["unknowns"]),
             "legs": tuple(Leg(**item) for item in data.get("legs", ())),
             "weights": None if weights is None else np.array(weights, dtype=float),
             "tube": None if tube is None else _tube_of(tube),

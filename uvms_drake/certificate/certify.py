@@ -19,6 +19,7 @@ from uvms_drake.certificate.advice import longer, roomier, safer, wider
 from uvms_drake.certificate.assumptions import assumptions_of, undriven_axes, unnamed_axes
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
+from uvms_drake.certificate.declared_unknowns import unknown_effects, unknowns_condition
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.laws.tip_first import TipFirst
@@ -51,7 +52,7 @@ from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.laws.tip_first import lag_is_proven
 from uvms_drake.tube.loops.actuator_path import actuators_of
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import unrefuted
+from uvms_drake.tube.search.estimate import Estimate, unrefuted
 from uvms_drake.tube.search.search_memo import active_memo
 from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
@@ -111,13 +112,19 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
                 draft.conditions)))
         if not draft.certified:
             return draft
+        # Declared unknowns, as a part of d.
+        effects = unknown_effects(scenario, basis, found.radii)
+        draft = replace(draft.adding(unknowns_condition(scenario, effects)), unknowns=effects)
+        if not draft.certified:
+            return draft
         # Margins of the tightened limits, before the second search, which takes long.
         tightening, proven = how_many_are_proven(scenario, found, model)
         draft = replace(draft.adding(tightening_margins(scenario, found.radii, model)),
                         tightening=tightening, proven=proven)
         if not draft.certified:
             return draft
-        estimates = found.check()
+        estimates = (*found.check(), *(
+            Estimate(f"d by {each.name}", each.takes, each.second) for each in effects))
         draft = replace(draft.adding([
             replace(each, advice=safer(scenario, each.left)) for each in unrefuted(estimates)]),
             estimates=estimates)
@@ -139,9 +146,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     mpc, model = scenario.mpc, model or load_model(scenario)
     unnamed, undriven = unnamed_axes(scenario, model), ", ".join(undriven_axes(model))
     broken_assumptions: list[tuple[str, float]] = [
-        ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
-        ("waves, which the controller does not know", largest_speed(scenario.waves)),
-        ("model_error, which the controller does not know", scenario.model_error.size),
+        *uncounted_unknowns(scenario),
         ("surface_error, which the controller does not know", scenario.surface_error.size),
         ("faults, which the proofs do not cover", len(uncovered(scenario.faults))),
         ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
@@ -167,6 +172,22 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
                   "other thrusters" if unnamed else "", theorem=GUARANTEE),
         *(Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE)
           for name, value in broken_assumptions)]
+
+
+def uncounted_unknowns(scenario: Scenario) -> list[tuple[str, float]]:
+    """Returns the declared unknowns that `declared_unknowns` does not count, by name; 0 if none.
+
+    It counts forces on a robot whose command acts at once. A wrist sensor reads a payload.
+    """
+    at_once = all(isinstance(part, IdealWrench) for part in scenario.actuation)
+    counted = motion_of(scenario).has_forces and at_once
+    sizes = {"current": float(np.linalg.norm(scenario.current)),
+             "waves": largest_speed(scenario.waves), "model_error": scenario.model_error.size}
+    payload = scenario.model_error.payload
+    return [*((f"{key}, counted only where forces move the robot at once", 0.0 if counted else size)
+              for key, size in sizes.items()),
+            ("model_error.payload, of which a wrist sensor reads the weight",
+             payload.mass + payload.displaced if scenario.contact.is_sensed else 0.0)]
 
 
 def is_counted(scenario: Scenario, part: Component) -> bool:

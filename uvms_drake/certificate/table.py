@@ -43,10 +43,10 @@ HELP = {
     "mpc.terminal_set": "terminal_set: true",
     "mpc.input_reference": "input_reference: equilibrium",
     "joints of weight zero": "positive joint weights in mpc.weight_y",
-    "current":
-        "still water, or --uncertified: a current is a model error that d̃ does not count",
-    "waves": "still water, or --uncertified: waves act as a disturbance that d̃ does not count",
-    "model_error": "leaving it out: it acts as a disturbance that d̃ does not count",
+    "current": "still water, an ideal wrench without a clock, or --uncertified",
+    "waves": "still water, an ideal wrench without a clock, or --uncertified",
+    "model_error": "leaving it out",
+    "declared unknowns": "a larger model_error.share or smaller unknowns",
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",
     "sensing[": "leaving it out",
@@ -90,6 +90,7 @@ def format_certificate(certificate: Certificate) -> str:
         "", "constants", *(_constant_row(item) for item in certificate.constants),
         "", "conditions", *(_condition_row(item) for item in certificate.conditions),
         "", "tube", *_tube_rows(certificate),
+        *_unknown_rows(certificate),
         *_budget_rows(certificate), *_estimate_rows(certificate),
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),
@@ -238,6 +239,18 @@ def _budget_rows(certificate: Certificate) -> list[str]:
             row("sum", [f"{1e3 * sum(parts.values()):.4g}" for parts in budget.values()]),
             *([row("limits leave", [f"{1e3 * margin[name]:.4g}" if name in margin else "-"
                                     for name in budget])] if margin else [])]
+
+
+def _unknown_rows(certificate: Certificate) -> list[str]:
+    """Returns the accelerations by the declared unknowns, a row each."""
+    if not certificate.unknowns:
+        return []
+    width = max(len(each.name) for each in certificate.unknowns) + 2
+    return ["", "declared unknowns: part of disturbance.bound that each takes, and its largest "
+            "component of surge, sway, heave, roll, pitch, yaw, joints [m/s², rad/s²]",
+            *(f"  {each.name:<{width}}{each.takes:>10.4g}   " + ", ".join(
+                f"{value:.3g}" for value in each.each) for each in certificate.unknowns),
+            f"  {'sum':<{width}}{sum(each.takes for each in certificate.unknowns):>10.4g}"]
 
 
 def _estimate_rows(certificate: Certificate) -> list[str]:

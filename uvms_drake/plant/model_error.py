@@ -48,7 +48,8 @@ class ModelError:
     joint_friction: JointFriction = field(default_factory=JointFriction)
     """Dry friction of the joints."""
     share: float = 0.0
-    """Fraction of d̃ reserved for the effect of the error, not for the disturbance."""
+    """Fraction of d̃ reserved for the effect of the error, of a current and of waves, not for the
+    disturbance."""
 
     @property
     def size(self) -> float:

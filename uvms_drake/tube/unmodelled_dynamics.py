@@ -18,7 +18,7 @@ velocities of the declared set the search is that of `joint_search`: an estimate
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,15 +51,70 @@ Affine = tuple[np.ndarray, np.ndarray]
 """c (m, 6+n) and A (m, 6+n, j) of d = c + As."""
 UnmodelledTerm = Callable[[Motions], Affine]
 """Unmodelled acceleration as a function of motions."""
+Rate = Callable[[Motions], np.ndarray]
+"""Bounds of |ζ̇_c| (m, 6+n) as a function of motions."""
 
 
-def by_robot(known: UvmsModel, true: UvmsModel, rate: np.ndarray) -> UnmodelledTerm:
-    """Returns (1) of a true robot that differs from the model; `rate` bounds |ζ̇_c| (6+n,)."""
+def commanded_rate(model: UvmsModel, u_limit: np.ndarray, fixed: np.ndarray, force: float = 0.0
+                   ) -> Rate:
+    """Returns the bound |ζ̇_c| ≤ min(ū + |f| + p, r̄ + 2p), tube/theory.md#declared-unknowns.
+
+    Args:
+        model: The controller's.
+        u_limit: Limits ū of |𝔲| (6+n,) [m/s², rad/s²].
+        fixed: r̄ (6+n,), rate of a plan and of the feedback [m/s², rad/s²].
+        force: Largest ‖𝔉‖ of which |M⁻¹Jᵀ𝔉| is p [N]; zero if 𝔲 is within its limits without it.
+    """
+    def rate(at: Motions) -> np.ndarray:
+        b, M = _bias(model, at.kinematics, at.zeta), model.mass_matrix(at.kinematics)
+        drift = np.linalg.solve(M, b[..., None])[..., 0]
+        J = at.kinematics.J_links[:, -1, :3]
+        pressed = force * np.linalg.norm(np.linalg.solve(M, J.swapaxes(-1, -2)), axis=-1)
+        return np.minimum(u_limit + np.abs(drift) + pressed, fixed + 2.0 * pressed)
+
+    return rate
+
+
+def drift_change(model: UvmsModel, declared: ConstraintSet, radii: np.ndarray, seed: int = 0
+                 ) -> np.ndarray:
+    """Returns the largest |f(𝔮, ζ) − f(𝔮̄, ζ̄)| (6+n,) that a search finds in free water.
+
+    Args:
+        model: The controller's.
+        declared: Set of (𝔮, ζ).
+        radii: Bounds of the joints, roll and pitch, and of ζ (2+n+6+n,), each component.
+        seed: Seed of the search.
+    """
+    n = model.num_joints
+    lower, upper = box(model, declared)
+    points = len(lower) - 2  # Without heading and phase.
+
+    def drift(at: Motions) -> np.ndarray:
+        b = _bias(model, at.kinematics, at.zeta)
+        return -np.linalg.solve(model.mass_matrix(at.kinematics), b[..., None])[..., 0]
+
+    def values(pairs: np.ndarray) -> np.ndarray:
+        at = motions(np.pad(pairs[:, :points], ((0, 0), (0, 2))), model, declared)
+        config, off = at.config.copy(), pairs[:, points:] * radii
+        config[:, 6:] += off[:, :n]
+        config[:, 3:5] += off[:, n: n + 2]
+        near = replace(at, config=config, zeta=at.zeta + off[:, n + 2:],
+                       kinematics=model.kinematics(config))
+        return np.abs(drift(at) - drift(near))
+
+    one = np.ones(len(radii))
+    return supremum_over_joints(values, np.append(lower[:points], -one),
+                                np.append(upper[:points], one), seed)
+
+
+def by_robot(known: UvmsModel, true: UvmsModel, rate: Rate) -> UnmodelledTerm:
+    """Returns (1) of a true robot that differs from the model."""
     def error(at: Motions) -> Affine:
         M, M_true = (model.mass_matrix(at.kinematics) for model in (known, true))
         b, b_true = (_bias(model, at.kinematics, at.zeta) for model in (known, true))
         inverse = np.linalg.inv(M_true)
-        return times(inverse, b - b_true), inverse @ (M - M_true) * rate
+        return (times(inverse, b - b_true),
+                inverse @ (M - M_true) * rate(at)[..., None, :])
 
     return error
 
@@ -72,48 +127,51 @@ def by_forces(model: UvmsModel, forces: np.ndarray) -> UnmodelledTerm:
     return error
 
 
-def by_wrench(model: UvmsModel, share: float, rate: np.ndarray, force: float) -> UnmodelledTerm:
+def by_wrench(model: UvmsModel, share: float, rate: Rate, force: float) -> UnmodelledTerm:
     """Returns M⁻¹τ_f of a vehicle whose wrench is off by a share, on each axis of either sign.
 
     Args:
         model: The robot.
         share: Relative error of the wrench.
-        rate: Bounds of |ζ̇_c| (6+n,).
+        rate: Bounds of |ζ̇_c|.
         force: Bound of ‖𝔉‖ on the tip [N].
     """
     def error(at: Motions) -> Affine:
         M = model.mass_matrix(at.kinematics)
         pressed = np.linalg.norm(at.kinematics.J_links[:, -1, :3, :6], axis=1)
         asked = (np.abs(_bias(model, at.kinematics, at.zeta)[:, :6]) + force * pressed
-                 + np.abs(M[:, :6]) @ rate)
+                 + times(np.abs(M[:, :6]), rate(at)))
         return np.zeros_like(at.zeta), np.linalg.inv(M)[..., :6] * (share * asked[:, None])
 
     return error
 
 
-def by_water(model: UvmsModel, speeds: tuple[float, float], frequency: float = 0.0
-             ) -> UnmodelledTerm:
-    """Returns (2) of water that moves along a heading, or in waves, as of `plant.waves`.
+def by_water(model: UvmsModel, current: tuple[float, float],
+             waves: Sequence[tuple[float, float, float]] = ()) -> UnmodelledTerm:
+    """Returns (2) of a current with waves, as of `plant.waves`, along one heading and in phase.
 
     Args:
         model: The robot.
-        speeds: Horizontal and vertical speed, or the amplitudes of a wave [m/s].
-        frequency: ω of the wave [rad/s]; zero for a current.
+        current: Horizontal and vertical speed [m/s].
+        waves: Amplitudes of the horizontal and vertical speed [m/s], and ω [rad/s], of each.
     """
-    along, down = speeds
     weights = [_with_gravity(model, axis) for axis in np.eye(3)]
 
     def error(at: Motions) -> Affine:
         e = np.stack([np.cos(at.heading), np.sin(at.heading), np.zeros_like(at.heading)], axis=1)
         e_z, (c, s) = np.array([0.0, 0.0, 1.0]), (
-            f(at.phase if frequency else 0.0 * at.phase)[:, None] for f in (np.cos, np.sin))
+            f(at.phase)[:, None] for f in (np.cos, np.sin))
         R = at.kinematics.R_WB.swapaxes(-1, -2)
-        v = times(R, along * c * e + down * s * e_z)
-        acceleration = frequency * (down * c * e_z - along * s * e)
+        velocity = current[0] * e + current[1] * e_z
+        acceleration = np.zeros_like(velocity)
+        for along, down, frequency in waves:
+            velocity = velocity + along * c * e + down * s * e_z
+            acceleration = acceleration + frequency * (down * c * e_z - along * s * e)
+        v = times(R, velocity)
         relative, none = at.zeta.copy(), np.zeros_like(at.zeta)
         relative[:, :3] -= v
         b = _bias(model, at.kinematics, at.zeta) - _bias(model, at.kinematics, relative)
-        if frequency:
+        if waves:
             # −τ of weight and buoyancy is linear in g.
             b += sum(_bias(each, at.kinematics, none) * a[:, None]
                      for each, a in zip(weights, acceleration.T, strict=True))

@@ -8,16 +8,12 @@ the tube may admit either.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.certificate.certify import basis_of
+from uvms_drake.certificate.declared_unknowns import UnmodelledBounds
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
 from uvms_drake.plant.payload import Payload
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
@@ -33,7 +29,6 @@ from uvms_drake.tube.unmodelled_dynamics import (
     by_robot,
     by_water,
     by_wrench,
-    largest,
 )
 
 WAVE = 6.0
@@ -59,20 +54,10 @@ class Setting:
 
     def __init__(self, scenario: Scenario, model: ContactModel, limit: float):
         self._scenario, self.model, self._basis = scenario, model, basis_of(scenario, model)
-        basis, limits = self._basis, np.asarray(scenario.limits.u, dtype=float)
-        found = motion_of(scenario).tubes[type(scenario.ancillary)](scenario.ancillary, basis)
-        feedback = np.asarray(found.radii.u)
-        self.rate = np.minimum(limits, np.minimum(
-            limits - feedback, basis.largest_rate) + feedback)
-        self.force = basis.declared.force_max if basis.contact is None else basis.contact.size
+        found = motion_of(scenario).tubes[type(scenario.ancillary)](
+            scenario.ancillary, self._basis)
+        self.bounds = UnmodelledBounds(scenario, self._basis, found.radii)
         self._limit = limit
-
-    def true(self, **error: Any) -> UvmsModel:
-        """Returns the robot with a model error."""
-        plant = MultibodyPlant(time_step=0.0)
-        uvms = add_simulated_uvms(plant, self._scenario.model, ModelError(**error))
-        plant.Finalize()
-        return UvmsModel(uvms)
 
     def largest(self, terms: Sequence[UnmodelledTerm]) -> tuple[np.ndarray, np.ndarray]:
         """Returns the largest |dᵢ|, and the semi-axes of an ellipsoid of all d (6+n,), estimated.
@@ -81,15 +66,13 @@ class Setting:
         attitude and joints.
         """
         basis, size = self._basis, self.model.size
-        search = partial(largest, terms, self.model, basis.declared, seed=self._scenario.seed)
-        found = basis.settings.safety_factor * search(weights=basis.weights)
-        each, norm = found[:-1], float(found[-1])
+        each, norm = self.bounds.largest(terms, basis.weights)
         if norm <= self._limit:
             return each, norm * basis.weights
         blocks = np.array([np.max(part, initial=0.0) for part in np.split(each, [3, 6])])
         blocks = np.maximum(blocks, LEAST * np.max(blocks))
         shape = np.repeat(blocks, [3, 3, size - 6])
-        return each, basis.settings.safety_factor * float(search(weights=shape)[-1]) * shape
+        return each, self.bounds.largest(terms, shape)[1] * shape
 
     def failed(self, axes: np.ndarray) -> Condition | None:
         """Returns the condition that fails with d in an ellipsoid of these semi-axes, or None."""
@@ -168,7 +151,7 @@ def unknowns(scenario: Scenario) -> list[Unknown]:
     """Returns the model errors and motions of the water."""
     def factor(name: str) -> Callable[[Setting, float], list[UnmodelledTerm]]:
         return lambda setting, size: [by_robot(
-            setting.model, setting.true(**{name: 1.0 + sign * size}), setting.rate)
+            setting.model, setting.bounds.true(**{name: 1.0 + sign * size}), setting.bounds.rate)
             for sign in (-1.0, 1.0)]
 
     def friction(setting: Setting, size: float) -> list[UnmodelledTerm]:
@@ -181,11 +164,12 @@ def unknowns(scenario: Scenario) -> list[Unknown]:
         Unknown("drag", "of it", 0.2, factor("drag"), 0.8),
         Unknown("trim: displaced volume", "of it", 0.02, factor("buoyancy"), 0.8),
         Unknown("payload in the hand", "kg", 0.5, lambda setting, size: [by_robot(
-            setting.model, setting.true(payload=Payload(mass=size)), setting.rate)]),
+            setting.model, setting.bounds.true(payload=Payload(mass=size)),
+            setting.bounds.rate)]),
         Unknown("joint friction", "N m", 0.5, friction),
         Unknown("current", "m/s", 0.25, lambda setting, size: [
             by_water(setting.model, (size, 0.0))]),
         Unknown(f"waves of {WAVE:g} s, speed of the water", "m/s", 0.2, lambda setting, size: [
-            by_water(setting.model, (size, size), 2.0 * np.pi / WAVE)]),
+            by_water(setting.model, (0.0, 0.0), [(size, size, 2.0 * np.pi / WAVE)])]),
         Unknown("vehicle's wrench", "of it", 0.1, lambda setting, size: [
-            by_wrench(setting.model, size, setting.rate, setting.force)])]
+            by_wrench(setting.model, size, setting.bounds.rate, setting.bounds.force)])]

@@ -1,0 +1,120 @@
+"""Tests of `uvms_drake.certificate.declared_unknowns`: its bounds against Drake's plant."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.quick import FEW, search_less
+
+from uvms_drake.certificate.certify import assumed_conditions, basis_of
+from uvms_drake.certificate.declared_unknowns import (
+    UnmodelledBounds,
+    has_unknowns,
+    unknown_effects,
+    unknowns_condition,
+)
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.plant.uvms_plant import set_state
+from uvms_drake.plant.waves import water_motion
+from uvms_drake.station.motions.dynamic import make_simulated_uvms
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.tube.unmodelled_dynamics import box, motions
+
+NAME = "girona500_contact"
+RUNS = 40
+"""Number of random motions."""
+FAR = "surface.geometry.point=[100, 0, 0]"
+WEIGHTS = np.repeat([0.1, 0.2, 1.0], [3, 3, 4])
+RADII = TubeRadii(
+    e=0.01, position=0.002, orientation=0.007, joints=0.004, z=0.17, nu1=0.008, nu2=0.01,
+    qdot=0.169, tip_speed=0.095, roll=0.001, pitch=0.001,
+    u=np.array([0.66, 0.64, 0.57, 0.56, 0.62, 0.58, 12.1, 13.5, 18.7, 10.7]))
+TOGETHER = ["model_error.mass=1.05", "model_error.drag=0.8", "current=[0.05, -0.06, 0.03]",
+            "model_error.joint_friction.coulomb=[0.05]",
+            "waves=[{amplitude: 0.05, period: 5.0, depth: 3.0, direction: 1.0}]"]
+CASES = {name: [override] for name, override in (
+    ("mass", TOGETHER[0]), ("drag", TOGETHER[1]), ("current", TOGETHER[2]),
+    ("friction", TOGETHER[3]), ("waves", TOGETHER[4]),
+    ("buoyancy", "model_error.buoyancy_shift=[0.01, 0, 0.005]"))} | {"all": TOGETHER}
+
+
+@pytest.fixture(scope="module")
+def basis():
+    with pytest.MonkeyPatch.context() as patch:
+        search_less(patch)
+        scenario = load_scenario(NAME, FEW)
+        return replace(basis_of(scenario, load_model(scenario)), weights=WEIGHTS)
+
+
+@pytest.mark.parametrize("name", [name if name in ("mass", "current") else pytest.param(
+    name, marks=pytest.mark.slow) for name in CASES])
+def test_no_motion_of_the_plant_is_off_by_more_than_the_sum(name, basis):
+    """ζ̇ of the simulated robot in its water, less ζ̇_c, at random motions and rates."""
+    scenario = load_scenario(NAME, [*FEW, FAR, *CASES[name]])
+    effects = unknown_effects(scenario, basis, RADII)
+    total = sum(each.takes for each in effects)
+    each = sum(np.array(effect.each) for effect in effects)
+    rate = UnmodelledBounds(scenario, basis, RADII).rate
+    # Random motions of the set, many on its faces.
+    rng, (lower, upper) = np.random.default_rng(5), box(basis.model, basis.declared)
+    unit = np.clip(rng.uniform(-0.3, 1.3, (RUNS, len(lower))), 0.0, 1.0)
+    at = motions(lower + unit * (upper - lower), basis.model, basis.declared)
+    asked = rate(at) * rng.choice([-1.0, 1.0], (RUNS, 10))
+    plant = make_simulated_uvms(scenario, ConstantDisturbance())
+    context, off = plant.CreateDefaultContext(), np.empty((RUNS, 10))
+    for i, time in enumerate(rng.uniform(0.0, 5.0, RUNS)):
+        set_state(plant, context, np.concatenate([at.config[i], at.zeta[i]]))
+        tau = basis.model.inverse_dynamics(
+            at.kinematics.at(i), at.zeta[i], asked[i], np.zeros(6))
+        for port, value in zip(("tau", "current", "current_acceleration"),
+                               (tau, *water_motion(scenario.current, scenario.waves, time)),
+                               strict=True):
+            plant.GetInputPort(port).FixValue(context, value)
+        off[i] = plant.GetOutputPort("acceleration").Eval(context) - asked[i]
+    norm = np.linalg.norm(off / WEIGHTS, axis=1)
+    assert np.max(norm) <= total
+    assert np.all(np.max(np.abs(off), axis=0) <= each + 1e-9)
+    assert np.max(norm) > 0.2 * total
+
+
+def test_nothing_declared_takes_nothing(basis):
+    scenario = load_scenario(NAME, FEW)
+    assert not has_unknowns(scenario)
+    assert unknown_effects(scenario, basis, RADII) == ()
+    assert unknowns_condition(scenario, ()) == []
+
+
+def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basis):
+    scenario = load_scenario(NAME, [*FEW, "model_error.drag=1.02", "current=[0.005, 0, 0]"])
+    effects = unknown_effects(scenario, basis, RADII)
+    assert [each.name for each in effects] == ["drag off by 0.02", "a current of 0.005 m/s"]
+    (failed,) = unknowns_condition(scenario, effects)
+    total = sum(each.takes for each in effects)
+    assert (failed.left, failed.right, failed.holds) == (total, 0.0, False)
+    assert f"a current of 0.005 m/s: {effects[1].takes:.3g}" in failed.name
+    bound = float(2.0 * total)
+    wide = replace(scenario, disturbance=replace(scenario.disturbance, bound=bound))
+    (failed,) = unknowns_condition(wide, effects)
+    assert failed.advice.startswith("--set model_error.share=0.5")
+    shared = replace(wide, model_error=replace(wide.model_error, share=0.51))
+    assert unknowns_condition(shared, effects)[0].holds
+    assert "disturbance.weights" in unknowns_condition(
+        replace(wide, disturbance=replace(wide.disturbance, bound=0.5 * total)), effects)[0].advice
+
+
+def test_a_second_search_does_not_refute_the_first(basis):
+    for override in (CASES["mass"], CASES["current"]):
+        (effect,) = unknown_effects(load_scenario(NAME, [*FEW, *override]), basis, RADII)
+        assert 0.3 * effect.takes < effect.second <= effect.takes
+
+
+@pytest.mark.parametrize(("overrides", "names"), [
+    (["current=[0.1, 0, 0]", "model_error.mass=1.1"], []),
+    (["current=[0.1, 0, 0]", "actuation=[!SampledCommand {}, !IdealWrench {undriven: [roll]}]"],
+     ["current", "actuation[0]"]),
+    (["model_error.payload.mass=0.1"], ["model_error.payload"])])
+def test_what_no_theorem_counts_is_named(overrides, names):
+    found = assumed_conditions(load_scenario(NAME, overrides))
+    assert [item.name.partition(",")[0] for item in found if not item.holds] == names

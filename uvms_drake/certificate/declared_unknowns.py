@@ -1,0 +1,190 @@
+"""Declared unknowns: model errors, currents and waves of a scenario, as a part of d.
+
+Each source is a difference of the robot or the water from the controller's model, of either sign
+and up to its declared size. The acceleration that it causes over the declared set is bounded, and
+the sum of these has to fit into the part of `disturbance.bound` that `model_error.share` reserves.
+Theorem: tube/theory.md#declared-unknowns. The tolerances of `studies.margins` are the same numbers.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+
+from uvms_drake.control.limits import TubeRadii, resolved_radii
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.model_error import FACTORS, ModelError, add_simulated_uvms
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.law_tube import Basis
+from uvms_drake.tube.search.joint_search import second_over_joints
+from uvms_drake.tube.unmodelled_dynamics import (
+    Motions,
+    UnmodelledTerm,
+    box,
+    by_forces,
+    by_robot,
+    by_water,
+    commanded_rate,
+    drift_change,
+    largest,
+    motions,
+    sizes,
+)
+
+THEOREM = "tube/theory.md#declared-unknowns"
+LEAST_FACTOR = 0.1
+"""Smallest factor of a `ModelError`."""
+
+
+@dataclass(frozen=True)
+class UnknownEffect:
+    """Acceleration that a declared unknown causes, estimated."""
+
+    name: str
+    """Source, with its size."""
+    each: tuple[float, ...]
+    """Bounds of |dᵢ| (6+n,) [m/s², rad/s²]."""
+    takes: float
+    """Bound of ‖w⁻¹d‖₂, w the `disturbance.weights`: the part of `disturbance.bound` that it takes
+    [m/s², rad/s²]."""
+    second: float
+    """Largest ‖w⁻¹d‖₂ that a second search found."""
+
+
+class UnmodelledBounds:
+    """Bounds of the unmodelled accelerations of a robot that is controlled within its limits.
+
+    Args:
+        scenario: The scenario.
+        basis: Basis of its tube.
+        radii: Its tube, which bounds the feedback.
+    """
+
+    def __init__(self, scenario: Scenario, basis: Basis, radii: TubeRadii):
+        self.model, self._scenario, self._basis = basis.model, scenario, basis
+        tube, n = resolved_radii(radii), basis.model.num_joints
+        off = np.concatenate([
+            np.full(n, tube.joints or 0.0), [tube.roll or 0.0, tube.pitch or 0.0],
+            np.repeat([tube.nu1 or 0.0, tube.nu2 or 0.0, tube.qdot or 0.0], [3, 3, n])])
+        self._factor = basis.settings.safety_factor
+        change = self._factor * drift_change(self.model, basis.declared, off, scenario.seed)
+        self.rate = commanded_rate(
+            self.model, basis.u_limit, basis.largest_rate + np.asarray(radii.u) + change,
+            force=basis.declared.force_max if basis.contact is None else 0.0)
+        self.force = basis.declared.force_max if basis.contact is None else basis.contact.size
+
+    def true(self, **error: Any) -> UvmsModel:
+        """Returns the robot with a model error."""
+        plant = MultibodyPlant(time_step=0.0)
+        uvms = add_simulated_uvms(plant, self._scenario.model, ModelError(**error))
+        plant.Finalize()
+        return UvmsModel(uvms)
+
+    def largest(self, terms: Sequence[UnmodelledTerm], weights: np.ndarray
+                ) -> tuple[np.ndarray, float]:
+        """Returns bounds of |dᵢ| (6+n,) and of ‖Ŵ⁻¹d‖₂, estimated, for the diagonal of Ŵ."""
+        found = self._factor * largest(
+            terms, self.model, self._basis.declared, weights, self._scenario.seed)
+        return found[:-1], float(found[-1])
+
+    def second(self, terms: Sequence[UnmodelledTerm], weights: np.ndarray) -> float:
+        """Returns the largest ‖Ŵ⁻¹d‖₂ at random points."""
+        model, declared = self.model, self._basis.declared
+
+        def norms(points: np.ndarray) -> np.ndarray:
+            at = motions(points, model, declared)
+            return np.max([sizes(term(at), weights)[:, -1:] for term in terms], axis=0)
+
+        return float(second_over_joints(norms, *box(model, declared), self._scenario.seed)[0])
+
+
+def has_unknowns(scenario: Scenario) -> bool:
+    """Returns whether a scenario declares a model error or a motion of the water."""
+    return bool(scenario.model_error.size > 0.0 or np.any(scenario.current) or scenario.waves)
+
+
+def unknown_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
+                    ) -> tuple[UnknownEffect, ...]:
+    """Returns the effect of each declared unknown, on top of those before it.
+
+    The robot changes by one source after the other, and the rate that the next one meets includes
+    the effects of those before: so their sum bounds the effect of all.
+    """
+    if not has_unknowns(scenario):
+        return ()
+    bounds, effects = UnmodelledBounds(scenario, basis, radii), list[UnknownEffect]()
+    given = scenario.disturbance.weights
+    weights = basis.weights * (np.max(given) if np.size(given) else 1.0)
+    for name, terms in _sources(scenario, bounds, effects):
+        each, takes = bounds.largest(terms, weights)
+        effects.append(UnknownEffect(
+            name, tuple(map(float, each)), takes, bounds.second(terms, weights)))
+    return tuple(effects)
+
+
+def unknowns_condition(scenario: Scenario, effects: Sequence[UnknownEffect]) -> list[Condition]:
+    """Returns the condition that they fit into their part of the bound; none without unknowns."""
+    if not effects:
+        return []
+    bound, total = scenario.disturbance.bound, sum(each.takes for each in effects)
+    parts = ", ".join(f"{each.name}: {each.takes:.3g}" for each in effects)
+    share = math.ceil(100.0 * total / bound) / 100.0 if bound > 0.0 else math.inf
+    advice = (f"--set model_error.share={share:.2f}, which leaves {(1.0 - share) * bound:.3g} for "
+              "the disturbance itself" if share < 1.0 else
+              f"a disturbance.bound above {total:.3g}, with disturbance.weights in proportion to "
+              "the components that the table of unknowns lists, or smaller unknowns")
+    return [Condition(
+        f"declared unknowns, in model_error.share of disturbance.bound ({parts})", total, "<=",
+        scenario.model_error.share * bound, advice, theorem=THEOREM)]
+
+
+def _sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[UnknownEffect]
+             ) -> Iterator[tuple[str, list[UnmodelledTerm]]]:
+    """Yields the sources and their terms, for each sign of the robot's errors so far."""
+    error = scenario.model_error
+    robots: list[tuple[dict[str, Any], UvmsModel]] = [({}, bounds.model)]
+
+    def rate(at: Motions) -> np.ndarray:
+        found: np.ndarray = bounds.rate(at) + sum(np.array(each.each) for each in before)
+        return found
+
+    # The robot, by one error after the other.
+    for name, changes in _robot_errors(error):
+        pairs = [(base, settings | change) for settings, base in robots for change in changes]
+        robots = [(settings, bounds.true(**settings)) for _, settings in pairs]
+        yield name, [by_robot(base, true, rate)
+                     for (base, _), (_, true) in zip(pairs, robots, strict=True)]
+    # Friction and water act on the robot as it is.
+    if error.joint_friction.largest > 0.0:
+        n = bounds.model.num_joints
+        forces = np.concatenate([np.zeros(6), error.joint_friction.torques(n)[1]])
+        yield (f"joint friction of {np.max(forces):g} N m",
+               [by_forces(true, forces) for _, true in robots])
+    current, waves = np.asarray(scenario.current, dtype=float), scenario.waves
+    if np.any(current) or waves:
+        along, down = float(np.hypot(*current[:2])), abs(float(current[2]))
+        parts = [f"a current of {np.linalg.norm(current):.3g} m/s"] * bool(np.any(current)) + [
+            f"a wave of {wave.amplitude:g} m in {wave.period:g} s" for wave in waves]
+        orbits = [(*wave.speeds, wave.frequency) for wave in waves]
+        yield " and ".join(parts), [
+            by_water(true, (along, sign * down), orbits)
+            for _, true in robots for sign in ((1.0, -1.0) if down else (1.0,))]
+
+
+def _robot_errors(error: ModelError) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Yields each error of the robot, and its changes of a `ModelError`."""
+    for name in FACTORS:
+        size = abs(getattr(error, name) - 1.0)
+        if size > 0.0:
+            yield (f"{name.replace('_', ' ')} off by {size:.3g}",
+                   [{name: 1.0 + size}, {name: max(1.0 - size, LEAST_FACTOR)}])
+    shift = np.asarray(error.buoyancy_shift, dtype=float)
+    if np.any(shift):
+        yield (f"centre of buoyancy off by {1e3 * np.linalg.norm(shift):.3g} mm",
+               [{"buoyancy_shift": shift}, {"buoyancy_shift": -shift}])
+    if error.payload.present:
+        yield f"payload of {error.payload.mass:g} kg", [{"payload": error.payload}]
