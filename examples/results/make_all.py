@@ -96,18 +96,23 @@ def bench() -> str:
 
 PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench}
-IMPORT = "robot_import"
-"""Page with a script of its own."""
+IMPORT, HOLDS = "robot_import", "holds"
+"""Pages with a script of their own; that of the second prints it."""
 
 
 def main() -> None:
     """Makes the selected pages."""
     parser = argparse.ArgumentParser(description=__doc__)
-    names = [*PAGES, IMPORT]
+    names = [*PAGES, IMPORT, HOLDS]
     parser.add_argument("--only", choices=names, nargs="+", default=names)
     for name in parser.parse_args().only:
         if name == IMPORT:
             subprocess.run([sys.executable, FOLDER / f"{IMPORT}.py"], check=True)
+            continue
+        if name == HOLDS:
+            page = subprocess.run([sys.executable, FOLDER / "holds.py"], check=True,
+                                  stdout=subprocess.PIPE, text=True).stdout
+            (FOLDER / f"{HOLDS}.md").write_text(page, encoding="utf-8")
             continue
         page = PAGES[name]()
         (FOLDER / f"{name}.md").write_text(
