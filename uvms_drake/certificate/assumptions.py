@@ -16,7 +16,7 @@ from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.certificate.declared_unknowns import has_unknowns
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.contact_bounds import UNEVEN, sensed_contact
+from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
@@ -114,12 +114,13 @@ def _sensing(scenario: Scenario, model: ContactModel) -> Lines:
         yield ("sensing", "noise, bias, drift, lag and range of the force sensor, and mass and "
                "inertia of the tool beyond it, are as declared until "
                f"t = {scenario.duration:g} s", SENSOR_MAKER)
+        yield ("sensing", "between two readings of the force the feedback adds nothing to the "
+               "variation of the tip's acceleration along n that forces, disturbance and plan make "
+               "(tube/contact/theory.md#unevenness-of-the-tips-motion)", CERTIFIER)
         for element in measurement_path(scenario):
             covered = element.theorem or "no theorem covers it"
             yield ("sensing", f"{element.system}, before the law: {element.statement} ({covered})",
                    element.guaranteed_by)
-        yield ("sensing", f"the tip's acceleration along n changes by {UNEVEN:g} m/s² at most "
-               "between two readings of the force", OPERATOR)
 
 
 def _surface(scenario: Scenario, model: ContactModel) -> Lines:

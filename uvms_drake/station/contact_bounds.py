@@ -24,10 +24,6 @@ BETWEEN_KNOTS = 0.12
 LONGEST_FREEZE = 0.25
 """Longest time for which a frozen reading is taken for a force before it is detected [s]; the safe
 region allows for it at every reading. A sensor that needs longer has no detection."""
-UNEVEN = 1.2
-"""Largest change of the tip's acceleration along n between two readings [m/s²]; assumed, not
-proven. Ten times that of runs, with friction that turns and adversarial disturbances; tangential
-forces and disturbances of the main scenario that flip at once, as none does, make 1.1."""
 
 
 def sensed_contact(scenario: Scenario) -> SensedContact:
@@ -57,19 +53,24 @@ def _known_reading(scenario: Scenario) -> ForceReading | None:
     return next(iter(readings.values()), None)
 
 
-def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds) -> float:
+def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds, uneven: float) -> float:
     """Returns the largest difference of a reading from the normal forces of the last `delay` [N].
 
     Added is the motion between two readings: damping by a velocity v off the line between them,
     see `safe_region.between_readings`, and the displacement of half a period at v. An
-    acceleration that changes by a in a period h makes v = ah/4 at most.
+    acceleration that varies by a in a period h makes v = ah/4 at most.
 
     And 𝔉 has turned with the tip since the reading, R(t)R(s)ᵀ = exp S(ρ), ‖ρ‖ ≤ ω(t − s) in the
     mean: n·(exp S(ρ) − I)𝔉 is at most ‖ρ‖ times 𝔉 across n, F(sin θ + μ cos θ), and ½‖ρ‖² times all
     of it, F√(1 + μ²), of which the mean over ages of T + h, and T² for the spread of a lag, counts.
+
+    Args:
+        scenario: The scenario.
+        force: Bounds of its forces.
+        uneven: a, see `uneven_motion.unevenness` [m/s²].
     """
     contact = sensed_contact(scenario)
-    unseen = 0.25 * UNEVEN * contact.period * (
+    unseen = 0.25 * uneven * contact.period * (
         contact.force * contact.dissipation + 0.5 * contact.stiffness * contact.period)
     omega, mu = turning_of(scenario), contact.friction
     turned = contact.force * (

@@ -13,6 +13,7 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.hold import HoldLaw
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
+from uvms_drake.tube.contact.uneven_motion import TipAcceleration
 from uvms_drake.tube.loops.actuator_path import Actuators
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, no_estimates
@@ -76,3 +77,5 @@ class LawTube(NamedTuple):
     """Function that returns the estimates, each with the result of a second search."""
     hold: HoldLaw | None = None
     """Radii for the forces of a hold; None: unknown."""
+    along: TipAcceleration | None = None
+    """Acceleration of the tip along n in a sensed contact; None: unknown."""

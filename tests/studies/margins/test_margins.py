@@ -108,8 +108,10 @@ def test_a_worse_sensor_comes_with_the_allowance_that_it_needs(felt):
     assert noise.today == 0.25
     changed = noise.at(1.0)
     assert np.all(changed.sensing[0].noise == 4.0 * ForceSensor().noise)
-    need = largest_reading_error(changed, motion_of(changed).contact_force(changed))
-    assert changed.contact.force_error == need > felt.contact.force_error
+    need, now = (largest_reading_error(each, motion_of(each).contact_force(each), 1.0)
+                 for each in (changed, felt))
+    more = changed.contact.force_error - felt.contact.force_error
+    assert more == pytest.approx(need - now) and more > 1.0
     assert noise.at(noise.today).contact.force_error == felt.contact.force_error
     exact = replace(felt, sensing=[replace(felt.sensing[0], noise=np.zeros(6))])
     none = next(value for value in study._values(exact) if "noise" in value.name)

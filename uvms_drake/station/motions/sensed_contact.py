@@ -48,11 +48,18 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
 from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
+from uvms_drake.tube.contact.uneven_motion import unevenness
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.estimate import Estimate, largest_of, together
 
-SAFETY_OF_JERK = 1.5
+SAFETY_OF_JERK = 1.1
 """Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
+
+
+def _multiple(longer: float, period: float) -> bool:
+    """Returns whether a time is a whole number of periods, but for rounding."""
+    return round(longer / period) >= 1 and bool(
+        np.isclose(longer / period, round(longer / period), rtol=0.0, atol=1e-6))
 
 
 class SensedContactMotion(Dynamic):
@@ -144,7 +151,8 @@ class SensedContactMotion(Dynamic):
         with_tube = replace(scenario, tube=radii)
         margin = safe_depth_margin(with_tube)
         reading, faster = reading_of(scenario), 0.125 * scenario.mpc.time_step**2 * jerk
-        off = largest_reading_error(scenario, measured)
+        off = largest_reading_error(scenario, measured, self._unevenness(
+            scenario, tube, measured, jerk))
         share = max(contact.walls.share, np.finfo(float).tiny)
         free = stopping_distance(
             contact.force, contact.force_error / share, contact.stiffness, margin,
@@ -180,7 +188,24 @@ class SensedContactMotion(Dynamic):
                 largest_of("remainder of u in contact", remainder, second),
                 Estimate(JERK, tip, second_jerk(
                     basis.model, planned, scenario.mpc.time_step, cone, settings.seed)))),
-            tube.hold)
+            tube.hold, tube.along)
+
+    @staticmethod
+    def _unevenness(scenario: Scenario, tube: LawTube, force: MeasuredForceBounds, jerk: float
+                    ) -> float:
+        """Returns the largest variation of the tip's acceleration between two readings [m/s²].
+
+        A knot of a plan is between two readings unless its step is a multiple of their period, and
+        so is a reading of the sensor. The velocity of a plan is within its limit at its knots.
+        """
+        contact, step = sensed_contact(scenario), scenario.mpc.time_step
+        if tube.along is None:
+            return np.inf
+        planned = jerk * contact.period
+        if not _multiple(step, contact.period):
+            planned += 2.0 * (2.0 * contact.speed / step + 0.5 * jerk * step)
+        return unevenness(tube.along, force, contact.period, planned,
+                          read_between=not _multiple(force.period, contact.period))
 
     def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:

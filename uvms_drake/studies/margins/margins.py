@@ -119,7 +119,7 @@ def _values(scenario: Scenario) -> list[_Value]:
     def of_contact(name: str) -> Callable[[float], Scenario]:
         def at(value: float) -> Scenario:
             changed: Any = {name: value}
-            return _allowed(replace(scenario, contact=replace(contact, **changed)))
+            return _allowed(replace(scenario, contact=replace(contact, **changed)), scenario)
 
         return at
 
@@ -129,7 +129,7 @@ def _values(scenario: Scenario) -> list[_Value]:
             def of_sensor(i: int = i, sensor: ForceSensor = sensor, **changed: Any) -> Scenario:
                 parts = [*scenario.sensing]
                 parts[i] = replace(sensor, **changed)
-                return _allowed(replace(scenario, sensing=parts))
+                return _allowed(replace(scenario, sensing=parts), scenario)
 
             noise = np.asarray(sensor.noise, dtype=float)
             shape = noise if np.max(noise[:3]) > 0.0 else ForceSensor().noise
@@ -154,19 +154,20 @@ def _values(scenario: Scenario) -> list[_Value]:
         scenario, task=replace(scenario.task, force=force * value / size)))]
 
 
-def _allowed(scenario: Scenario) -> Scenario:
+def _allowed(scenario: Scenario, base: Scenario) -> Scenario:
     """Returns the scenario with at least the allowance that the safe region needs for its sensor.
 
-    The contact then declares the delay and the error of the measurement.
+    The contact then declares the delay and the error of the measurement, and for the unevenness of
+    the tip's motion as much as `base` does.
     """
-    contact, motion = sensed_contact(scenario), motion_of(scenario)
-    bounds = motion.contact_force(scenario)
-    assert bounds is not None  # The contact is sensed.
+    contact = sensed_contact(scenario)
+    bounds, known = (motion_of(each).contact_force(each) for each in (scenario, base))
+    assert bounds is not None and known is not None  # The contact is sensed.
     later = replace(scenario, contact=replace(
         contact, delay=max(contact.delay, LAGS * bounds.lag + bounds.period)))
-    off = largest_reading_error(later, bounds)
+    more = largest_reading_error(later, bounds, 0.0) - largest_reading_error(base, known, 0.0)
     return replace(later, contact=replace(
-        sensed_contact(later), force_error=max(contact.force_error, off)))
+        sensed_contact(later), force_error=contact.force_error + max(more, 0.0)))
 
 
 def _delays(scenario: Scenario) -> list[_Value]:

@@ -172,7 +172,8 @@ def _effect_of(found: Suprema, force: MeasuredForceBounds, instant: Gains, misse
         z=np.sum(parts("velocity", found.zeta), axis=0),
         u=np.sum(parts("input", found.rows), axis=0) + through(found.rows),
         w=np.sum(parts("input", found.zeta), axis=0) + through(found.zeta),
-        jacobian_rate=J_rate,
+        depth_by_force=float(found.depth.force), depth_by_normal=float(found.depth.normal),
+        turning=turning, jacobian_rate=J_rate,
         budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
             ("depth", depth), ("depth_speed", speed), ("position", position))})
 

@@ -7,6 +7,7 @@ import numpy as np
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.tube.search.ascent import supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.search_memo import once
 from uvms_drake.tube.search.search_problem import SearchProblem
@@ -16,14 +17,16 @@ JERK = "jerk of the tip"
 """Name of the estimate; on it rest the speed of a plan between its knots and the tip's largest."""
 DIFFERENCE = 1e-3
 """Step of the differences [s]."""
+PATIENCE, LEADERS = 2, 16
+"""Effort of the ascent, see `ascent.supremum`: the interval has more dimensions than a motion."""
 
 
 def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
              samples: int, seed: int = 0) -> float:
     """Returns the largest |d³(n·𝔭)/dt³| [m/s³] found over the intervals of plans.
 
-    In an interval ζ̄̇ is constant, so it is (ζ₁ − ζ₀)/h for two velocities of the set: one and its
-    opposite at most, half of the time. A random search, an estimate from below; see `search_memo`.
+    In an interval ζ̄̇ is constant, so it is (ζ₁ − ζ₀)/h for two velocities of the set. An ascent from
+    the worst of random intervals, an estimate from below; see `ascent`, `search_memo`.
 
     Args:
         model: The controller's; without contact, which has no part in it.
@@ -34,15 +37,13 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
         seed: Seed of the search.
     """
     def search() -> float:
-        rng = np.random.default_rng(seed)
-        config, before = planned.sample(model, samples, rng)
-        after = planned.sample(model, samples, rng)[1]
-        after = np.where(rng.uniform(size=(samples, 1)) < 0.5, -before, after)
-        share = rng.uniform(size=(samples, 1))
-        off = tool_angle * np.sqrt(rng.uniform(size=samples))
-        about = rng.uniform(-np.pi, np.pi, samples)
-        across = np.stack([np.cos(about), np.sin(about)], axis=-1)
-        return float(np.max(_jerk(model, step, config, before, after, share, off, across)))
+        problem, rng = _problem(model, planned, step, tool_angle), np.random.default_rng(seed)
+        x = problem.draw(samples, rng)
+        # The worst intervals end with the opposite velocity.
+        turned = np.concatenate([-x[:, model.size: 2 * model.size], rng.choice(
+            [-0.7, 0.7], (samples, 2))], axis=1)
+        return float(supremum(problem, x, np.abs(problem.values(x, turned)), patience=PATIENCE,
+                              leaders=LEADERS)[0])
 
     return once("jerk", search)
 
@@ -50,13 +51,18 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
 def second_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
                 seed: int = 0) -> float:
     """Returns the largest jerk of a second search [m/s³]; see `tip_jerk` for the arguments."""
+    problem = _problem(model, planned, step, tool_angle)
+    return float(second_search(problem, np.zeros(1, int), np.random.default_rng([seed, 3]))[0])
+
+
+def _problem(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float
+             ) -> "_JerkProblem":
     size = model.size
-    eye = np.eye(2 * size)
+    eye = np.eye(size + 2)
     blocks = ((slice(0, 3), planned.nu1), (slice(3, 6), planned.nu2),
               (slice(6, size), planned.qdot), (slice(size, size + 2), 1.0))
-    parts = [(eye[:, block], radius) for block, radius in blocks]
-    problem = _JerkProblem(model, planned, parts, step, tool_angle)
-    return float(second_search(problem, np.zeros(1, int), np.random.default_rng([seed, 3]))[0])
+    return _JerkProblem(
+        model, planned, [(eye[:, block], radius) for block, radius in blocks], step, tool_angle)
 
 
 @dataclass(frozen=True)
@@ -67,37 +73,45 @@ class _JerkProblem(SearchProblem):
     tool_angle: float
 
     @property
+    def errors(self) -> int:
+        """Number of components of the errors."""
+        return self.size + 2
+
+    @property
     def channels(self) -> list[slice]:
         """One channel."""
         return [slice(0, 1)]
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns |d³(n·𝔭)/dt³| (m, 1) of motions x (m, 3(6+n)); ū has time and angle in it."""
+        """Returns d³(n·𝔭)/dt³ (..., 1) of motions x (..., 3(6+n)); ū has time and angle in it."""
         pose, before, share = np.split(x, 3, axis=-1)
         after, across = error[..., : self.size], error[..., self.size: self.size + 2]
         return _jerk(self.model, self.step, self.config(pose), before, after,
-                     0.5 * (1.0 + share[..., :1]), self.tool_angle * np.abs(share[..., 1]),
+                     0.5 * (1.0 + share[..., :1]), self.tool_angle * share[..., 1] ** 2,
                      across)[..., None]
 
 
 def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarray,
           after: np.ndarray, share: np.ndarray, off: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Returns |d³(n·𝔭)/dt³| (m,) at a `share` (m, 1) of the interval between two knots.
+    """Returns d³(n·𝔭)/dt³ (...) at a `share` (..., 1) of the interval between two knots.
 
-    n is `off` (m,) the tip's x-axis [rad], towards the direction `across` (m, 2).
+    n is `off` (...) the tip's x-axis [rad], towards the direction `across` (..., 2).
     """
     rate = (after - before) / step
     zeta = before + share * (after - before)
-    n_E = np.concatenate([np.cos(off)[:, None], np.sin(off)[:, None] * across], axis=-1)
-    n = times(model.kinematics(config).A_E[:, :3, :3], n_E)
+    tilted = np.sin(off)[..., None] * across
+    forward = np.broadcast_to(np.cos(off)[..., None], (*tilted.shape[:-1], 1))
+    n_E = np.concatenate([forward, tilted], axis=-1)
+    n = times(model.kinematics(config).A_E[..., :3, :3], n_E)
 
     def speed(time: float) -> np.ndarray:
         """Returns n·𝔭̇ (m,) a little later, 𝔮 by the midpoint rule."""
         middle = zeta + 0.5 * time * rate
         at = config + 0.5 * time * configuration_rate(config, zeta)
         moved = config + time * configuration_rate(at, middle)
-        J = model.kinematics(moved).J_chi[:, :3]
+        J = model.kinematics(moved).J_chi[..., :3, :]
         return np.sum(n * times(J, zeta + time * rate), axis=-1)
 
-    jerk = (speed(DIFFERENCE) - 2.0 * speed(0.0) + speed(-DIFFERENCE)) / DIFFERENCE**2
-    return np.asarray(np.abs(jerk))
+    jerk: np.ndarray = (
+        speed(DIFFERENCE) - 2.0 * speed(0.0) + speed(-DIFFERENCE)) / DIFFERENCE**2
+    return jerk

@@ -19,6 +19,7 @@ from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, sensor_effect_of
+from uvms_drake.tube.contact.uneven_motion import TipAcceleration
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
 from uvms_drake.tube.laws.kinematic import undetermined_joints
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
@@ -147,8 +148,12 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
                          by_d + effect.depth_speed, by_d + effect.tip_speed,
                          image.nu2 + float(more[1]), image.qdot + float(more[2]))
 
+    # The rows turn with J under the filter of k: J̃‖𝔯‖ is an acceleration of its own.
+    turned = sensor_effect.jacobian_rate * (float(np.linalg.norm(sensor_effect.r)) + d / k)
+    along = TipAcceleration(sensor_effect.depth_by_force, sensor_effect.depth_by_normal,
+                            sensor_effect.turning, d * gains[0] + turned)
     return LawTube(tube, (condition,), budget, estimated, check,
-                   HoldLaw(in_hold, RowLoop(k, sigma)))
+                   HoldLaw(in_hold, RowLoop(k, sigma)), along)
 
 
 def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:

@@ -31,6 +31,7 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
 from uvms_drake.tube.contact.sensor_error import SOURCES, MeasuredForceBounds
+from uvms_drake.tube.contact.uneven_motion import TipAcceleration
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.loops.actuator_path import Actuators, lagged_alone
 from uvms_drake.tube.loops.row_loop import RATE, E, RowLoop
@@ -155,7 +156,10 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         no_estimates if actuation is None else actuation.check,
         lambda: checked_constants(
             model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)),
-        HoldLaw(in_hold, loops[1], tip.age) if sensed else None)
+        HoldLaw(in_hold, loops[1], tip.age) if sensed else None,
+        TipAcceleration(
+            *inputs.depth_norms, inputs.turning, basis.d_bound * basis.row_norm("position"))
+        if sensed else None)
 
 
 def _table(basis: Basis, arm: Arm, inputs: DisturbanceInputs, vehicle: LoopGains, tip: LoopGains,

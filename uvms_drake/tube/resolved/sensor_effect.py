@@ -33,6 +33,12 @@ class SensorEffect:
     """The linear part of uᵢ − ūᵢ, with the error of the reading (6+n,) [m/s² (3), rad/s² (3+n)]."""
     w: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """The same of the blocks of ν₁, ν₂ and q̇ (3,), 2-norms."""
+    depth_by_force: float = 0.0
+    """‖A_f‖ of the row of n·𝔭̈ [1/kg]."""
+    depth_by_normal: float = 0.0
+    """|A_f n| of it [1/kg]."""
+    turning: float = 0.0
+    """ω, angular speed of the tip's axes [rad/s]."""
     jacobian_rate: float = np.inf
     """J̃, bound of ‖J̇_b‖ of the tip's position [1/s]."""
     proven: bool = False

@@ -103,6 +103,12 @@ class DisturbanceInputs:
             TIP: (found.position, tip_turned), DEPTH: (found.depth, tip_turned)}
         """Suprema of A of each block, and the rate of A by the turn of its axes."""
 
+    @property
+    def depth_norms(self) -> tuple[float, float]:
+        """‖A_f‖ and |A_f n| of the row of n·𝔭̈ [1/kg]."""
+        A = self._rows[DEPTH][0]
+        return float(A.force), float(A.normal)
+
     def zeta(self, blocks: list[int]) -> OperatorNorms:
         """Returns suprema of some of the rows of ν₁, ν₂ and q̇ (0, 1, 2) of M⁻¹J_Eᵀ."""
         assert self._found is not None

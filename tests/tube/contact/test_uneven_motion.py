@@ -1,0 +1,58 @@
+"""Unevenness of the tip's motion between two readings: brute force against the bound."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
+from uvms_drake.tube.contact.uneven_motion import TipAcceleration, unevenness
+
+H, STEPS = 0.01, 20
+FORCE = MeasuredForceBounds(
+    size=50.0, rate=160.0, ripple=7.0, tangential_rate=40.0, tangential_ripple=2.0, error=2.8,
+    torque_error=0.05, lag=0.02, period=H, tool_angle=0.25)
+STILL = replace(FORCE, rate=0.0, ripple=0.0, tangential_rate=0.0, tangential_ripple=0.0, size=0.0)
+TIP = TipAcceleration(by_force=0.2, by_normal=0.18, turning=0.7, other=0.17)
+
+
+def off_chord(velocity):
+    """Largest distance of velocities (..., m) from the line between their ends."""
+    share = np.linspace(0.0, 1.0, velocity.shape[-1])
+    line = velocity[..., :1] + share * (velocity[..., -1:] - velocity[..., :1])
+    return np.max(np.abs(velocity - line))
+
+
+def integral(rate, step):
+    """Values (..., m + 1) of an integral from 0, of a rate that is constant in each step."""
+    return np.concatenate([np.zeros((*rate.shape[:-1], 1)), np.cumsum(rate, axis=-1) * step], -1)
+
+
+def test_what_jumps_takes_the_velocity_off_its_line_by_a_quarter_of_its_width():
+    """Accelerations of any signs, also the worst: first up, then down."""
+    a = unevenness(TIP, STILL, H, 0.0, read_between=False)
+    assert a == pytest.approx(2.0 * TIP.other)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (20_000, STEPS))
+    signs[0] = np.sign(np.arange(STEPS) - 0.5 * STEPS + 0.5)
+    worst = off_chord(integral(TIP.other * signs, H / STEPS))
+    assert worst == pytest.approx(0.25 * H * a)
+
+
+def test_what_changes_steadily_counts_half():
+    """A force that rises at its rate: the acceleration is a ramp, the velocity a parabola."""
+    steady = replace(STILL, rate=FORCE.rate)
+    a = unevenness(replace(TIP, other=0.0), steady, H, 0.0, read_between=False)
+    t = np.linspace(0.0, H, STEPS + 1)
+    assert off_chord(0.5 * TIP.by_normal * FORCE.rate * t**2) == pytest.approx(0.25 * H * a)
+
+
+def test_every_part_adds_to_it_and_a_reading_in_between_most():
+    base = unevenness(TIP, STILL, H, 0.0, read_between=False)
+    for change in ({"ripple": 1.0}, {"tangential_ripple": 1.0}, {"tangential_rate": 1.0},
+                   {"size": 1.0}):
+        force = replace(STILL, **change)
+        assert unevenness(TIP, force, H, 0.0, read_between=False) > base
+    assert unevenness(TIP, STILL, H, 0.3, read_between=False) == pytest.approx(base + 0.3)
+    between = unevenness(TIP, FORCE, H, 0.0, read_between=True)
+    assert between - unevenness(TIP, FORCE, H, 0.0, read_between=False) == pytest.approx(
+        2.0 * 0.2 * (2.8 + 2.0) + 0.18 * (7.0 + 160.0 * H))
