@@ -27,10 +27,10 @@ STIFFNESS = 1000.0  # N/m
 
 
 SMOKE = {
-    "test_readme.py", "common/test_errors.py", "common/test_schema.py",
+    "common/test_errors.py", "common/test_schema.py",
     "model/test_coordinates.py", "model/test_uvms.py", "plant/test_disturbance.py",
-    "plant/test_hydrodynamics.py", "control/test_tube_mpc.py", "sensing/test_hold_last_value.py",
-    "mission/test_law.py", "actuation/test_thrusters.py", "tube/test_conditions.py",
+    "control/test_tube_mpc.py", "sensing/test_hold_last_value.py",
+    "mission/test_law.py", "actuation/test_joint_brake.py", "tube/test_conditions.py",
     "station/test_record.py", "station/test_signals.py", "certificate/test_table.py",
     "certificate/test_overview.py", "report/test_summary.py", "report/test_headline.py",
     "report/test_log_table.py", "command/test_progress.py", "visual/test_server.py"}

@@ -105,7 +105,7 @@ def test_a_second_arm_is_refused_by_the_name_of_its_joint(tmp_path):
     robot = _write_robot(tmp_path / "two_arms", [
         ("revolute", "vehicle", "left"), ("revolute", "vehicle", "right")])
     with pytest.raises(
-            InvalidParameter, match=r"joint to_left: must be of type fixed, as 'left' stands"):
+            InvalidParameter, match=r"joint to_left: must be of type fixed, as 'left' is not in"):
         add_uvms(MultibodyPlant(time_step=0.0), str(robot))
 
 
