@@ -141,6 +141,10 @@ class _Search:
             if found is None:
                 return None
             r, changed, slack_price, excess_price = found
+            # The multipliers decide whether a slack or an excess would be cheaper; here too early,
+            # perhaps, but the conic solver finds that out.
+            if excess_price > program.excess_penalty or slack_price > program.slack_penalty:
+                return None
             if changed:  # Other limits are asked once the cones have settled.
                 new = None
                 continue
@@ -149,10 +153,7 @@ class _Search:
             new = broken.without(self.kept)
             self.kept = self.kept | new
             if not (new.any() or broken.any()):
-                # The multipliers decide whether neither slack nor excess would be cheaper.
-                dear = (excess_price > program.excess_penalty
-                        or slack_price > program.slack_penalty)
-                return None if dear else LeastNorm(r, 0.0, 0.0, excess_price)
+                return LeastNorm(r, 0.0, 0.0, excess_price)
         return None
 
     def _added(self, new: WorkingSet | None) -> bool:
