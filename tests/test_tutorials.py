@@ -1,5 +1,6 @@
 """The tutorials: each runs without an error, contains its figures and keeps to the glossary."""
 
+import base64
 import json
 import re
 from pathlib import Path
@@ -10,6 +11,7 @@ from test_vocabulary import GLOSSARY, RETIRED
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "examples" / "tutorials"
 TUTORIALS = sorted(FOLDER.glob("*.ipynb"))
+LARGEST_FIGURE = 300_000  # Bytes.
 
 each = pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
 
@@ -29,6 +31,19 @@ def test_a_tutorial_runs(path, tmp_path):
     nbformat.write(done, tmp_path / path.name)  # To look at its figures.
     assert any("image/png" in output.get("data", {})
                for cell in done.cells for output in cell.get("outputs", ()))
+
+
+@each
+def test_a_tutorial_is_committed_with_the_outputs_of_a_whole_run(path):
+    code = cells(path, "code")
+    assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
+    outputs = [output for cell in code for output in cell["outputs"]]
+    assert not [output for output in outputs if output["output_type"] == "error"]
+    assert not [output for output in outputs if output.get("name") == "stderr"]
+    figures = [base64.b64decode("".join(output["data"]["image/png"]))
+               for output in outputs if "image/png" in output.get("data", {})]
+    assert figures
+    assert max(map(len, figures)) <= LARGEST_FIGURE
 
 
 @each
