@@ -19,10 +19,12 @@ from uvms_drake.station.simulation import simulate
 PERIOD, DELAY = 1.0 / 64.0, 1.0 / 128.0
 """Sums of them are exact, so that events that are meant to be of one instant are."""
 CLOSE = "start.eta=[-1.105, -0.05, -0.05, 0.02, 0.02, 0.05]"
+STEP = "simulator.max_step_size=0.005"
 
 
 def scenario_of(duration: float, *overrides: str, part=None):
-    scenario = load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, *overrides])
+    scenario = load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, STEP,
+                                                 *overrides])
     return replace(scenario, actuation=[part or SampledCommand(PERIOD, DELAY)],
                    disturbance=ConstantDisturbance(0.05))
 

@@ -152,6 +152,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["bluerov2_real_loop", "dynamic", "tip-first"],
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],
+        ["girona500_contact_uncertain", "dynamic", "resolved"],
         ["girona500_floor", "dynamic", "resolved"],
         ["girona500_ideal", "dynamic", "resolved"],
         ["girona500_inspection", "dynamic", "resolved"],

@@ -15,7 +15,8 @@ from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import scenario_path, shipped_scenarios
 
 SHIPPED = ("bluerov2_ceiling", "bluerov2_contact", "bluerov2_cp_probe", "bluerov2_ideal",
-           "bluerov2_real_loop", "girona500_bilateral", "girona500_contact", "girona500_floor",
+           "bluerov2_real_loop", "girona500_bilateral", "girona500_contact",
+           "girona500_contact_uncertain", "girona500_floor",
            "girona500_ideal", "girona500_inspection", "girona500_lag", "girona500_real_loop",
            "girona500_sampled", "girona500_slope", "girona500_stiff", "girona500_tip_first",
            "girona500_unknown_floor", "jacket_inspection", "jacket_inspection_real",

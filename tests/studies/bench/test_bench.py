@@ -19,6 +19,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.step_size import with_step
 from uvms_drake.studies.bench import bench
 from uvms_drake.studies.bench.bench import Bench, SimulationTime, measure, write_bench
 from uvms_drake.studies.bench.bench_controller import (
@@ -48,7 +49,7 @@ SHORT = ["mpc.horizon=6"]
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return load_scenario("girona500_ideal", SHORT)
+    return with_step(load_scenario("girona500_ideal", SHORT))
 
 
 @pytest.fixture(scope="module")

@@ -79,7 +79,8 @@ def test_a_value_without_a_meaning_ends_it():
 def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
     """And none is certified: the conditions are those of the parts themselves."""
     for value, kinds in zip(study._delays(felt), (
-            ["SampledCommand"], ["SampledCommand"], ["Thrusters"], []), strict=True):
+            ["SampledCommand", "IdealWrench"], ["SampledCommand", "IdealWrench"],
+            ["Thrusters"], ["IdealWrench"]), strict=True):
         changed = value.at(value.start)
         assert [type(part).__name__ for part in changed.actuation] == kinds
         failed = study._worst_failed(partial_at(value), SearchMemo())

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_drake.actuation import SampledCommand, Thrusters
+from uvms_drake.actuation import IdealWrench, SampledCommand, Thrusters
 from uvms_drake.certificate.certify import assumed_conditions, basis_of
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.progress import Progress, silent
@@ -174,7 +174,8 @@ def _delays(scenario: Scenario) -> list[_Value]:
     """Returns the parameters of clocks, thrusters and navigation, ideal ones if missing."""
     def with_part(key: str, kind: type, **none: Any) -> Callable[..., Scenario]:
         """Returns the scenario as a function of the changed fields of its part of a kind."""
-        parts = list(getattr(scenario, key))
+        parts = [part for part in getattr(scenario, key)  # Thrusters are in place of an ideal one.
+                 if not (kind is Thrusters and isinstance(part, IdealWrench))]
         here = [i for i, part in enumerate(parts) if isinstance(part, kind)]
         at = here[0] if here else (0 if kind is SampledCommand else len(parts))
         part = parts[at] if here else kind(**none)
