@@ -133,10 +133,12 @@ def unknowns_condition(scenario: Scenario, effects: Sequence[UnknownEffect]) -> 
     bound, total = scenario.disturbance.bound, sum(each.takes for each in effects)
     parts = ", ".join(f"{each.name}: {each.takes:.3g}" for each in effects)
     share = math.ceil(100.0 * total / bound) / 100.0 if bound > 0.0 else math.inf
+    each = [float(f"{size:.2g}") for size in np.sum([effect.each for effect in effects], axis=0)]
     advice = (f"--set model_error.share={share:.2f}, which leaves {(1.0 - share) * bound:.3g} for "
               "the disturbance itself" if share < 1.0 else
-              f"a disturbance.bound above {total:.3g}, with disturbance.weights in proportion to "
-              "the components that the table of unknowns lists, or smaller unknowns")
+              f"both model_error.share=0.95 and a disturbance.bound of {total / 0.95:.3g} or more, "
+              "which disturbance.weights lower: they had better be in proportion to the "
+              f"accelerations {each}")
     return [Condition(
         f"declared unknowns, in model_error.share of disturbance.bound ({parts})", total, "<=",
         scenario.model_error.share * bound, advice, theorem=THEOREM)]

@@ -46,7 +46,7 @@ HELP = {
     "current": "still water, an ideal wrench without a clock, or --uncertified",
     "waves": "still water, an ideal wrench without a clock, or --uncertified",
     "model_error": "leaving it out",
-    "declared unknowns": "a larger model_error.share or smaller unknowns",
+    "declared unknowns": "smaller unknowns",
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",
     "sensing[": "leaving it out",
