@@ -1,6 +1,7 @@
 """Figures of a run, one idea each, at the width of a column in a paper."""
 
-from collections.abc import Callable, Mapping
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -55,6 +56,8 @@ SAME = 1e-12
 """Rounding of the components of a disturbance [m/s², rad/s²]."""
 FAINT = 0.05
 """Fraction of a bound below which deviations have a logarithmic axis, to stay visible."""
+FOOTER_CHARACTERS = 30
+"""Characters of the footer in an inch of a figure's width."""
 
 
 def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, float] | None = None
@@ -69,8 +72,8 @@ def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, fl
     figures = FIGURES | {"force.png": partial(
         draw_contact, certified=(bounds or {}).get("force"))}
     paths, folder = [], Path(output_dir)
-    certified_for = "certified for " + "\n".join(scope_of(
-        assumptions_of(record.scenario, record.model)).values())
+    certified_for = [f"certified for {about}: {statement}" for about, statement in scope_of(
+        assumptions_of(record.scenario, record.model)).items()]
     folder.mkdir(parents=True, exist_ok=True)
     for name in figures_of(record.scenario):
         draw = figures[name]
@@ -80,11 +83,17 @@ def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, fl
                 figure.text(0.995, 0.005, UNCERTIFIED, ha="right", va="bottom", fontsize=6,
                             color=VERMILION)
             else:
-                figure.text(0.995, 0.005, certified_for, ha="right", va="bottom", fontsize=4,
-                            color="0.4")
-            figure.savefig(folder / name)
+                _add_footer(figure, certified_for)
+            figure.savefig(folder / name, bbox_inches="tight" if record.certified else None)
         paths.append(folder / name)
     return paths
+
+
+def _add_footer(figure: Figure, paragraphs: Sequence[str]) -> None:
+    """Adds small lines of text below a figure, to be saved with a tight bounding box."""
+    width = int(figure.get_figwidth() * FOOTER_CHARACTERS)
+    lines = [line for each in paragraphs for line in textwrap.wrap(each, width)]
+    figure.text(0.995, 0.0, "\n".join(lines), ha="right", va="top", fontsize=4, color="0.4")
 
 
 def figures_of(scenario: Scenario) -> list[str]:
