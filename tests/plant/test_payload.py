@@ -113,6 +113,7 @@ SENSOR = """
 sensing:
   - !ForceSensor
     noise: [0, 0, 0, 0, 0, 0]
+    resolution: [0, 0, 0, 0, 0, 0]
     bias: [0, 0, 0, 0, 0, 0]
     drift: [0, 0, 0, 0, 0, 0]
     lag: {lag}

@@ -117,7 +117,7 @@ def test_what_thrusters_cannot_hold_against_is_not_promised(monkeypatch):
     (["--new", "new", "--robot", TEMPLATE], "--new = 'new': must be a .yaml file"),
     (["--new", "new.yaml", "--robot", "submarine"], "model = 'submarine': must be one of"),
     (["--new", "new.yaml", "--robot", TEMPLATE, "--force", "0"], "--force = 0.0: must be positive"),
-    (["--new", "new.yaml"], "the following arguments are required: --robot")])
+    (["--new", "new.yaml"], "--robot = None: must be a robot, with --new")])
 def test_bad_input_is_refused_in_a_line(args, expected, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.yaml").touch()
