@@ -56,7 +56,7 @@ def test_whoever_follows_the_guide_has_a_certificate(tmp_path, monkeypatch, caps
             assert main(shlex.split(command)) == 0, (command, capsys.readouterr().err)
     out = capsys.readouterr().out
     assert "tip         (0.968, 0, 0.289) m" in out
-    assert re.search(r"^certified: all \d+ conditions hold", out, flags=re.M)
+    assert re.search(r"^press: certified: all \d+ conditions hold", out, flags=re.M)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"my_robot", "press"}
     assert (tmp_path / "out/my_robot/robot.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "out/my_robot/robot.html").read_text(encoding="utf-8")

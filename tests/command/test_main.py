@@ -27,6 +27,7 @@ from uvms_drake.station import simulation
 from uvms_drake.station.record import load_record
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
+from uvms_drake.station.step_size import with_step
 from uvms_drake.studies.bench import bench
 
 pytestmark = pytest.mark.slow
@@ -120,7 +121,7 @@ def test_the_written_files_belong_together(smoke):
     summary = json.loads((output / "summary.json").read_text(encoding="utf-8"))
     assert summarise(record) == summary
     assert (summary["seed"], summary["duration_s"]) == (3, 0.5)
-    expected = load_scenario("girona500_ideal", ["seed=3", "duration=0.5"])
+    expected = with_step(load_scenario("girona500_ideal", ["seed=3", "duration=0.5"]))
     assert (output / "scenario.yaml").read_text(encoding="utf-8") == dump_scenario(expected)
 
 

@@ -143,7 +143,7 @@ class Record:
         arrays |= self.signals
         ordered = {name: arrays[name] for name in SIGNALS if name in arrays}
         return {"time_s": self.time} | columns_of(
-            ordered | arrays, self.model.slides, self.scenario.motion == "kinematic")
+            ordered | arrays, self.model.slides.tolist(), self.scenario.motion == "kinematic")
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Returns `columns` as a table with the time as its index; it needs the package pandas."""

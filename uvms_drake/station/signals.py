@@ -11,6 +11,9 @@ import numpy as np
 
 from uvms_drake.control.laws.law import FIELDS
 
+Component = tuple[str, str]
+Components = tuple[Component | str, ...]
+
 POSITION = (("x", "m"), ("y", "m"), ("z", "m"))
 POSE = (*POSITION, ("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"))
 TWIST = (("u", "m/s"), ("v", "m/s"), ("w", "m/s"), ("p", "rad/s"), ("q", "rad/s"), ("r", "rad/s"))
@@ -33,13 +36,10 @@ BLOCKS = {JOINTS: ("q{}", "rad", "m"), SPEEDS: ("qdot{}", "rad/s", "m/s"),
 """Name of a component, and its unit for a joint that turns and for one that slides."""
 FLAG = (("", "-"),)
 
-Component = tuple[str, str]
-
-
 class Signal(NamedTuple):
     """Description of a signal."""
 
-    components: tuple[Component | str, ...]
+    components: Components
     """Name and unit of each component; a word of `BLOCKS` stands for one a joint or thruster."""
     frame: str
     """Axes that it is in; empty without any."""
@@ -49,8 +49,8 @@ class Signal(NamedTuple):
 
 BODY = "Σ_B"
 STATE = Signal((*POSE, JOINTS, *TWIST, SPEEDS), "Σ_I; ν Σ_B", "plant: (𝔮, ζ)")
-INPUT = (*ACCELERATION, RATES)
-KINEMATIC_INPUT = (*TWIST, SPEEDS)
+INPUT: Components = (*ACCELERATION, RATES)
+KINEMATIC_INPUT: Components = (*TWIST, SPEEDS)
 MOTION_INPUTS = ("u", "nominal_input")
 """Signals that are velocities if the motion is kinematic."""
 SIGNALS: dict[str, Signal] = {
@@ -160,7 +160,7 @@ def _block(word: str, size: int, slides: Sequence[bool]) -> list[Component]:
 def columns_of(signals: Mapping[str, np.ndarray], slides: Sequence[bool], kinematic: bool
                ) -> dict[str, np.ndarray]:
     """Returns the columns (T,) of signals (T, size) or (T,) by their names with units."""
-    columns = {}
+    columns: dict[str, np.ndarray] = {}
     for name, values in signals.items():
         table = values.reshape(len(values), -1)
         if table.shape[1]:

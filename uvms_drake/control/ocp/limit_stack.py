@@ -110,10 +110,11 @@ class LimitStack:
                 if constant:
                     self._fill(self._C, entry.columns, slopes)
 
-    def is_of(self, limits: Mapping[str, Limit]) -> bool:
-        """Returns whether the stack is that of these limits."""
+    def is_of(self, limits: Mapping[str, Limit], stages: int) -> bool:
+        """Returns whether the stack is that of these limits, for a number of knots."""
         known = {id(entry.limit) for entry in self._entries}
-        return len(known) == len(limits) and all(id(each) in known for each in limits.values())
+        return (stages == self._stages and len(known) == len(limits)
+                and all(id(each) in known for each in limits.values()))
 
     def with_bounds(self, limits: Mapping[str, Limit]) -> Self | None:
         """Returns the stack with other bounds, or None if it has not the limits' names and types.

@@ -223,7 +223,7 @@ class Ocp(ABC, Generic[P]):
         """Returns the limits in arrays, for a plan of usually N intervals."""
         if len(plan.config) != self.horizon + 1:
             return self._stack_of(self.limits, len(plan.config))
-        if not self._stacked.is_of(self.limits):
+        if not self._stacked.is_of(self.limits, self.horizon + 1):
             self._stacked = self._stack_of(self.limits)
         return self._stacked
 

@@ -17,6 +17,7 @@ from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
@@ -98,7 +99,8 @@ def measure(scenario: Scenario, effort: Effort | None = None,
     """
     effort = effort or Effort()
     model = load_model(scenario)
-    scenario = with_step(scenario, model)  # A value that cannot be used is refused first.
+    scenario = with_step(scenario, model)
+    make_station(scenario, model=model)  # A value that cannot be used is refused first.
     load, wall, cpu = load_average(), time.perf_counter(), time.process_time()
     progress("a simulation", 0.0)
     simulation = measure_simulation(scenario, model, effort)
