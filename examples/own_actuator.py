@@ -17,8 +17,9 @@ from uvms_drake.actuation.sampled_command import SampledCommand
 FASTEST = 4e-3  # s, of the joints, practically without lag
 
 
+@uv.register
 @dataclass
-class ThrusterLag(uv.Part):
+class ThrusterLag(uv.Actuator):
     """The vehicle's wrench follows its command with a lag of first order."""
 
     time_constant: float = 0.05

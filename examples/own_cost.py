@@ -12,6 +12,7 @@ import numpy as np
 import uvms_drake as uv
 
 
+@uv.register
 @dataclass
 class SlowElbow(uv.CostTerm):
     """weight q̇₂²: the second joint, which carries the arm, moves as little as possible."""

@@ -14,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 import uvms_drake as uv
 
 
+@uv.register
 @dataclass
 class Waves(uv.Disturbance):
     """d = bound exp(−k depth) (cos(kx − ωt), 0, sin(kx − ωt)) in Σ_I, ω² = gk."""

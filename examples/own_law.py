@@ -13,6 +13,7 @@ import numpy as np
 import uvms_drake as uv
 
 
+@uv.register
 @dataclass
 class ProportionalDerivative(uv.AncillaryLaw):
     """u = ū − derivative (ζ − ζ̄) − proportional J_x(𝔮)⁻¹(y − ȳ)."""

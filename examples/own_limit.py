@@ -14,6 +14,7 @@ import uvms_drake as uv
 FAR = 100.0  # m
 
 
+@uv.register
 @dataclass
 class KeepAway(uv.Limit):
     """The vehicle's origin is at least `distance` away from a vertical line."""

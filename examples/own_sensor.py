@@ -16,8 +16,9 @@ import uvms_drake as uv
 YAW = 5  # in 𝔮 = (x, y, z, φ, θ, ψ, q₁, ...)
 
 
+@uv.register
 @dataclass
-class CompassError(uv.Part):
+class CompassError(uv.Sensor):
     """The measured heading is the true one plus `offset`."""
 
     offset: float = 0.02

@@ -12,6 +12,7 @@ import uvms_drake as uv
 from uvms_drake.model.surface.plane import plane_load
 
 
+@uv.register
 @dataclass
 class Buoy(uv.Surface):
     """𝔉 along the inward radius, stiffness · depth past a soft skin; it never pulls."""

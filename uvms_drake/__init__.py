@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING, Any
 from uvms_drake.common.program import VERSION
 
 if TYPE_CHECKING:
+    from uvms_drake.actuation import Actuator as Actuator
     from uvms_drake.certificate.certificate import Certificate as Certificate
     from uvms_drake.certificate.certify import certify as certify
+    from uvms_drake.common.kinds import register as register
     from uvms_drake.control.costs.term import CostTerm as CostTerm
     from uvms_drake.control.laws.law import AncillaryLaw as AncillaryLaw
     from uvms_drake.control.laws.law import Command as Command
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from uvms_drake.plant.uvms_plant import set_state as set_state
     from uvms_drake.report.figures import make_figures as make_figures
     from uvms_drake.report.summary import summarise as summarise
+    from uvms_drake.sensing import Sensor as Sensor
     from uvms_drake.station.controller import make_controller as make_controller
     from uvms_drake.station.diagram import make_station as make_station
     from uvms_drake.station.diagram import read_logs as read_logs
@@ -59,6 +62,7 @@ if TYPE_CHECKING:
 __version__ = VERSION
 
 _HOME = {
+    "Actuator": "actuation",
     "AncillaryLaw": "control.laws.law",
     "BilateralSpring": "model.surface.spring",
     "Certificate": "certificate.certificate",
@@ -83,9 +87,11 @@ _HOME = {
     "read_logs": "station.diagram",
     "read_uvms": "model.uvms_model",
     "Record": "station.record",
+    "register": "common.kinds",
     "Resolved": "control.laws.resolved",
     "Robot": "model.robot",
     "Scenario": "station.scenario.scenario",
+    "Sensor": "sensing",
     "set_state": "plant.uvms_plant",
     "ShapedSurface": "model.surface.shaped_surface",
     "Signals": "model.signals.sensor_actuator",

@@ -52,7 +52,7 @@ def test_a_mapping_without_a_tag_is_the_first_type_of_a_union():
 
 
 def test_numbers_that_yaml_takes_for_text_become_floats():
-    assert conform(Part, parse_yaml("shape: {radius: 1e-3}"))["shape"]["radius"] == 1e-3
+    assert conform(Part, parse_yaml("shape: {radius: 1e-3}")).shape.radius == 1e-3
     assert math.isclose(conform(np.ndarray, ["1e-3", 2])[0], 1e-3)
 
 

@@ -6,12 +6,12 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import AXES
-from uvms_drake.model.signals.sensor_actuator import CommandPath, Part, Signals
+from uvms_drake.model.signals.sensor_actuator import Actuator, CommandPath, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 
 @dataclass
-class IdealWrench(Part):
+class IdealWrench(Actuator):
     """Force on every axis of vehicle and joints as commanded, at once and without limit.
 
     It adds no system, and comes last in the list. A certificate is for such a wrench; if the

@@ -6,12 +6,12 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_period
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
-from uvms_drake.model.signals.sensor_actuator import CommandPath, Part, Signals
+from uvms_drake.model.signals.sensor_actuator import Actuator, CommandPath, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 
 @dataclass
-class SampledCommand(Part):
+class SampledCommand(Actuator):
     """Zero-order hold of the command with a computation delay.
 
     At a tick t_k the law reads the measured state, the measured force and the plan of that instant;

@@ -26,12 +26,12 @@ from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require, require_period
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, CommandPath, Part, Signals
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Actuator, CommandPath, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 
 @dataclass
-class Thrusters(Part):
+class Thrusters(Actuator):
     """Thrusters of the vehicle: curves, dead bands, limits, lag, dead time and undriven axes.
 
     They are those of `thrusters.yaml` in the robot's folder. Logged are `thruster_command` and

@@ -18,10 +18,9 @@ from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.progress import Progress, part_of, silent
-from uvms_drake.common.schema import load_typed
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model, retargeted_ocp
-from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 
 FORCES = (0.5, 0.75, 1.0, 1.2)
 """Desired forces that are drawn, over the scenario's own. Each has an equilibrium, a P and an ε of
@@ -85,7 +84,7 @@ class Campaign:
 
 @lru_cache(maxsize=2)
 def _parsed(text: str) -> Scenario:
-    return load_typed(Scenario, yaml_load_data(text))
+    return typed_scenario(yaml_load_data(text))
 
 
 def require_same_code(campaign: Campaign) -> None:

@@ -14,11 +14,11 @@ import numpy as np
 
 from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.campaign.model_uncertainty import Unknowns
+from uvms_drake.model.signals.sensor_actuator import Fault
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.plant.waves import Wave
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
 from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.scenario.faults import AnyFault
 from uvms_drake.station.scenario.scenario import Scenario
 
 FAULT_SECONDS = 0.5
@@ -38,7 +38,7 @@ EXCESS_FACTORS = (1.5, 2.0, 5.0)
 Step = Callable[[Scenario, float, np.random.Generator], Scenario]
 
 
-def _faulty(fault: AnyFault) -> Callable[[Scenario], Scenario]:
+def _faulty(fault: Fault) -> Callable[[Scenario], Scenario]:
     return lambda scenario: replace(scenario, faults=[*scenario.faults, fault])
 
 

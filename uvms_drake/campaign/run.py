@@ -67,7 +67,7 @@ def drawn(variation: Variation) -> dict[str, Any]:
         "outside": variation.outside,
         "faults": [type(fault).__name__ for fault in scenario.faults],
         "desired_force": float(np.linalg.norm(scenario.task.force[:3])),
-        "surface": asdict(scenario.surface),
+        "surface": asdict(scenario.surface),  # type: ignore[call-overload]  # It is a dataclass.
         "eta": scenario.start.eta, "q": scenario.start.q,
         "unknown": {**{name: getattr(error, name) - 1.0 for name in FACTORS},
                     "stiffness": surface.stiffness - 1.0,

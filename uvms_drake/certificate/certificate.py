@@ -25,6 +25,7 @@ from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.station.mission_legs import Leg
 from uvms_drake.station.scenario.faults import uncovered
+from uvms_drake.station.scenario.modules import module_file
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
@@ -32,11 +33,12 @@ from uvms_drake.tube.search.estimate import Estimate
 from uvms_drake.tube.ultimate_bounds import HOLD
 
 CERTIFICATE_FILE = "certificate.json"
-IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube",
-              "visual")
-"""Keys of a scenario that a certificate does not depend on: `tube` is for runs without one. Other
-keys count in part, see `fingerprint`: bound and weights of `disturbance`, all of `task` but the
-tolerance of the force, and those of `faults` that the proofs do not cover."""
+IRRELEVANT = ("name", "description", "modules", "seed", "duration", "log_period", "simulator",
+              "tube", "visual")
+"""Keys of a scenario that a certificate does not depend on: `tube` is for runs without one, and the
+files of `modules` count by their content. Other keys count in part, see `fingerprint`: bound and
+weights of `disturbance`, all of `task` but the tolerance of the force, and those of `faults` that
+the proofs do not cover."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,8 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Returns the inputs of a certificate: hashes of files and scenario, and versions."""
     folder = model_dir(scenario.model)
     files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest()
-             for path in sorted(folder.iterdir()) if path.is_file()}
+             for path in (*sorted(folder.iterdir()), *map(module_file, scenario.modules))
+             if path.is_file()}
     relevant = yaml_load_data(dump_scenario(scenario))
     for key in IRRELEVANT:
         relevant.pop(key, None)

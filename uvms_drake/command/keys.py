@@ -1,7 +1,6 @@
 """The sub-command `keys`: lists the keys of a scenario with type, default and description."""
 
 import argparse
-import dataclasses
 import re
 import typing
 from collections.abc import Iterator
@@ -9,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.common.schema import field_docs, field_types
+from uvms_drake.common.schema import field_docs, field_types, structs_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.signals import format_signals
 
@@ -49,7 +48,7 @@ def keys_of(defaults: typing.Any, prefix: str = "") -> Iterator[tuple[str, str]]
     """
     types = field_types(type(defaults))
     for name, doc in field_docs(type(defaults)).items():
-        key, value, options = f"{prefix}{name}", getattr(defaults, name), _structs(types[name])
+        key, value, options = f"{prefix}{name}", getattr(defaults, name), structs_of(types[name])
         tags = [f"!{option.__name__}" for option in options]
         shown = "" if type(value) in options else f" = {_shown(value)}"
         said = f" {' | '.join(tags)}" if len(tags) > 1 else ""
@@ -57,14 +56,6 @@ def keys_of(defaults: typing.Any, prefix: str = "") -> Iterator[tuple[str, str]]
         for option, tag in zip(options, tags, strict=True):
             inside = value if type(value) is option else option()
             yield from keys_of(inside, f"{key}{tag if said else ''}.")
-
-
-def _structs(field: typing.Any) -> list[type]:
-    """Returns the structs that a field of this type, or an element of it, can hold."""
-    if typing.get_args(field):
-        return [struct for option in typing.get_args(field) for struct in _structs(option)]
-    is_struct = dataclasses.is_dataclass(field) or hasattr(field, "__fields__")
-    return [field] if is_struct else []
 
 
 def _shown(value: object) -> str:

@@ -1,7 +1,8 @@
-"""Holds raw YAML data against dataclasses, so that a mistake is reported by its key; writes them.
+"""Makes dataclasses of raw YAML data, so that a mistake is reported by its key; writes them.
 
-`yaml_load_typed` stops at the first mistake too, but names neither the path of the key nor, for
-arrays and tags, the allowed values; and it lets NaN and ragged arrays through.
+Drake's `yaml_load_typed` stops at the first mistake too, but names neither the path of the key nor,
+for arrays and tags, the allowed values; it lets NaN and ragged arrays through, and knows no kinds
+but those of a union. As there, a mapping changes only the fields of a default that it names.
 `yaml_dump_typed` refuses an object whose type the field does not name, as one of a user's own.
 """
 
@@ -22,9 +23,10 @@ from pathlib import Path
 
 import numpy as np
 import yaml  # type: ignore[import-untyped]  # Drake's own choice and dependency.
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.common.yaml import yaml_dump_typed
 
 from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError
+from uvms_drake.common.kinds import kinds_of
 
 T = typing.TypeVar("T")
 
@@ -173,48 +175,72 @@ def _require_plain(root: yaml.Node | None) -> None:
             waiting.append(value)
 
 
-def conform(schema: typing.Any, value: object, key: str = "") -> typing.Any:
-    """Returns `value` with its numbers in the schema's types.
+def load_typed(schema: type[T], raw: object) -> T:
+    """Returns raw YAML data as an instance of `schema`.
+
+    Args:
+        schema: A dataclass or one of Drake's config structs, which can be made without arguments.
+        raw: A mapping, as of `parse_yaml`.
+
+    Raises:
+        InvalidParameter: An unknown key or tag, or a value of the wrong type.
+    """
+    typed: T = conform(schema, raw)
+    return typed
+
+
+def conform(schema: typing.Any, value: object, key: str = "", default: object = None
+            ) -> typing.Any:
+    """Returns raw data as a value of the schema's type.
 
     Args:
         schema: A dataclass, one of Drake's config structs, or the type of one of their fields.
         value: Raw YAML data.
         key: Dotted path of `value`, for the error.
+        default: Value of which a mapping changes only a part; None: that of the type.
 
     Raises:
-        InvalidParameter: An unknown key or tag, or a value of the wrong type.
+        InvalidParameter: As of `load_typed`.
     """
-    if _is_union(schema):
-        return _conform_union(typing.get_args(schema), value, key)
-    if schema in _LEAVES:
-        return _LEAVES[schema](value, key)
-    if typing.get_origin(schema) is list:
-        (item,) = typing.get_args(schema)
+    kinds, is_optional = _choices(schema)
+    if value is None and is_optional:
+        return None
+    if len(kinds) > 1:
+        return _conform_choice(kinds, value, key, default)
+    (kind,) = kinds
+    if kind in _LEAVES:
+        return _LEAVES[kind](value, key)
+    if typing.get_origin(kind) is list:
+        (item,) = typing.get_args(kind)
         if not isinstance(value, list):
             raise InvalidParameter(key, value, "a list")
         return [conform(item, v, f"{key}[{i}]") for i, v in enumerate(value)]
-    if typing.get_origin(schema) is dict:
-        _, item = typing.get_args(schema)
+    if typing.get_origin(kind) is dict:
+        _, item = typing.get_args(kind)
         if not isinstance(value, dict):
             raise InvalidParameter(key, value, "a mapping of names to values")
-        return {name: conform(item, v, f"{key}.{name}") for name, v in value.items()}
-    return _conform_struct(schema, value, key)
+        named = {name: conform(item, v, f"{key}.{name}") for name, v in value.items()}
+        return {**default, **named} if isinstance(default, dict) else named
+    return _conform_struct(kind, value, key, default)
 
 
-def load_typed(schema: type[T], raw: object) -> T:
-    """Returns raw YAML data as an instance of `schema`, after `conform`."""
-    text = yaml.dump(conform(schema, raw), Dumper=_Dumper, sort_keys=False)
-    return yaml_load_typed(schema=schema, data=text)
+def _choices(declared: typing.Any) -> tuple[tuple[typing.Any, ...], bool]:
+    """Returns the types that a field can hold, the default first, and whether it can be None.
+
+    A union names them; a base has those that `kinds` knows.
+    """
+    options = typing.get_args(declared) if _is_union(declared) else (declared,)
+    kinds = [kind for option in options if option is not types.NoneType
+             for kind in (kinds_of(option) or (option,))]
+    return tuple(kinds), types.NoneType in options
 
 
-class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    """Writes raw data with its tags, in the order that it has: Drake's own sorts the names."""
-
-    def represent_data(self, data: typing.Any) -> yaml.Node:
-        if not (isinstance(data, dict) and "_tag" in data):
-            return super().represent_data(data)
-        return self.represent_mapping(data["_tag"], {
-            key: value for key, value in data.items() if key != "_tag"})
+def structs_of(declared: typing.Any) -> list[type]:
+    """Returns the structs that a field, or an element of it, can hold, the default first."""
+    if typing.get_args(declared) and not _is_union(declared):
+        return [struct for inner in typing.get_args(declared) for struct in structs_of(inner)]
+    return [struct for kind in _choices(declared)[0] for struct in (
+        structs_of(kind) if typing.get_args(kind) else [kind] if _is_struct(kind) else [])]
 
 
 def dump_typed(value: object, leave_out: Collection[str] = ()) -> str:
@@ -234,12 +260,11 @@ def dump_typed(value: object, leave_out: Collection[str] = ()) -> str:
 
 def _entry(name: str, value: typing.Any, declared: typing.Any, leave_out: Collection[str]) -> str:
     """Returns the lines of one field."""
-    first = typing.get_args(declared)[0] if _is_union(declared) else declared
+    first = _choices(declared)[0][0]
     if _is_struct(value):
         return _struct(f"{name}:", value, first, leave_out)
     if typing.get_origin(first) is list and any(_is_struct(item) for item in value):
-        (item,) = typing.get_args(first)
-        first = typing.get_args(item)[0] if _is_union(item) else item
+        first = structs_of(first)[0]
         return f"{name}:\n" + "".join(_struct("-", each, first, leave_out) for each in value)
     if first is np.ndarray:
         value = np.asarray(value, dtype=float)
@@ -288,13 +313,10 @@ def field_docs(schema: type) -> dict[str, str]:
     return docs
 
 
-def _conform_union(options: tuple[typing.Any, ...], value: object, key: str) -> typing.Any:
-    if value is None and types.NoneType in options:
-        return None
-    options = tuple(option for option in options if option is not types.NoneType)
-    if len(options) == 1:
-        return conform(options[0], value, key)
-    by_tag = {f"!{option.__name__}": option for option in options}
+def _conform_choice(kinds: tuple[typing.Any, ...], value: object, key: str, default: object
+                    ) -> typing.Any:
+    """Returns a mapping as the kind that its tag names, or as the first one."""
+    by_tag = {f"!{kind.__name__}": kind for kind in kinds}
     allowed = f"a mapping tagged {' or '.join(by_tag)}"
     if not isinstance(value, dict):
         raise InvalidParameter(key, value, allowed)
@@ -302,14 +324,15 @@ def _conform_union(options: tuple[typing.Any, ...], value: object, key: str) -> 
     if tag not in by_tag:
         raise InvalidParameter(key, tag, allowed + suggestion(str(tag), list(by_tag)))
     inside = {k: v for k, v in value.items() if k != "_tag"}
-    return {"_tag": tag, **_conform_struct(by_tag[tag], inside, key)}
+    return _conform_struct(by_tag[tag], inside, key, default)
 
 
-def _conform_struct(schema: typing.Any, value: object, key: str) -> dict[str, object]:
+def _conform_struct(schema: typing.Any, value: object, key: str, default: object) -> typing.Any:
+    """Returns a mapping as a struct, with the fields of `default` that it does not name."""
     if not isinstance(value, dict):
         raise InvalidParameter(key or "the file", value, "a mapping of keys to values")
     fields = field_types(schema)
-    out = {}
+    out = deepcopy(default) if type(default) is schema else schema()
     for name, item in value.items():
         path = f"{key}.{name}" if key else str(name)
         if name == "_tag":
@@ -320,7 +343,7 @@ def _conform_struct(schema: typing.Any, value: object, key: str) -> dict[str, ob
         if name not in fields:
             raise InvalidParameter(path, item, f"under one of the keys {', '.join(fields)}"
                                    + suggestion(str(name), list(fields)))
-        out[name] = conform(fields[name], item, path)
+        setattr(out, name, conform(fields[name], item, path, getattr(out, name)))
     return out
 
 
@@ -369,12 +392,16 @@ def _to_float(value: object) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _array(value: object, key: str) -> list[object]:
-    """Returns a vector or matrix as (nested) lists of floats."""
+def _array(value: object, key: str) -> np.ndarray:
+    """Returns nested lists of numbers as an array."""
+    return np.array(_rows(value, key), dtype=float)
+
+
+def _rows(value: object, key: str) -> list[object]:
     if not isinstance(value, list):
         raise InvalidParameter(key, value, "a list of numbers")
-    items: list[typing.Any] = [(_array if isinstance(item, list) else _number)(item, f"{key}[{i}]")
-                                for i, item in enumerate(value)]
+    items: list[typing.Any] = [(_rows if isinstance(item, list) else _number)(item, f"{key}[{i}]")
+                               for i, item in enumerate(value)]
     if len({np.shape(item) for item in items}) > 1:
         raise InvalidParameter(key, value, "a list of numbers, or of rows of equal length")
     return items

@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.kinds import offer
 
 FAILURES = ("skip", "retry", "home")
 """Continuations after the retreat from a spot with a failed step: the next spot; the same again, at
@@ -191,15 +192,14 @@ class Retreat(Step):
         return self
 
 
-AnyStep = Approach | Hold | Slide | Retreat
-"""Steps of a scenario's file; the first is the default without a tag."""
+offer(Step, Approach, Hold, Slide, Retreat)
 
 
 @dataclass
 class Mission:
     """List of steps, with the tolerances of all of them."""
 
-    steps: list[AnyStep] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
     """Steps, spot by spot; none: there is no mission."""
     retries: int = 1
     """Largest number of retries of a spot whose failed step has `on_failure: retry`."""
@@ -227,14 +227,12 @@ class Mission:
         return first, last
 
 
-def _checked(i: int, step: AnyStep) -> AnyStep:
+def _checked(i: int, step: Step) -> Step:
     with within(f"steps[{i}]"):
-        checked = step.checked()
-    assert isinstance(checked, AnyStep)
-    return checked
+        return step.checked()
 
 
-def _require_spots(steps: Sequence[AnyStep]) -> None:
+def _require_spots(steps: Sequence[Step]) -> None:
     """Raises `InvalidParameter` unless the steps are spots, see the module."""
     away = True
     for i, step in enumerate(steps):

@@ -1,7 +1,8 @@
 """Sensors, their errors and faults, one a file; independent of plant and controller."""
 
+from uvms_drake.common.kinds import offer
+from uvms_drake.model.signals.sensor_actuator import Sensor
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import Navigation
 
-AnySensing = Navigation | ForceSensor
-"""Sensors of a scenario's file; the first is the default without a tag."""
+offer(Sensor, Navigation, ForceSensor)

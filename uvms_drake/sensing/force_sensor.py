@@ -45,7 +45,7 @@ from uvms_drake.model.signals.sensor_actuator import (
     PAYLOAD,
     PAYLOAD_AT_REST,
     ForceReading,
-    Part,
+    Sensor,
     Signals,
 )
 from uvms_drake.model.uvms_model import UvmsModel
@@ -112,7 +112,7 @@ class Samples(NamedTuple):
 
 
 @dataclass
-class ForceSensor(Part):
+class ForceSensor(Sensor):
     """A wrist sensor of the contact force, which the law takes instead of the surface's.
 
     Logged are `force_raw`, F̂ in its own axes, and `force_measured`, 𝔉_s. Rate, noise and range

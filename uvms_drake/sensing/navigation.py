@@ -29,7 +29,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
-from uvms_drake.model.signals.sensor_actuator import Part, Signals
+from uvms_drake.model.signals.sensor_actuator import Sensor, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 STREAM = 2
@@ -147,7 +147,7 @@ class NavigationError(NamedTuple):
 
 
 @dataclass
-class Navigation(Part):
+class Navigation(Sensor):
     """State of a navigation filter, with its errors.
 
     It is logged as `measured_state`. Noise and rates are those measured on a vehicle in a pool: DVL

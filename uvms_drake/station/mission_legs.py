@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.mission.steps import AnyStep, Approach, Hold, Mission, Slide
+from uvms_drake.mission.steps import Approach, Hold, Mission, Slide, Step
 from uvms_drake.model.surface import SensedContact
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold_band import hold_band
@@ -35,7 +35,7 @@ class Leg:
     """Bound b(0) of a hold in which the plan has stood, see `HoldRadii` [N]."""
 
 
-def least_time(step: AnyStep) -> float:
+def least_time(step: Step) -> float:
     """Returns the shortest duration of a step without a failure [s]; zero if unknown.
 
     The duration of an approach, of a wall or of a place off it, is unknown.

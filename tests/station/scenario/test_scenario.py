@@ -1,14 +1,13 @@
 """Tests of `uvms_drake.station.scenario.scenario`."""
 
 import dataclasses
-import types
-import typing
 
 import pytest
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
 from support.scenarios import error_of, load_text
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.common.kinds import kinds_of
 from uvms_drake.station.scenario.scenario import (
     Scenario,
     check_scenario,
@@ -69,8 +68,8 @@ def test_what_a_file_does_not_say_is_the_default_and_its_name_the_files(tmp_path
 
 def test_the_default_of_every_choice_is_its_first_type():
     for field in dataclasses.fields(Scenario):
-        if isinstance(field.type, types.UnionType):
-            assert type(getattr(Scenario(), field.name)) is typing.get_args(field.type)[0]
+        if kinds_of(field.type):
+            assert type(getattr(Scenario(), field.name)) is kinds_of(field.type)[0]
 
 
 def test_a_mistake_in_the_file_is_reported_without_mention_of_overrides(tmp_path):

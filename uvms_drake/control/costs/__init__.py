@@ -1,6 +1,7 @@
 """Terms of the nominal MPC's cost, one kind a file."""
 
+from uvms_drake.common.kinds import offer
 from uvms_drake.control.costs.level_vehicle import LevelVehicle
+from uvms_drake.control.costs.term import CostTerm
 
-AnyTerm = LevelVehicle
-"""The terms that a scenario's file may add to the task's cost."""
+offer(CostTerm, LevelVehicle)

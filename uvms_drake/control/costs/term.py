@@ -2,8 +2,7 @@
 
 A term of one's own is a subclass with a `residual` r, in `MpcConfig.terms`: it adds h‖r‖² at the
 beginning of every interval. `evaluate` has its value, the convex programs its Gauss–Newton model
-about a plan. To have it in YAML files, put it into `AnyTerm` of `control.costs`. No proof covers
-it: with one, there is no certificate.
+about a plan. No proof covers it: with one, there is no certificate.
 """
 
 from abc import ABC, abstractmethod

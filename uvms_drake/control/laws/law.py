@@ -1,8 +1,8 @@
 """Interface of an ancillary law: its command, its errors and its bound along the run.
 
 A law is a dataclass of its gains that derives from `AncillaryLaw`. A closed loop needs only one of
-`command` and `velocity`. `AnyLaw` in `control.laws` lists the laws of scenario files,
-`tube.laws.dynamic` and `tube.laws.kinematic` those with a certificate.
+`command` and `velocity`. `tube.laws.dynamic` and `tube.laws.kinematic` list those with a
+certificate.
 """
 
 import math

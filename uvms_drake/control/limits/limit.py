@@ -4,7 +4,7 @@ A limit of one's own is a subclass with a `name`, `values` and `bounds`, and its
 tube (`tube_takes`), in `Limits.more`: the nominal MPC keeps it by linearised rows, softened like
 those of roll and pitch, the terminal set is searched for a state that breaks it, and tables, bars
 and the certificate have it. A limit that is linear in (y, ζ), or a norm of that, has a
-`closed_form`. To have it in YAML files, put it into `settings.AnyLimit`.
+`closed_form`.
 """
 
 from abc import ABC, abstractmethod

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.common.kinds import offer
 from uvms_drake.control.limits.approach_speed import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
 from uvms_drake.control.limits.inputs import Accelerations, Forces
@@ -20,8 +21,7 @@ from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.description.thruster_file import ThrusterParameters
 from uvms_drake.model.surface.law import Surface
 
-AnyLimit = TipBox | TipVelocity
-"""Limits that a scenario may add to those of every robot, by their YAML tags."""
+offer(Limit, TipBox, TipVelocity)
 
 
 @dataclass
@@ -55,7 +55,7 @@ class Limits:
     thrusters: np.ndarray | None = None
     """Largest wrench on the axes that no thruster drives (k,), in the order of the wrench [N (3),
     N m (3)], [] where all are driven. If it is given, every thruster's force is limited too."""
-    more: list[AnyLimit] = field(default_factory=list)
+    more: list[Limit] = field(default_factory=list)
     """Further limits; a script may put any `Limit` here."""
 
 

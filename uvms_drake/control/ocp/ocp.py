@@ -27,7 +27,6 @@ import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.convex.staged_program import StagedProgram, TerminalLimit
-from uvms_drake.control.costs import AnyTerm
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.costs.term import CostTerm
 from uvms_drake.control.limits import Limit
@@ -77,7 +76,7 @@ class MpcConfig:
     A run that has one is not reproducible bit for bit."""
     terminal_weight: np.ndarray | None = None
     """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
-    terms: list[AnyTerm] = field(default_factory=list)
+    terms: list[CostTerm] = field(default_factory=list)
     """Further terms of the cost; a script may put any `CostTerm` here. With one there is no
     certificate: the proofs are about the task's cost alone."""
 

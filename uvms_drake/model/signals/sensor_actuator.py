@@ -174,6 +174,14 @@ class Part(Component, ABC):
         return None
 
 
+class Sensor(Part):
+    """Part between the robot's state and the controller, of the list `sensing`."""
+
+
+class Actuator(Part):
+    """Part between the controller's command and the robot, of the list `actuation`."""
+
+
 class Fault(Component):
     """Fault in a run."""
 

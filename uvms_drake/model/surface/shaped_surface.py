@@ -8,7 +8,7 @@ from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.surface.class_membership import class_of
 from uvms_drake.model.surface.friction import STEEPEST, coulomb
-from uvms_drake.model.surface.geometry import AnyGeometry, Plane
+from uvms_drake.model.surface.geometry import Geometry, Plane
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.normal_law import AnyNormalLaw, Linear
 from uvms_drake.model.surface.plane import LARGEST_DISSIPATION, OUTSIDE, dissipation_factor
@@ -32,7 +32,7 @@ class ShapedSurface(Surface):
     v: no closed path yields energy. φ and ψ are not negative: the surface never pulls.
     """
 
-    geometry: AnyGeometry = field(default_factory=Plane)
+    geometry: Geometry = field(default_factory=Plane)
     """Shape of the undeformed surface, with its depth δ."""
     law: AnyNormalLaw = field(default_factory=Linear)
     """Static force φ by the depth."""

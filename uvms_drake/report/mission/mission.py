@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uvms_drake.mission.law import DONE, REASONS, RETREATED, RUNNING, SKIPPED
-from uvms_drake.mission.steps import AnyStep, Hold, Pressing, Slide
+from uvms_drake.mission.steps import Hold, Pressing, Slide, Step
 from uvms_drake.mission.system import PROGRESS
 from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.record import Record
@@ -55,7 +55,7 @@ def attempts_of(record: Record) -> list[Attempt]:
     return out
 
 
-def lateral_errors(record: Record, step: AnyStep, when: slice) -> tuple[np.ndarray, np.ndarray]:
+def lateral_errors(record: Record, step: Step, when: slice) -> tuple[np.ndarray, np.ndarray]:
     """Returns the distance of the tip from the place or line, and its lag on the line (m,) [m].
 
     Both are normal to n.

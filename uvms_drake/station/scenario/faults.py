@@ -5,15 +5,15 @@ from typing import Any
 
 from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.common.errors import require, within
+from uvms_drake.common.kinds import offer
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.model.signals.sensor_actuator import Component, Fault
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
 from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 
-AnyFault = (SolverFailure | SolverTimeout | DroppedPeriod | FrozenState | LostState | LostForce
-            | FrozenForce | SaturatedForce | JumpedForce | StuckJoint | ExcessDisturbance)
-"""Faults that a scenario's file may name; the first is the default tag."""
+offer(Fault, SolverFailure, SolverTimeout, DroppedPeriod, FrozenState, LostState, LostForce,
+      FrozenForce, SaturatedForce, JumpedForce, StuckJoint, ExcessDisturbance)
 
 
 def check_components(key: str, components: Sequence[Component], motion: str) -> None:

@@ -11,26 +11,27 @@ import numpy as np
 from pydrake.common.yaml import yaml_load_data
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
-from uvms_drake.actuation import AnyActuation, IdealWrench, Thrusters
+from uvms_drake.actuation import IdealWrench, Thrusters
 from uvms_drake.common.errors import (
     require,
     shortened,
     vector,
     within,
 )
-from uvms_drake.common.schema import dump_typed, load_typed, read_yaml
-from uvms_drake.control.laws import AnyLaw, Resolved
+from uvms_drake.common.schema import conform, dump_typed, load_typed, read_yaml
+from uvms_drake.control.laws import AncillaryLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.mission.steps import Mission
-from uvms_drake.model.surface import AnyContact, AnySurface, KnownSurface, UnilateralPlane
-from uvms_drake.plant import AnyDisturbance, SinusoidalDisturbance
+from uvms_drake.model.signals.sensor_actuator import Actuator, Fault, Sensor
+from uvms_drake.model.surface import AnyContact, KnownSurface, Surface, UnilateralPlane
+from uvms_drake.plant import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, check_model_error
 from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
 from uvms_drake.plant.waves import Wave
-from uvms_drake.sensing import AnySensing
 from uvms_drake.station.scenario.cost_check import check_cost
-from uvms_drake.station.scenario.faults import AnyFault, check_components, check_faults
+from uvms_drake.station.scenario.faults import check_components, check_faults
+from uvms_drake.station.scenario.modules import import_modules
 from uvms_drake.station.scenario.scenario_file import (
     apply_overrides,
     reported_in,
@@ -92,6 +93,9 @@ class Scenario:
     name: str = ""
     """Name of the scenario; that of the file if left out."""
     description: str = ""
+    modules: list[str] = field(default_factory=list)
+    """Python modules, imported first, that register kinds of their own, see `common.kinds`: names,
+    or paths of files from the scenario's file. Their code runs, as that of any import."""
     seed: int = 0
     """Seed of everything random."""
     duration: float = 20.0
@@ -110,17 +114,17 @@ class Scenario:
     """Waves on top of it, which the controller does not know either."""
     model_error: ModelError = field(default_factory=ModelError)
     """Difference of the simulated robot from the controller's model."""
-    surface: AnySurface = field(default_factory=UnilateralPlane)
+    surface: Surface = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
     """Difference of the simulated surface from `surface`, the controller's model."""
     contact: AnyContact = field(default_factory=KnownSurface)
     """Specification of the contact: the controller knows `surface`, or senses an unknown wall."""
-    disturbance: AnyDisturbance = field(default_factory=SinusoidalDisturbance)
-    sensing: list[AnySensing] = field(default_factory=list)
+    disturbance: Disturbance = field(default_factory=SinusoidalDisturbance)
+    sensing: list[Sensor] = field(default_factory=list)
     """Parts between the robot's state and the controller, from the robot on."""
-    actuation: list[AnyActuation] = field(default_factory=list)
+    actuation: list[Actuator] = field(default_factory=list)
     """Parts between the controller's command and the robot, from the controller on."""
-    faults: list[AnyFault] = field(default_factory=list)
+    faults: list[Fault] = field(default_factory=list)
     """Faults, at most one of a kind; an entry without a tag is a `SolverFailure`."""
     task: Task = field(default_factory=Task)
     mission: Mission = field(default_factory=Mission)
@@ -128,7 +132,7 @@ class Scenario:
     limits: Limits = field(default_factory=Limits)
     tube: TubeRadii = field(default_factory=TubeRadii)
     mpc: MpcConfig = field(default_factory=MpcConfig)
-    ancillary: AnyLaw = field(default_factory=Resolved)
+    ancillary: AncillaryLaw = field(default_factory=Resolved)
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     simulator: SimulatorConfig = field(default_factory=lambda: SimulatorConfig(
         integration_scheme="runge_kutta3", max_step_size=0.0, use_error_control=False))
@@ -159,15 +163,22 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
     """
     path = scenario_path(name_or_path)
     with reported_in(path.name):
-        scenario = load_typed(Scenario, with_base(read_yaml(path), path, ()))
+        scenario = typed_scenario(with_base(read_yaml(path), path, ()))
         scenario.name = scenario.name or path.stem
     options = set_options(overrides) if options is None else options
     with reported_in(scenario_source(name_or_path, options)):
         if overrides:
-            scenario = load_typed(
-                Scenario, apply_overrides(yaml_load_data(dump_scenario(scenario)), overrides))
+            scenario = typed_scenario(
+                apply_overrides(yaml_load_data(dump_scenario(scenario)), overrides))
         check_scenario(scenario)
     return scenario
+
+
+def typed_scenario(raw: object) -> Scenario:
+    """Returns raw data as a scenario, after the import of the modules that it names."""
+    if isinstance(raw, dict) and "modules" in raw:
+        raw = {**raw, "modules": import_modules(conform(list[str], raw["modules"], "modules"))}
+    return load_typed(Scenario, raw)
 
 
 def dump_scenario(scenario: Scenario) -> str:

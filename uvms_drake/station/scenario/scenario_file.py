@@ -19,6 +19,7 @@ from uvms_drake.common.errors import (
 from uvms_drake.common.program import FOLDER
 from uvms_drake.common.schema import parse_yaml, read_yaml
 from uvms_drake.model.description.robot_folder import shipped_robots
+from uvms_drake.station.scenario.modules import from_folder
 
 
 def shipped_scenarios() -> dict[str, Path]:
@@ -87,7 +88,8 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
 
     Args:
         raw: Raw data of the file.
-        path: The file; paths of a base and of a robot's folder are relative to its folder.
+        path: The file; paths of a base, of a robot's folder and of modules are relative to its
+            folder.
         above: Files of which it is the base.
     """
     if not isinstance(raw, dict) or not raw:
@@ -97,6 +99,8 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
     robot = own.get("model")
     if isinstance(robot, str) and robot not in shipped_robots() and _is_folder(path.parent / robot):
         own["model"] = str(path.parent / robot)
+    if isinstance(own.get("modules"), list):
+        own["modules"] = [from_folder(str(each), path.parent) for each in own["modules"]]
     if "base" not in own:
         return own
     base = own.pop("base")
@@ -107,6 +111,8 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
     below = with_base(read_yaml(file), file, (*above, path))
     inherited = {key: value for key, value in below.items() if key not in ("name", "description")
                  } if isinstance(below, dict) else {}
+    if isinstance(own.get("modules"), list):  # Those of the base are needed, too.
+        own["modules"] = list(dict.fromkeys([*inherited.get("modules", []), *own["modules"]]))
     return _merged(inherited, own)
 
 

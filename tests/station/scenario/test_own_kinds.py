@@ -1,0 +1,219 @@
+"""Kinds of one's own, each one file that a scenario names, without an edit in the package."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.scenarios import error_of
+
+import uvms_drake as uv
+from uvms_drake.certificate.certificate import fingerprint
+from uvms_drake.command.main import main
+from uvms_drake.common import kinds
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.kinds import kinds_of, register
+from uvms_drake.common.schema import load_typed, parse_yaml
+from uvms_drake.station.scenario.scenario import dump_scenario
+
+CLOSE = "start: {eta: [-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]}"
+"""The tip starts 4 cm off the wall and touches it within a second."""
+HEAD = """\
+from dataclasses import dataclass
+import numpy as np
+from pydrake.systems.primitives import Gain
+import uvms_drake as uv
+
+"""
+KINDS = {
+    "law": ("""
+@uv.register
+@dataclass
+class Stiffer(uv.AncillaryLaw):
+    gain: float = 90.0  # 1/s²
+
+    def command(self, model, now, nominal_acceleration, nominal_input):
+        error = now.inverse @ uv.pose_difference(*now.y)
+        u = nominal_input() - self.gain * error - 20.0 * (now.zeta[0] - now.zeta[1])
+        M = model.mass_matrix(now.kinematics.at(0))
+        return uv.Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
+""", "ancillary: !Stiffer {gain: 80.0}", lambda scenario: scenario.ancillary.gain == 80.0),
+    "limit": ("""
+@uv.register
+@dataclass
+class Deepest(uv.Limit):
+    name = "deepest"
+    depth: float = 0.5  # m
+
+    def values(self, at):
+        return at.config[..., 2:3]
+
+    def bounds(self):
+        return np.array([-10.0]), np.array([self.depth])
+""", "limits: {more: [!Deepest {depth: 0.1}]}", lambda scenario: (
+        scenario.limits.more[0].depth == 0.1)),
+    "cost": ("""
+@uv.register
+@dataclass
+class LevelTool(uv.CostTerm):
+    weight: float = 1.0
+
+    def residual(self, at):
+        return np.sqrt(self.weight) * at.y[..., 4:5]
+""", "mpc: {terms: [!LevelTool {weight: 5.0}]}", lambda scenario: (
+        scenario.mpc.terms[0].weight == 5.0)),
+    "surface": ("""
+@uv.register
+@dataclass
+class Rail(uv.UnilateralPlane):
+    stiffness: float = 700.0  # N/m
+""", "surface: !Rail {transition: 0.001}", lambda scenario: (
+        (scenario.surface.stiffness, scenario.surface.transition) == (700.0, 0.001))),
+    "sensor": ("""
+@uv.register
+@dataclass
+class Scaled(uv.Sensor):
+    factor: float = 1.0
+
+    def add_to(self, builder, model, port, signals, seed):
+        gain = builder.AddNamedSystem("gain", Gain(self.factor, port.size()))
+        builder.Connect(port, gain.get_input_port())
+        signals["scaled"] = gain.get_output_port()
+        return gain.get_output_port()
+""", "sensing: [!Scaled {factor: 1.001}]", lambda scenario: scenario.sensing[0].factor == 1.001),
+    "actuator": ("""
+@uv.register
+@dataclass
+class Weak(uv.Actuator):
+    share: float = 1.0
+
+    def add_to(self, builder, model, port, signals, seed):
+        gain = builder.AddNamedSystem("weak", Gain(self.share, port.size()))
+        builder.Connect(port, gain.get_input_port())
+        return gain.get_output_port()
+""", "actuation: [!Weak {share: 0.99}]", lambda scenario: scenario.actuation[0].share == 0.99),
+    "disturbance": ("""
+@uv.register
+@dataclass
+class Push(uv.SinusoidalDisturbance):
+    frequency: float = 3.0
+""", "disturbance: !Push {bound: 0.05}", lambda scenario: scenario.disturbance.frequency == 3.0),
+}
+
+
+@pytest.fixture(autouse=True)
+def _forgotten(monkeypatch):
+    """Kinds and modules of a test are gone after it."""
+    monkeypatch.setattr(kinds, "_KINDS", {
+        base: dict(known) for base, known in kinds._KINDS.items()})
+    before = set(sys.modules)
+    yield
+    for name in set(sys.modules) - before:
+        if not name.startswith(("uvms_drake", "pydrake")):
+            del sys.modules[name]
+
+
+def written(folder: Path, kind: str) -> Path:
+    """Returns the file of a scenario beside the module of its kind."""
+    source, entry, _ = KINDS[kind]
+    (folder / f"my_{kind}.py").write_text(HEAD + source, encoding="utf-8")
+    path = folder / "mine.yaml"
+    path.write_text(f"base: girona500_ideal\nmodules: [my_{kind}.py]\nduration: 0.1\n{CLOSE}\n"
+                    f"{entry}\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_file_names_a_kind_of_ones_own_runs_with_it_and_is_dumped_and_loaded_again(
+        kind, tmp_path):
+    scenario = uv.load_scenario(str(written(tmp_path, kind)))
+    assert KINDS[kind][2](scenario)
+    record = uv.simulate(scenario)
+    assert np.all(np.isfinite(record.force))
+    again = tmp_path / "elsewhere" / "again.yaml"
+    again.parent.mkdir()
+    again.write_text(dump_scenario(record.scenario), encoding="utf-8")
+    assert dump_scenario(uv.load_scenario(str(again))) == dump_scenario(record.scenario)
+
+
+def test_the_command_line_takes_a_kind_of_ones_own(tmp_path, capsys):
+    assert main(["scenario", "--check", str(written(tmp_path, "surface"))]) == 0
+    assert "surface.stiffness: 700.0 (base: 1000.0)" in capsys.readouterr().out
+
+
+def test_a_changed_module_makes_a_certificate_stale(tmp_path):
+    scenario = uv.load_scenario(str(written(tmp_path, "surface")))
+    before = fingerprint(scenario)
+    path = tmp_path / "my_surface.py"
+    path.write_text(path.read_text(encoding="utf-8") + "# Changed.\n", encoding="utf-8")
+    after = fingerprint(scenario)
+    assert before["inputs"] == after["inputs"]
+    assert before["files"] != after["files"]
+
+
+def test_the_modules_of_a_base_are_imported_too(tmp_path):
+    base = written(tmp_path, "surface")
+    (tmp_path / "my_law.py").write_text(HEAD + KINDS["law"][0], encoding="utf-8")
+    over = tmp_path / "over.yaml"
+    over.write_text(f"base: {base.name}\nmodules: [my_law.py]\nancillary: !Stiffer {{}}\n",
+                    encoding="utf-8")
+    scenario = uv.load_scenario(str(over))
+    assert [Path(name).name for name in scenario.modules] == ["my_surface.py", "my_law.py"]
+    assert type(scenario.ancillary).__name__ == "Stiffer"
+
+
+@pytest.mark.parametrize(("source", "expected"), [
+    (None, "modules[0] = '{path}': must be a Python file that exists (mine.yaml)"),
+    ("1 / 0", "modules[0] = '{path}': must be a module that can be imported, which ends with "
+              "ZeroDivisionError: division by zero (mine.yaml)")])
+def test_a_module_that_cannot_be_imported_is_one_line(source, expected, tmp_path):
+    module = tmp_path / "broken.py"
+    if source is not None:
+        module.write_text(source, encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: girona500_ideal\nmodules: [broken.py]\n", encoding="utf-8")
+    assert error_of(str(path)) == expected.format(path=module)
+
+
+def test_a_tag_that_no_module_registers_is_refused_with_the_known_ones(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: girona500_ideal\nsurface: !Rale {}\n", encoding="utf-8")
+    assert error_of(str(path)).startswith(
+        "surface = '!Rale': must be a mapping tagged !UnilateralPlane or !BilateralSpring or")
+
+
+def test_what_cannot_be_a_kind_is_refused_by_name():
+    class Bare(uv.Surface):
+        pass
+
+    with pytest.raises(InvalidParameter, match="register = 'Bare': must be a dataclass: "):
+        register(Bare)
+
+    @dataclass
+    class Needy(uv.AncillaryLaw):
+        gain: float
+
+    with pytest.raises(InvalidParameter, match=r"Needy\.gain = 'required': must be given a def"):
+        register(Needy)
+
+    @dataclass
+    class Alone:
+        gain: float = 1.0
+
+    with pytest.raises(InvalidParameter, match="register = 'Alone': must be derived from one of "):
+        register(Alone)
+
+    @dataclass
+    class Resolved(uv.AncillaryLaw):
+        pass
+
+    with pytest.raises(InvalidParameter, match="register = 'Resolved': must be another name"):
+        register(Resolved)
+
+
+def test_the_kinds_of_the_package_come_first_in_their_order():
+    names = [kind.__name__ for kind in kinds_of(uv.Surface)]
+    assert names == ["UnilateralPlane", "BilateralSpring", "ShapedSurface"]
+    assert kinds_of(float) == ()
+    assert load_typed(uv.Scenario, parse_yaml("surface: {stiffness: 5}")).surface.stiffness == 5.0

@@ -1,0 +1,67 @@
+"""Python modules that a scenario names: they register kinds of their own when they are imported."""
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from uvms_drake.common.errors import InvalidParameter, require
+
+
+def import_modules(names: Sequence[str]) -> list[str]:
+    """Imports modules, each once, and returns their names, those of files as absolute paths.
+
+    Args:
+        names: Paths of Python files, or dotted names of modules that Python finds.
+
+    Raises:
+        InvalidParameter: One of them is not there, or its own import fails; says how.
+    """
+    return [_imported(f"modules[{i}]", name) for i, name in enumerate(names)]
+
+
+def module_file(name: str) -> Path:
+    """Returns the source file of an imported module of `import_modules`."""
+    return Path(name) if _is_file(name) else Path(str(sys.modules[name].__file__))
+
+
+def from_folder(name: str, folder: Path) -> str:
+    """Returns a module's name, a path of a file as from the folder of a scenario's file."""
+    return str(folder / name) if _is_file(name) else name
+
+
+def _is_file(name: str) -> bool:
+    return name.endswith(".py")
+
+
+def _imported(key: str, name: str) -> str:
+    """Imports a module by its file or name; returns the absolute path, or the name."""
+    path = Path(name).resolve()
+    require(not _is_file(name) or path.is_file(), key, name, "a Python file that exists")
+    try:
+        if _is_file(name):
+            _run_once(path)
+        else:
+            importlib.import_module(name)
+    except Exception as error:  # Whatever a user's module raises.
+        raise InvalidParameter(key, name, "a module that can be imported, which ends with "
+                               f"{type(error).__name__}: {error}") from error
+    return str(path) if _is_file(name) else name
+
+
+def _run_once(path: Path) -> None:
+    """Imports a file, unless a module of the process, such as the running script, is this file."""
+    files = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
+    if any(file is not None and Path(file).resolve() == path for file in files):
+        return
+    name = path.stem if path.stem not in sys.modules else str(path)
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # Dataclasses look up their module there.
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
