@@ -11,6 +11,7 @@ from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.laws import Transpose
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.mpc.planner import KEPT
+from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report import signals
 from uvms_drake.report.signals import settling_index
@@ -74,6 +75,17 @@ def test_a_tube_that_nobody_watched_has_no_worst_deviation():
     assert "not watched: the robot hovered until the end" in format_summary(summary)
 
 
+def test_a_weighted_disturbance_has_its_semi_axes_printed():
+    record = synthetic_record()
+    weights = np.repeat([1.0, 3.0], [6, 4])
+    disturbance = ConstantDisturbance(bound=0.05, weights=weights)
+    summary = summarise(replace(record, scenario=replace(
+        record.scenario, disturbance=disturbance)))
+    assert summary["disturbance"]["semi_axes"] == pytest.approx(0.05 * weights)
+    assert "bound 0.15 " in format_summary(summary)
+    assert "ellipsoid of semi-axes 0.05, 0.05, " in format_summary(summary)
+
+
 def test_duration_and_wall_time_give_the_real_time_factor():
     summary = summarise(synthetic_record(wall_time_s=8.0))
     assert (summary["duration_s"], summary["real_time_factor"]) == (20.0, 2.5)
@@ -83,6 +95,7 @@ def test_force_settles_at_the_first_time_from_which_it_stays():
     force = summarise(pressing([0.0, 19.0, 25.0, 21.5, 19.5, 20.5]))["force"]
     assert force["settling_time_s"] == 3.0
     assert force["worst_error_norm_after_settling"] == 1.5
+    assert force["worst_normal_error_after_settling"] == 1.5
     assert force["final_error_norm"] == 0.5
     assert force["peak_normal"] == 25.0
     assert force["overshoot"] == {"newton": 5.0, "percent": 25.0}
@@ -326,7 +339,7 @@ def test_the_disturbance_is_measured_by_its_norm():
     disturbance = summarise(replace(record, disturbance=d, effective_disturbance=3.0 * d))
     assert disturbance["disturbance"] == {
         "unit": "m/s², rad/s²", "bound": 0.1, "worst": pytest.approx(0.15),
-        "applied": pytest.approx(0.05), "exceeded": 1}
+        "semi_axes": None, "applied": pytest.approx(0.05), "exceeded": 1}
 
 
 def test_where_no_bound_of_what_disturbs_is_declared_none_is_exceeded():
@@ -353,7 +366,7 @@ def test_with_weights_the_disturbance_is_measured_by_the_bounds_of_its_component
         record, scenario=scenario, disturbance=d, effective_disturbance=2.0 * d))
     assert summary["disturbance"] == {
         "unit": "m/s², rad/s²", "bound": pytest.approx(0.1), "worst": pytest.approx(0.6),
-        "applied": pytest.approx(0.3), "exceeded": 1}
+        "semi_axes": pytest.approx(np.repeat([0.01, 0.1], [6, 4])), "applied": pytest.approx(0.3), "exceeded": 1}
     (event,) = [each for each in summary["events"] if each["kind"] == "disturbance_exceeded"]
     assert event["time_s"] == pytest.approx(record.time[7])
     assert event["text"] == "whole disturbance above its bound of 0.1, at most 0.6"

@@ -149,11 +149,12 @@ def _surface(scenario: Scenario, model: ContactModel) -> Lines:
 def _disturbance(scenario: Scenario, model: ContactModel) -> Lines:
     """Yields the bound of d, and the declared unknowns that are a part of it."""
     motion, bound = motion_of(scenario), scenario.disturbance
-    size = ("in the declared ellipsoid, its largest semi-axis" if np.size(bound.weights)
-            else "in norm at most")
+    size = f"in norm at most {bound.d_bound:.4g}"
+    if np.size(bound.weights):
+        axes = bound.d_bound * bound.relative_weights(model.size)
+        size = "in the ellipsoid of semi-axes " + ", ".join(f"{each:.3g}" for each in axes)
     yield ("disturbance", f"all that acts on the robot and is not modelled is a "
-           f"{motion.disturbance_symbol} {size} {bound.d_bound:.4g} {motion.disturbance_unit}",
-           OPERATOR)
+           f"{motion.disturbance_symbol} {size} {motion.disturbance_unit}", OPERATOR)
     error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
     if np.any(current):
         yield ("disturbance", "of that, a steady uniform current of at most "

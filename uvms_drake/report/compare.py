@@ -34,7 +34,7 @@ WIDEST = 40
 METRICS: dict[str, tuple[str, ...]] = {
     "settled [s]": ("force", "settling_time_s"),
     "normal force error, end [N]": ("force", "final_error_normal"),
-    "normal force error, worst in the last 5 s [N]": ("force", "last_5_s", "worst_normal_error"),
+    "normal force error, worst once settled [N]": ("force", "worst_normal_error_after_settling"),
     "tangential force error, end [N]": ("force", "final_error_tangential"),
     "largest force in contact [N]": ("contact", "largest_force"),
     "first touch [s]": ("contact", "first_touch_s"),

@@ -127,6 +127,8 @@ def summarise_force(record: Record) -> dict[str, Any]:
         "final_error_normal": normal[-1] - magnitude,
         "final_error_tangential": across[-1] if magnitude > 0.0 else None,
         "worst_error_norm_after_settling": None if index is None else np.max(error[index:]),
+        "worst_normal_error_after_settling": (
+            None if index is None else np.max(np.abs(normal[index:] - magnitude))),
         "settling_time_s": None if index is None else record.time[index],
         "peak_normal": np.max(normal) if magnitude > 0.0 else None,
         "overshoot": None if record.penetration[0] > 0.0 else _overshoot(normal, magnitude, index),
@@ -202,11 +204,14 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     `worst` is of the effective disturbance, with all that the controller does not know about;
     `applied` of the simulated one alone. `exceeded` counts the separate times of being above; it is
     None where no bound is declared. With weights `bound` is d̃, the largest of the components'
-    bounds, and the other two are of ‖Ŵ⁻¹d‖₂, of which it is the bound.
+    bounds `semi_axes`, and the other two are of ‖Ŵ⁻¹d‖₂, of which it is the bound.
     """
     above, declared = disturbance_above(record), record.scenario.disturbance
     bounded = bounds_disturbance(record.scenario, bool(record.certified))
+    weighted = bool(np.size(declared.weights))
     return {"bound": declared.d_bound,
+            "semi_axes": (declared.d_bound * declared.relative_weights(record.disturbance.shape[1])
+                          if weighted else None),
             "unit": motion_of(record.scenario).disturbance_unit,
             "worst": np.max(declared.norm(record.effective_disturbance)),
             "applied": np.max(declared.norm(record.disturbance)),
@@ -335,6 +340,12 @@ def _format_constraints(constraints: dict) -> list[str]:
     return rows
 
 
+def _semi_axes(bounds: list[float] | None) -> str:
+    """Returns the norm that a weighted disturbance is measured in; empty without weights."""
+    return "" if bounds is None else (
+        " in the norm of the ellipsoid of semi-axes " + ", ".join(f"{each:.3g}" for each in bounds))
+
+
 def _format_robustness(summary: dict) -> list[str]:
     tube, disturbance = summary["tube"], summary["disturbance"]
     return [
@@ -342,6 +353,7 @@ def _format_robustness(summary: dict) -> list[str]:
         f"does not know ({disturbance['applied']:.4g} applied)",
         f"{'':<14}" + ("no bound is declared" if disturbance["exceeded"] is None else
                        f"bound {disturbance['bound']:.4g} [{disturbance['unit']}]"
+                       + _semi_axes(disturbance["semi_axes"])
                        + (f", exceeded {disturbance['exceeded']} times"
                           if disturbance["exceeded"] else "")),
         *_format_tube(tube),
