@@ -47,7 +47,8 @@ def test_a_sound_scenario_is_compared_with_its_base(tmp_path, capsys):
     assert main(["scenario", "--check", file]) == 0
     out = capsys.readouterr().out.splitlines()
     assert "disturbance.bound: 0.05 (base: 0.1)" in out
-    assert out[-1] == "mine.yaml: 'uvms-drake run' takes it"
+    assert out[-1] == (f"mine.yaml: a valid scenario; 'uvms-drake certify {file}' says whether it "
+                       "holds")
 
 
 @pytest.mark.parametrize("args", [["--new", "x.yaml"], ["--check", "girona500_ideal", "--robot",

@@ -42,7 +42,7 @@ def new_or_checked(args: argparse.Namespace) -> int:
 
 
 def check_scenario(file: str) -> int:
-    """Prints each difference of a scenario from its base; raises if a run would refuse it."""
+    """Prints each difference of a scenario from its base; raises if it cannot be simulated."""
     from uvms_drake.certificate.certify import check_inputs
     from uvms_drake.common.schema import read_yaml
     from uvms_drake.report.compare import differing_keys
@@ -69,7 +69,7 @@ def check_scenario(file: str) -> int:
             print(f"{key}: {now} (base: {before})")
     for line in [*place_words(scenario), *(f"note: {each}" for each in remarks(scenario))]:
         print(line)
-    print(f"{path.name}: '{PROGRAM} run' takes it")
+    print(f"{path.name}: a valid scenario; '{PROGRAM} certify {file}' says whether it holds")
     return 0
 
 
