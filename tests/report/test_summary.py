@@ -366,7 +366,8 @@ def test_with_weights_the_disturbance_is_measured_by_the_bounds_of_its_component
         record, scenario=scenario, disturbance=d, effective_disturbance=2.0 * d))
     assert summary["disturbance"] == {
         "unit": "m/s², rad/s²", "bound": pytest.approx(0.1), "worst": pytest.approx(0.6),
-        "semi_axes": pytest.approx(np.repeat([0.01, 0.1], [6, 4])), "applied": pytest.approx(0.3), "exceeded": 1}
+        "semi_axes": pytest.approx(np.repeat([0.01, 0.1], [6, 4])),
+        "applied": pytest.approx(0.3), "exceeded": 1}
     (event,) = [each for each in summary["events"] if each["kind"] == "disturbance_exceeded"]
     assert event["time_s"] == pytest.approx(record.time[7])
     assert event["text"] == "whole disturbance above its bound of 0.1, at most 0.6"
