@@ -5,7 +5,6 @@ certified; the scenario runs all the same, and is monitored.
 """
 
 import argparse
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,23 +15,16 @@ import uvms_drake as uv
 @uv.register
 @dataclass
 class ProportionalDerivative(uv.AncillaryLaw):
-    """u = ū − derivative (ζ − ζ̄) − proportional J_x(𝔮)⁻¹(y − ȳ)."""
+    """u = ū − derivative (ζ − ζ̄) − proportional J_x(𝔮)⁻¹(y − ȳ) (6+n,) [m/s², rad/s²]."""
 
-    proportional: float = 100.0
-    """Gain of the pose and joint errors [1/s²]."""
-    derivative: float = 25.0
-    """Gain of the velocity error [1/s]."""
+    proportional: float = 100.0  # of the errors of pose and joints [1/s²]
+    derivative: float = 25.0  # of the error of the velocity [1/s]
 
-    def command(self, model: uv.UvmsModel, now: uv.Pair,
-                nominal_acceleration: Callable[[], np.ndarray],
-                nominal_input: Callable[[], np.ndarray]) -> uv.Command:
-        """Returns the acceleration u, and the force M(𝔮)u."""
+    def command(self, model, now, nominal_acceleration, nominal_input):
+        """Returns u; the feedback sends M(𝔮)u."""
         pose_error = now.inverse @ uv.pose_difference(*now.y)
         velocity_error = now.zeta[0] - now.zeta[1]
-        u = (nominal_input() - self.derivative * velocity_error
-             - self.proportional * pose_error)
-        M = model.mass_matrix(now.kinematics.at(0))
-        return uv.Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
+        return nominal_input() - self.derivative * velocity_error - self.proportional * pose_error
 
 
 def main() -> None:

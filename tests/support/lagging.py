@@ -72,7 +72,7 @@ def run(model, law, disturbance: Callable, duration: float, *, lag: float = 0.0,
             now = now._replace(wrench=wrench if lag else None, estimate=estimate,
                                preview=None if preview is None else preview(time))
         command = law.command(model, now, lambda: nominal_acceleration, None)
-        asked, M = command.tau(), command.M()
+        asked, M = command.tau, command.M
         given = np.concatenate([wrench if lag else asked[:6], asked[6:]])
         b = model.inverse_dynamics(now.kinematics.at(0), zeta, np.zeros(10))
         predicted, d = np.linalg.solve(M, given - b), disturbance(time, out.J[0])
@@ -89,7 +89,7 @@ def run(model, law, disturbance: Callable, duration: float, *, lag: float = 0.0,
     start, acceleration = plan(0.0)
     now = pair_of(model, start, start)
     x = np.concatenate([start, np.zeros(6), outputs_of(now, rows).rate[0]])
-    x[20:26] = law.command(model, now, lambda: acceleration, None).tau()[:6]
+    x[20:26] = law.command(model, now, lambda: acceleration, None).tau[:6]
     for i in range(round(duration / step)):
         time = i * step
         k1 = rate(time, x, note=True)

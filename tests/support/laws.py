@@ -15,18 +15,18 @@ def not_asked() -> np.ndarray:
 
 def resolved_input(model, state, nominal, acceleration, k, sigma) -> np.ndarray:
     return Resolved(k, sigma).command(
-        model, pair_of(model, state, nominal), lambda: acceleration, not_asked).u()
+        model, pair_of(model, state, nominal), lambda: acceleration, not_asked).u
 
 
 def transpose_input(model, state, nominal, nominal_input, k, sigma, joints=False) -> np.ndarray:
     return Transpose(k, sigma, joints).command(
-        model, pair_of(model, state, nominal), not_asked, lambda: nominal_input).u()
+        model, pair_of(model, state, nominal), not_asked, lambda: nominal_input)
 
 
 def tip_first_input(model, state, nominal, acceleration, k, sigma) -> np.ndarray:
     gains = BlockGains(k, sigma)
     return TipFirst(gains, gains).command(
-        model, pair_of(model, state, nominal), lambda: acceleration, not_asked).u()
+        model, pair_of(model, state, nominal), lambda: acceleration, not_asked).u
 
 
 def pairs(model, states, where: str):

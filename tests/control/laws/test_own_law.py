@@ -9,7 +9,7 @@ from uvms_drake.certificate.certify import certify
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved
-from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
+from uvms_drake.control.laws.law import AncillaryLaw, pair_of
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.report.figures import draw_deviation
 from uvms_drake.report.summary import format_summary, summarise
@@ -25,9 +25,7 @@ class Sloppy(AncillaryLaw):
 
     def command(self, model, now, nominal_acceleration, nominal_input):
         error = now.zeta[0] - now.zeta[1] + now.J_x[1].T @ pose_difference(*now.y)
-        u = nominal_input() - self.gain * error
-        M = model.mass_matrix(now.kinematics.at(0))
-        return Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
+        return nominal_input() - self.gain * error
 
 
 @dataclass

@@ -53,7 +53,7 @@ def left(model, derivative, state, nominal, zeta_dot, nominal_zeta_dot) -> np.nd
 def command(model, state, nominal, acceleration, law=LAW, **known) -> np.ndarray:
     """Returns τ."""
     now = pair_of(model, state, nominal)._replace(**known)
-    return law.command(model, now, lambda: acceleration, not_asked).tau()
+    return law.command(model, now, lambda: acceleration, not_asked).tau
 
 
 def jacobian(model, state: np.ndarray) -> np.ndarray:

@@ -35,9 +35,7 @@ class Stiffer(uv.AncillaryLaw):
 
     def command(self, model, now, nominal_acceleration, nominal_input):
         error = now.inverse @ uv.pose_difference(*now.y)
-        u = nominal_input() - self.gain * error - 20.0 * (now.zeta[0] - now.zeta[1])
-        M = model.mass_matrix(now.kinematics.at(0))
-        return uv.Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
+        return nominal_input() - self.gain * error - 20.0 * (now.zeta[0] - now.zeta[1])
 """, "ancillary: !Stiffer {gain: 80.0}", lambda scenario: scenario.ancillary.gain == 80.0),
     "limit": ("""
 @uv.register

@@ -81,7 +81,7 @@ class Motion:
         to_world = at.J_chi @ np.linalg.pinv(at.J_links[-1])
         now = now._replace(contact=np.linalg.solve(to_world.T, self.error[34:]), wrench=wrench,
                            estimate=-(self.w if w is None else w))
-        tau = LAW.command(self.model, now, lambda: self.bar[2], None).tau()
+        tau = LAW.command(self.model, now, lambda: self.bar[2], None).tau
         J, M = outputs_of(now, self.rows).J[0], self.model.mass_matrix(at)
         A = J[:6, :6] @ np.linalg.inv(M[:6, :6] - M[:6, 6:] @ np.linalg.solve(
             J[6:, 6:], J[6:, :6]))

@@ -21,7 +21,7 @@ def test_the_law_commands_what_its_rows_ask_for_and_carry(model, states):
         out = outputs_of(now, rows)
         v = out.J[1] @ acceleration + out.bias[1] - (k + sigma) * (
             out.rate[0] - out.rate[1]) - k * sigma * out.error
-        tau = law.command(model, now, lambda a=acceleration: a, not_asked).tau()
+        tau = law.command(model, now, lambda a=acceleration: a, not_asked).tau
         found.append(np.concatenate([state, v, tau]))
     config, zeta, v, tau = np.split(np.array(found), [10, 20, 30], axis=1)
     loads = row_feedforward(model, config, zeta, rows, tip_acceleration=v[:, 6:],

@@ -79,7 +79,7 @@ def test_between_a_sample_and_its_effect_there_is_what_is_listed_and_nothing_els
     kinematics = model.kinematics(real(s)[0])
     to_world = kinematics.J_chi @ np.linalg.pinv(kinematics.J_links[-1])  # χ̇ by V_E
     now = now._replace(contact=np.linalg.solve(to_world.T, read))
-    tau = law.command(model, now, lambda: plan(s)[2], None).tau()
+    tau = law.command(model, now, lambda: plan(s)[2], None).tau
     out = outputs_of(now, rows)
     k, sigma = law.gains("k", 4), law.gains("sigma", 4)
     w = -(k + sigma) * (out.rate[0] - out.rate[1]) - k * sigma * out.error

@@ -66,8 +66,8 @@ def test_the_rests_are_what_the_law_does_beyond_its_linear_part(model, seed):
     M, M_bar = (model.mass_matrix(each) for each in (kinematics, model.kinematics(config)))
     expected = np.concatenate([
         real_zeta - zeta, real_config[6:] - config[6:],
-        (kinematics.chi - model.kinematics(config).chi)[3:], command.u() - u - linear,
-        command.tau() - M_bar @ u - M @ linear])
+        (kinematics.chi - model.kinematics(config).chi)[3:], command.u - u - linear,
+        command.tau - M_bar @ u - M @ linear])
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 

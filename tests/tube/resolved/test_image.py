@@ -72,7 +72,7 @@ def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
         acceleration = u_bar + model.drift(q_bar, z_bar)
         now = pair_of(model, np.concatenate([q, z]), np.concatenate([q_bar, z_bar]))
         u = Resolved(K, SIGMA).command(
-            model, now, lambda value=acceleration: value, lambda value=u_bar: value).u()
+            model, now, lambda value=acceleration: value, lambda value=u_bar: value).u
         p = np.linalg.solve(J, e)
         M = model.mass_matrix(model.kinematics(q))
         tau_bar = model.mass_matrix(model.kinematics(q_bar)) @ u_bar

@@ -52,8 +52,8 @@ def limited_input(u: np.ndarray, tau: np.ndarray, M: np.ndarray, u_limit: np.nda
 
 def _cut(command: Command, u_limit: np.ndarray, tau_limit: np.ndarray | None) -> Command:
     """Returns a command clipped by `limited_input`."""
-    u, tau, limited = limited_input(command.u(), command.tau(), command.M(), u_limit, tau_limit)
-    return Command(lambda: u, lambda: tau, command.M, limited)
+    u, tau, limited = limited_input(command.u, command.tau, command.M, u_limit, tau_limit)
+    return Command(u, tau, command.M, limited)
 
 
 def _input_limits(limits: Limits, num_joints: int) -> tuple[np.ndarray, np.ndarray | None]:
@@ -145,8 +145,8 @@ class AncillaryFeedback(LeafSystem):
             VEHICLE_WRENCH, "estimate", "preview"))
         self._command = cached(self, "the command", self._wanted, {state, *others})
         given = {self._command.ticket()}
-        output_of(self, "u", model.size, lambda c: self._command.Eval(c).u(), given)
-        output_of(self, "tau", model.size, lambda c: self._command.Eval(c).tau(), given)
+        output_of(self, "u", model.size, lambda c: self._command.Eval(c).u, given)
+        output_of(self, "tau", model.size, lambda c: self._command.Eval(c).tau, given)
         output_of(self, "lost", 1, lambda c: [is_lost(self._state_port.Eval(c))], {state})
         output_of(self, "limited", 1, lambda c: [self._command.Eval(c).limited], given)
         self._pair_port = self.DeclareAbstractOutputPort(
@@ -174,9 +174,12 @@ class AncillaryFeedback(LeafSystem):
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))
-        require(isinstance(wanted, Command) and callable(wanted.u) and callable(wanted.tau),
-                "command", type(wanted).__name__,
-                f"a `Command` of functions that give u, τ and M, of {self._law.name}")
+        if not isinstance(wanted, Command):
+            u, size = np.asarray(wanted, dtype=float), self._model.size
+            require(u.shape == (size,), f"command of the law {self._law.name}", wanted,
+                    f"u ({size},), or a `Command`")
+            M = self._model.mass_matrix(now.kinematics.at(0))
+            wanted = Command(u, M @ u, M)
         if self._limits is not None:
             wanted = _cut(wanted, *(
                 self._limits if now.wrench is None else _of_joints(*self._limits)))

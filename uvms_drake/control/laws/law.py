@@ -60,17 +60,13 @@ def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> P
 
 @dataclass(frozen=True)
 class Command:
-    """Command of a law; a function that is not needed is never called.
+    """Command to thrusters and joints."""
 
-    The functions may be called after `AncillaryLaw.command` has returned; the nominal motion, which
-    is given to `command` as functions too, has to be read inside `command`.
-    """
-
-    u: Callable[[], np.ndarray]
+    u: np.ndarray
     """Acceleration command u (6+n,) [m/s² (3), rad/s² (3+n)]."""
-    tau: Callable[[], np.ndarray]
+    tau: np.ndarray
     """Generalised force τ = M(𝔮) u (6+n,) [N (3), N m (3+n)]."""
-    M: Callable[[], np.ndarray]
+    M: np.ndarray
     """Mass matrix M(𝔮) (6+n, 6+n)."""
     limited: bool = False
     """Whether a limit has cut the command."""
@@ -176,14 +172,15 @@ class AncillaryLaw(ABC):
 
     @abstractmethod
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
-                nominal_input: Callable[[], np.ndarray]) -> Command:
-        """Returns the command.
+                nominal_input: Callable[[], np.ndarray]) -> Command | np.ndarray:
+        """Returns the acceleration u (6+n,) [m/s², rad/s²] alone, or the whole command.
 
         Args:
             model: The prediction model.
             now: Measured and nominal motion.
-            nominal_acceleration: Function that returns ζ̄̇ (6+n,); call it inside `command`.
-            nominal_input: Function that returns ū (6+n,), likewise; it costs an evaluation of f.
+            nominal_acceleration: Function that returns ζ̄̇ (6+n,) [m/s², rad/s²].
+            nominal_input: Function that returns ū (6+n,) [m/s², rad/s²]; it costs an evaluation of
+                f.
         """
 
     def velocity(self, model: UvmsModel, configuration: np.ndarray, nominal_state: np.ndarray

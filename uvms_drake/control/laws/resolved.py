@@ -12,7 +12,7 @@ the input, ζ = ζ_ref leaves 𝔢̇_y = −σ 𝔢_y + (w, 0). Proof: control/l
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
@@ -55,8 +55,8 @@ class Resolved(AncillaryLaw):
         measured = now.kinematics.at(0)
         tau = model.inverse_dynamics(
             measured, zeta, zeta_ref_dot - self.k * (zeta - zeta_ref), now.contact)
-        M = cache(lambda: model.mass_matrix(measured))
-        return Command(u=lambda: np.linalg.solve(M(), tau), tau=lambda: tau, M=M)
+        M = model.mass_matrix(measured)
+        return Command(np.linalg.solve(M, tau), tau, M)
 
     def velocity(self, model: UvmsModel, configuration: np.ndarray, nominal_state: np.ndarray
                  ) -> np.ndarray:

@@ -18,7 +18,6 @@ dynamics takes the place of its row of η. Proof: control/laws/theory.md#law-tip
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 
@@ -126,7 +125,7 @@ class TipFirst(AncillaryLaw):
         if now.preview is not None:
             tau += now.preview
         tau[undriven] = 0.0
-        return Command(u=cache(lambda: np.linalg.solve(M, tau)), tau=lambda: tau, M=lambda: M)
+        return Command(np.linalg.solve(M, tau), tau, M)
 
 
 def _solve(A: np.ndarray, right: np.ndarray, q: np.ndarray) -> np.ndarray:

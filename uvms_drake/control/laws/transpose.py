@@ -11,13 +11,12 @@ the printed law: control/laws/theory.md#law-transpose.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
 from uvms_drake.control.laws.law import (
     AncillaryLaw,
-    Command,
     Deviation,
     Pair,
     RunBound,
@@ -52,13 +51,11 @@ class Transpose(AncillaryLaw):
         check_gains(self, kinematic=kinematic)
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
-                nominal_input: Callable[[], np.ndarray]) -> Command:
+                nominal_input: Callable[[], np.ndarray]) -> np.ndarray:
         """Returns u = ū − k𝔷 − kσJ(𝔮̄)ᵀ𝔢; it reads ū only."""
         error = pose_difference(*now.y)[self._rows]
         z = now.zeta[0] - now.zeta[1]
-        u = nominal_input() - self.k * z - self.k * self.sigma * now.J_x[1, self._rows].T @ error
-        M = cache(lambda: model.mass_matrix(now.kinematics.at(0)))
-        return Command(u=lambda: u, tau=lambda: M() @ u, M=M)
+        return nominal_input() - self.k * z - self.k * self.sigma * now.J_x[1, self._rows].T @ error
 
     def velocity(self, model: UvmsModel, configuration: np.ndarray, nominal_state: np.ndarray
                  ) -> np.ndarray:
