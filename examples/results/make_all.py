@@ -96,23 +96,23 @@ def bench() -> str:
 
 PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench}
-IMPORT, HOLDS = "robot_import", "holds"
-"""Pages with a script of their own; that of the second prints it."""
+IMPORT, PRINTED = "robot_import", ("holds", "unknowns")
+"""Pages with a script of their own; those of the second kind print it."""
 
 
 def main() -> None:
     """Makes the selected pages."""
     parser = argparse.ArgumentParser(description=__doc__)
-    names = [*PAGES, IMPORT, HOLDS]
+    names = [*PAGES, IMPORT, *PRINTED]
     parser.add_argument("--only", choices=names, nargs="+", default=names)
     for name in parser.parse_args().only:
         if name == IMPORT:
             subprocess.run([sys.executable, FOLDER / f"{IMPORT}.py"], check=True)
             continue
-        if name == HOLDS:
-            page = subprocess.run([sys.executable, FOLDER / "holds.py"], check=True,
+        if name in PRINTED:
+            page = subprocess.run([sys.executable, FOLDER / f"{name}.py"], check=True,
                                   stdout=subprocess.PIPE, text=True).stdout
-            (FOLDER / f"{HOLDS}.md").write_text(page, encoding="utf-8")
+            (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
             continue
         page = PAGES[name]()
         (FOLDER / f"{name}.md").write_text(

@@ -8,8 +8,13 @@ from support.quick import FEW, search_less
 
 from uvms_drake.certificate.certify import assumed_conditions, basis_of
 from uvms_drake.certificate.declared_unknowns import (
+    LEAST_WEIGHT,
+    RESERVED,
     UnmodelledBounds,
+    fitting_disturbance,
     has_unknowns,
+    payload_acceleration,
+    payload_condition,
     unknown_effects,
     unknowns_condition,
 )
@@ -18,6 +23,7 @@ from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.plant.waves import water_motion
 from uvms_drake.station.motions.dynamic import make_simulated_uvms
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.unmodelled_dynamics import box, motions
@@ -100,8 +106,29 @@ def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basi
     assert failed.advice.startswith("--set model_error.share=0.5")
     shared = replace(wide, model_error=replace(wide.model_error, share=0.51))
     assert unknowns_condition(shared, effects)[0].holds
-    assert "disturbance.weights" in unknowns_condition(
-        replace(wide, disturbance=replace(wide.disturbance, bound=0.5 * total)), effects)[0].advice
+    narrow = replace(wide, disturbance=replace(wide.disturbance, bound=0.5 * total))
+    assert unknowns_condition(narrow, effects)[0].advice == ""
+    fitted = replace(narrow.disturbance, bound=0.12, weights=np.array([0.5, 1.0]))
+    assert unknowns_condition(narrow, effects, lambda: fitted)[0].advice == (
+        "--set disturbance.bound=0.12 --set disturbance.weights=[0.5,1] "
+        "--set model_error.share=0.95")
+
+
+@pytest.mark.parametrize("name", ["current", "friction"])
+def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):
+    scenario = load_scenario(NAME, [*FEW, *CASES[name]])
+    given = fitting_disturbance(scenario, basis, RADII)
+    fitted = replace(scenario, disturbance=given, model_error=replace(
+        scenario.model_error, share=RESERVED))
+    (effect,) = unknown_effects(fitted, replace(basis, weights=given.weights), RADII)
+    assert unknowns_condition(fitted, [effect])[0].holds
+    assert RESERVED * given.bound < 1.01 * effect.takes
+    assert np.max(given.weights) == 1.0
+    # No component of the ellipsoid is much larger than it has to be.
+    proportion = np.array(effect.each) / (given.weights * given.bound)
+    assert np.all(proportion[given.weights > LEAST_WEIGHT] > 0.2)
+    assert np.all(proportion <= 1.0)
+    assert type(given) is type(scenario.disturbance)
 
 
 def test_a_second_search_does_not_refute_the_first(basis):
@@ -110,11 +137,31 @@ def test_a_second_search_does_not_refute_the_first(basis):
         assert 0.3 * effect.takes < effect.second <= effect.takes
 
 
+def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis):
+    scenario = load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1"])
+    effects = unknown_effects(scenario, basis, RADII)
+    found = payload_acceleration(scenario, basis, RADII, effects)
+    assert 0.5 * found.claim < found.second <= found.claim
+    (failed,) = payload_condition(scenario, found)
+    assert failed.advice.startswith("--set model_error.payload.acceleration=")
+    allowed = load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1",
+                                   failed.advice.removeprefix("--set ")])
+    assert payload_condition(allowed, found)[0].holds
+    # The change of its weight and inertia since the tare.
+    plain, heavy = (motion_of(scenario).contact_force(each) for each in (
+        load_scenario(NAME, FEW), allowed))
+    most = 9.81 + allowed.model_error.payload.acceleration
+    assert heavy.error - plain.error == pytest.approx(2.0 * 0.1 * most)
+    nothing = load_scenario(NAME, FEW)
+    assert payload_acceleration(nothing, basis, RADII, ()) is None
+    assert payload_condition(nothing, None) == []
+
+
 @pytest.mark.parametrize(("overrides", "names"), [
     (["current=[0.1, 0, 0]", "model_error.mass=1.1"], []),
     (["current=[0.1, 0, 0]", "actuation=[!SampledCommand {}, !IdealWrench {undriven: [roll]}]"],
      ["current", "actuation[0]"]),
-    (["model_error.payload.mass=0.1"], ["model_error.payload"])])
+    (["model_error.payload.mass=0.1"], [])])
 def test_what_no_theorem_counts_is_named(overrides, names):
     found = assumed_conditions(load_scenario(NAME, overrides))
     assert [item.name.partition(",")[0] for item in found if not item.holds] == names

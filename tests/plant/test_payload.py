@@ -54,6 +54,25 @@ def test_it_is_what_a_tool_that_is_known_weighs():
             tool.hold(g), atol=1e-12)
 
 
+@pytest.mark.parametrize("mass", [1.5, 0.3])
+def test_no_motion_within_its_bounds_takes_more_than_the_largest_wrench(mass):
+    """Accelerations and water at random, many at their bounds, all along gravity in one case."""
+    ball = Payload(mass=mass, displaced=0.5, centre=BALL.centre, acceleration=3.0)
+    force, moment = ball.largest_hold(1000.0, 9.81, 0.2)
+    rng, found, radius = np.random.default_rng(2), [], ball.radius(1000.0)
+    for i in range(200):
+        g, a, water, turn = (size * each / np.linalg.norm(each) for size, each in zip(
+            (9.81, 3.0, 0.2, 3.0 / radius), rng.normal(size=(4, 3)), strict=True))
+        if i == 0:
+            a, water = (size * np.sign(mass - 0.5) * g / 9.81 for size in (-3.0, 0.2))
+        # The end-effector accelerates as the centre does, less what its turning adds.
+        found.append(holding_wrench(ball, 1000.0, np.append(
+            a - np.cross(turn, ball.centre), turn), np.zeros(3), g, water))
+    norms = np.linalg.norm(np.reshape(found, (-1, 2, 3)), axis=-1)
+    assert np.max(norms[:, 0]) == pytest.approx(force)
+    assert 0.8 * moment < np.max(norms[:, 1]) <= moment
+
+
 def test_its_inertia_is_that_of_a_ball_with_half_of_its_water():
     """Swung in a circle, shaken, and turned about its own centre; in air and in water."""
     none, c = np.zeros(3), np.array([0.1, 0.0, 0.0])

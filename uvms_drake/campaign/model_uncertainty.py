@@ -33,8 +33,8 @@ TRIM = 0.1
 """Largest error of the buoyancy over that of other quantities: robots are trimmed."""
 LARGEST_PAYLOAD = 0.5
 """Largest payload [kg]."""
-AT_FULL_SPEED = 0.25
-"""Probability of a current of the speed that a scenario declares, where no d̃ is to cover it."""
+AT_FULL_SIZE = 0.25
+"""Probability of an error of the size that a scenario declares."""
 SMALLER = 0.8
 ATTEMPTS = 10
 
@@ -133,25 +133,27 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
 
 
 def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
-    """Returns the scenario with its declared model errors drawn, up to their declared size.
+    """Returns the scenario with its declared unknowns drawn, up to their declared size.
 
-    That is for a scenario whose d̃ is zero: no tube covers them, and a run shows their
-    effect. An error of either sign is drawn, and a current from any direction, in one
-    draw of four with all of its speed. Parameters that are known stay known.
+    An error of either sign is drawn, and a current from any horizontal direction, up or down: those
+    that a certificate counts, `certificate.declared_unknowns`. In one draw of four each has all of
+    its size. Parameters that are known stay known.
 
     Args:
         scenario: Its `model_error` and `current` are the largest.
         rng: Source of the draws.
     """
+    def part() -> float:
+        size = 1.0 if rng.uniform() < AT_FULL_SIZE else rng.uniform()
+        return float(rng.choice([-1.0, 1.0]) * size)
+
     known, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
-    relative = {name: 1.0 + (getattr(known, name) - 1.0) * rng.uniform(-1.0, 1.0)
-                for name in FACTORS}
-    shift = np.asarray(known.buoyancy_shift, dtype=float) * rng.uniform(-1.0, 1.0, 3)
-    carried = rng.uniform()
+    relative = {name: 1.0 + (getattr(known, name) - 1.0) * part() for name in FACTORS}
+    shift, carried = part() * np.asarray(known.buoyancy_shift, dtype=float), abs(part())
     payload = replace(known.payload, mass=carried * known.payload.mass,
                       displaced=carried * known.payload.displaced)
-    direction, part = rng.normal(size=3), rng.uniform()
-    speed = np.linalg.norm(current) * (1.0 if rng.uniform() < AT_FULL_SPEED else part)
+    heading, along = rng.uniform(-np.pi, np.pi), part() * float(np.hypot(*current[:2]))
     return replace(
-        scenario, current=speed * direction / np.linalg.norm(direction),
+        scenario, current=np.array([
+            along * np.cos(heading), along * np.sin(heading), part() * current[2]]),
         model_error=replace(known, **relative, buoyancy_shift=shift, payload=payload))

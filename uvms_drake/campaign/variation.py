@@ -3,7 +3,8 @@
 Inside of the bounds everything that the certificate covers is drawn: starts with a feasible first
 plan, certified surfaces and desired forces with a terminal set of their own at any position and
 heading, disturbances and adversaries of the full size d̃, solves that fail, are delayed or dropped.
-In half of the runs, if model errors are requested, d̃ is shared with `model_uncertainty`.
+In half of the runs, if model errors are requested, d̃ is shared with `model_uncertainty`; unknowns
+that the scenario declares are drawn in every run.
 """
 
 from dataclasses import replace
@@ -17,6 +18,7 @@ from uvms_drake.campaign.contact_kinds import contact_of
 from uvms_drake.campaign.model_uncertainty import as_declared, with_unknowns
 from uvms_drake.campaign.outside_assumptions import kinds_outside, step_outside
 from uvms_drake.certificate.certify import first_plan
+from uvms_drake.certificate.declared_unknowns import has_unknowns
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.control.ocp.ocp import Ocp
@@ -147,9 +149,9 @@ def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
             rng: np.random.Generator) -> Scenario:
     """Returns the scenario, possibly with model errors that share d̃.
 
-    For d̃ = 0 they are those that the scenario itself declares.
+    If the scenario itself declares some, or d̃ = 0, they are those.
     """
-    if scenario.disturbance.d_bound == 0.0:
+    if scenario.disturbance.d_bound == 0.0 or has_unknowns(scenario):
         return as_declared(scenario, rng)
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
     if not (wanted and motion_of(scenario).knows_force):

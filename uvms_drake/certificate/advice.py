@@ -56,11 +56,14 @@ def roomier(scenario: Scenario, share: float) -> str:
     """Returns the disturbance whose tube about fits: a tube is about in proportion to it.
 
     `share` is the fraction of this tube that fits into the limit with the smallest margin. Larger
-    gains make a smaller tube, too, but take more of the inputs: no advice step by step.
+    gains make a smaller tube, too, but take more of the inputs: no advice step by step. Where
+    declared unknowns ask for the bound, it is not smaller.
     """
     bound = getattr(scenario.disturbance, "bound", None)
     if bound is None or not 0.0 < share <= 1.0:
         return ""
+    if scenario.model_error.share > 0.0:
+        return "smaller declared unknowns, with the disturbance.bound that they ask for"
     return setting(disturbance__bound=float(f"{share / MORE * bound:.2g}"))
 
 
@@ -78,6 +81,12 @@ def safer(scenario: Scenario, ratio: float) -> str:
         return ""
     return setting(certificate__safety_factor=_up(1.02 * ratio * scenario.certificate.safety_factor,
                                                   2))
+
+
+def rounded_up(value: float, digits: int = 3) -> float:
+    """Returns a positive number rounded up to significant digits."""
+    step = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return float(f"{math.ceil(value / step - 1e-9) * step:.{digits}g}")
 
 
 def _up(value: float, digits: int) -> float:

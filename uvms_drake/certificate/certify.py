@@ -8,6 +8,7 @@ law, see `Motion.tubes`; a law that is not there has no certificate.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,13 @@ from uvms_drake.certificate.advice import longer, roomier, safer, wider
 from uvms_drake.certificate.assumptions import assumptions_of, undriven_axes, unnamed_axes
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
-from uvms_drake.certificate.declared_unknowns import unknown_effects, unknowns_condition
+from uvms_drake.certificate.declared_unknowns import (
+    fitting_disturbance,
+    payload_acceleration,
+    payload_condition,
+    unknown_effects,
+    unknowns_condition,
+)
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.laws.tip_first import TipFirst
@@ -114,7 +121,11 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             return draft
         # Declared unknowns, as a part of d.
         effects = unknown_effects(scenario, basis, found.radii)
-        draft = replace(draft.adding(unknowns_condition(scenario, effects)), unknowns=effects)
+        draft = replace(draft.adding(unknowns_condition(
+            scenario, effects, partial(fitting_disturbance, scenario, basis, found.radii))),
+            unknowns=effects)
+        carried = payload_acceleration(scenario, basis, found.radii, effects)
+        draft = draft.adding(payload_condition(scenario, carried))
         if not draft.certified:
             return draft
         # Margins of the tightened limits, before the second search, which takes long.
@@ -124,7 +135,8 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
         if not draft.certified:
             return draft
         estimates = (*found.check(), *(
-            Estimate(f"d by {each.name}", each.takes, each.second) for each in effects))
+            Estimate(f"d by {each.name}", each.takes, each.second) for each in effects),
+            *([carried] if carried else []))
         draft = replace(draft.adding([
             replace(each, advice=safer(scenario, each.left)) for each in unrefuted(estimates)]),
             estimates=estimates)
@@ -177,17 +189,14 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
 def uncounted_unknowns(scenario: Scenario) -> list[tuple[str, float]]:
     """Returns the declared unknowns that `declared_unknowns` does not count, by name; 0 if none.
 
-    It counts forces on a robot whose command acts at once. A wrist sensor reads a payload.
+    It counts forces on a robot whose command acts at once.
     """
     at_once = all(isinstance(part, IdealWrench) for part in scenario.actuation)
     counted = motion_of(scenario).has_forces and at_once
     sizes = {"current": float(np.linalg.norm(scenario.current)),
              "waves": largest_speed(scenario.waves), "model_error": scenario.model_error.size}
-    payload = scenario.model_error.payload
-    return [*((f"{key}, counted only where forces move the robot at once", 0.0 if counted else size)
-              for key, size in sizes.items()),
-            ("model_error.payload, of which a wrist sensor reads the weight",
-             payload.mass + payload.displaced if scenario.contact.is_sensed else 0.0)]
+    return [(f"{key}, counted only where forces move the robot at once", 0.0 if counted else size)
+            for key, size in sizes.items()]
 
 
 def is_counted(scenario: Scenario, part: Component) -> bool:

@@ -7,20 +7,23 @@ Theorem: tube/theory.md#declared-unknowns. The tolerances of `studies.margins` a
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
+from uvms_drake.certificate.advice import rounded_up, setting
 from uvms_drake.control.limits import TubeRadii, resolved_radii
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.uvms_model import UvmsModel, read_uvms
+from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.model_error import FACTORS, ModelError, add_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.search.joint_search import second_over_joints
+from uvms_drake.tube.search.estimate import Estimate
+from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.unmodelled_dynamics import (
     Motions,
     UnmodelledTerm,
@@ -33,11 +36,19 @@ from uvms_drake.tube.unmodelled_dynamics import (
     largest,
     motions,
     sizes,
+    tip_acceleration,
 )
 
+READING = "sensing/theory.md#reading-of-a-payload"
 THEOREM = "tube/theory.md#declared-unknowns"
+HAND = "acceleration of the payload"
+"""Name of an estimate."""
 LEAST_FACTOR = 0.1
 """Smallest factor of a `ModelError`."""
+RESERVED = 0.95
+"""Advised `model_error.share`."""
+LEAST_WEIGHT = 0.01
+"""Smallest advised weight over the largest."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +63,7 @@ class UnknownEffect:
     """Bound of ‖w⁻¹d‖₂, w the `disturbance.weights`: the part of `disturbance.bound` that it takes
     [m/s², rad/s²]."""
     second: float
-    """Largest ‖w⁻¹d‖₂ that a second search found."""
+    """Largest ‖w⁻¹d‖₂ that a second search found; NaN without one."""
 
 
 class UnmodelledBounds:
@@ -102,51 +113,144 @@ class UnmodelledBounds:
         return float(second_over_joints(norms, *box(model, declared), self._scenario.seed)[0])
 
 
+    def hand(self, reach: float, unknown: np.ndarray) -> Estimate:
+        """Returns the largest acceleration of points about the tip [m/s²], estimated.
+
+        Args:
+            reach: Their largest distance from the tip [m].
+            unknown: Bounds of |dᵢ| (6+n,), in addition to the commanded rate.
+        """
+        model, declared, seed = self.model, self._basis.declared, self._scenario.seed
+
+        def values(points: np.ndarray) -> np.ndarray:
+            at = motions(points, model, declared)
+            return tip_acceleration(model, at, self.rate(at) + unknown, reach)[:, None]
+
+        limits = box(model, declared)
+        return Estimate(HAND, self._factor * float(supremum_over_joints(values, *limits, seed)[0]),
+                        float(second_over_joints(values, *limits, seed)[0]))
+
+
 def has_unknowns(scenario: Scenario) -> bool:
     """Returns whether a scenario declares a model error or a motion of the water."""
     return bool(scenario.model_error.size > 0.0 or np.any(scenario.current) or scenario.waves)
 
 
-def unknown_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
-                    ) -> tuple[UnknownEffect, ...]:
+def unknown_effects(scenario: Scenario, basis: Basis, radii: TubeRadii,
+                    weights: np.ndarray | None = None, sources: "Sources | None" = None, *,
+                    checked: bool = True) -> tuple[UnknownEffect, ...]:
     """Returns the effect of each declared unknown, on top of those before it.
 
     The robot changes by one source after the other, and the rate that the next one meets includes
     the effects of those before: so their sum bounds the effect of all.
+
+    Args:
+        scenario: The scenario.
+        basis: Basis of its tube.
+        radii: Its tube, which bounds the feedback.
+        weights: w (6+n,); those of the scenario's disturbance if None.
+        sources: The unknowns; those that the scenario declares if None.
+        checked: Whether a second search is made.
     """
-    if not has_unknowns(scenario):
+    if sources is None and not has_unknowns(scenario):
         return ()
     bounds, effects = UnmodelledBounds(scenario, basis, radii), list[UnknownEffect]()
-    given = scenario.disturbance.weights
-    weights = basis.weights * (np.max(given) if np.size(given) else 1.0)
-    for name, terms in _sources(scenario, bounds, effects):
+    if weights is None:
+        given = scenario.disturbance.weights
+        weights = basis.weights * (np.max(given) if np.size(given) else 1.0)
+    for name, terms in (sources or declared_sources)(scenario, bounds, effects):
         each, takes = bounds.largest(terms, weights)
         effects.append(UnknownEffect(
-            name, tuple(map(float, each)), takes, bounds.second(terms, weights)))
+            name, tuple(map(float, each)), takes,
+            bounds.second(terms, weights) if checked else math.nan))
     return tuple(effects)
 
 
-def unknowns_condition(scenario: Scenario, effects: Sequence[UnknownEffect]) -> list[Condition]:
-    """Returns the condition that they fit into their part of the bound; none without unknowns."""
+def fitting_disturbance(scenario: Scenario, basis: Basis, radii: TubeRadii,
+                        sources: "Sources | None" = None) -> Disturbance:
+    """Returns the scenario's disturbance with the weights and the bound that its unknowns ask for.
+
+    The weights are in proportion to the accelerations that the unknowns cause, the largest 1, and
+    these take the fraction `RESERVED` of the bound. The tube changes with both, and with it
+    the feedback that a model error scales: another tube may ask for a little more.
+
+    Args:
+        scenario: The scenario.
+        basis: Basis of a tube, with any disturbance.
+        radii: That tube.
+        sources: As of `unknown_effects`.
+    """
+    effects = unknown_effects(scenario, basis, radii, sources=sources, checked=False)
+    each = np.sum([effect.each for effect in effects], axis=0)
+    weights = np.array([float(f"{size:.2g}") for size in np.maximum(
+        each / np.max(each), LEAST_WEIGHT)])
+    fitted = unknown_effects(scenario, basis, radii, weights, sources, checked=False)
+    return replace(scenario.disturbance, weights=weights, bound=rounded_up(
+        sum(effect.takes for effect in fitted) / RESERVED))
+
+
+def unknowns_condition(scenario: Scenario, effects: Sequence[UnknownEffect],
+                       fitting: Callable[[], Disturbance] | None = None) -> list[Condition]:
+    """Returns the condition that they fit into their part of the bound; none without unknowns.
+
+    Args:
+        scenario: The scenario.
+        effects: Effects of its unknowns.
+        fitting: Returns the disturbance that would fit, for an advice.
+    """
     if not effects:
         return []
     bound, total = scenario.disturbance.bound, sum(each.takes for each in effects)
     parts = ", ".join(f"{each.name}: {each.takes:.3g}" for each in effects)
-    share = math.ceil(100.0 * total / bound) / 100.0 if bound > 0.0 else math.inf
-    each = [float(f"{size:.2g}") for size in np.sum([effect.each for effect in effects], axis=0)]
-    advice = (f"--set model_error.share={share:.2f}, which leaves {(1.0 - share) * bound:.3g} for "
-              "the disturbance itself" if share < 1.0 else
-              f"both model_error.share=0.95 and a disturbance.bound of {total / 0.95:.3g} or more, "
-              "which disturbance.weights lower: they had better be in proportion to the "
-              f"accelerations {each}")
-    return [Condition(
+    found = Condition(
         f"declared unknowns, in model_error.share of disturbance.bound ({parts})", total, "<=",
-        scenario.model_error.share * bound, advice, theorem=THEOREM)]
+        scenario.model_error.share * bound, theorem=THEOREM)
+    if found.holds:
+        return [found]
+    if total <= RESERVED * bound:
+        return [replace(found, advice=setting(
+            model_error__share=math.ceil(100.0 * total / bound) / 100.0))]
+    if fitting is None:
+        return [found]
+    fitted = fitting()
+    return [replace(found, advice=setting(
+        disturbance__bound=fitted.bound, disturbance__weights=fitted.weights,
+        model_error__share=RESERVED))]
 
 
-def _sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[UnknownEffect]
+def payload_acceleration(scenario: Scenario, basis: Basis, radii: TubeRadii,
+                         effects: Sequence[UnknownEffect]) -> Estimate | None:
+    """Returns the largest acceleration of a payload that a wrist sensor reads; None without one."""
+    payload = scenario.model_error.payload
+    if not (payload.present and scenario.contact.is_sensed):
+        return None
+    bounds, disturbance = UnmodelledBounds(scenario, basis, radii), scenario.disturbance
+    left = (1.0 - scenario.model_error.share) * disturbance.axes(basis.model.size)
+    density = read_uvms(scenario.model).hydrodynamics.fluid_density
+    reach = float(np.linalg.norm(payload.centre)) + payload.radius(density)
+    return bounds.hand(reach, left + np.sum([each.each for each in effects], axis=0))
+
+
+def payload_condition(scenario: Scenario, found: Estimate | None) -> list[Condition]:
+    """Returns the condition that a payload accelerates no more than its reading allows for."""
+    if found is None:
+        return []
+    return [Condition(
+        "model_error.payload.acceleration, not less than that of the payload [m/s²]",
+        scenario.model_error.payload.acceleration, ">=", found.claim,
+        setting(model_error__payload__acceleration=rounded_up(1.02 * found.claim, 2)),
+        theorem=READING)]
+
+
+def declared_sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[UnknownEffect]
              ) -> Iterator[tuple[str, list[UnmodelledTerm]]]:
-    """Yields the sources and their terms, for each sign of the robot's errors so far."""
+    """Yields the declared unknowns and their terms, for each sign of the robot's errors so far.
+
+    Args:
+        scenario: The scenario.
+        bounds: Bounds of the accelerations.
+        before: Effects of the unknowns so far; the caller adds each.
+    """
     error = scenario.model_error
     robots: list[tuple[dict[str, Any], UvmsModel]] = [({}, bounds.model)]
 
@@ -175,6 +279,11 @@ def _sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[UnknownE
         yield " and ".join(parts), [
             by_water(true, (along, sign * down), orbits)
             for _, true in robots for sign in ((1.0, -1.0) if down else (1.0,))]
+
+
+Sources = Callable[
+    [Scenario, UnmodelledBounds, list[UnknownEffect]], Iterator[tuple[str, list[UnmodelledTerm]]]]
+"""Names and terms of unknowns; the arguments are those of `declared_sources`."""
 
 
 def _robot_errors(error: ModelError) -> Iterator[tuple[str, list[dict[str, Any]]]]:

@@ -40,6 +40,9 @@ class Payload:
     """Mass of the water that it displaces [kg]."""
     centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Its centre in the frame of the end-effector [m]."""
+    acceleration: float = 0.0
+    """Largest acceleration of any of its points in a certificate with a sensed contact, which
+    verifies it [m/s²]."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -47,7 +50,8 @@ class Payload:
             require(0.0 <= getattr(self, key) <= 1e3, key, getattr(self, key), "from 0 to 1000 kg")
         centre = vector("centre", self.centre, 3)
         require(bool(np.max(np.abs(centre)) <= 10.0), "centre", centre, "within 10 m")
-
+        require(0.0 <= self.acceleration < np.inf, "acceleration", self.acceleration,
+                "zero or positive")
 
     @property
     def present(self) -> bool:
@@ -57,6 +61,25 @@ class Payload:
     def radius(self, density: float) -> float:
         """Returns the radius of the ball [m] in water of a density [kg/m³]."""
         return float(np.cbrt(0.75 * (self.displaced / density) / np.pi))
+
+    def largest_hold(self, density: float, gravity: float, water: float) -> tuple[float, float]:
+        """Returns bounds of the norms of force [N] and moment [N m] of `holding_wrench`.
+
+        With a of `acceleration` and a_w that of the water, m|g| and m_w|g| being opposite,
+
+            ‖f‖ ≤ |m − m_w| g + (m + ½m_w) a + (3/2) m_w a_w,     ‖n‖ ≤ ‖c‖ ‖f‖ + (2/5) m r a.
+
+        Args:
+            density: Of the water [kg/m³].
+            gravity: ‖g‖ [m/s²].
+            water: Bound of ‖a_w‖ [m/s²].
+        """
+        mass, displaced = self.mass, self.displaced
+        force = (abs(mass - displaced) * gravity
+                 + (mass + 0.5 * displaced) * self.acceleration + 1.5 * displaced * water)
+        moment = (float(np.linalg.norm(self.centre)) * force
+                  + 0.4 * mass * self.radius(density) * self.acceleration)
+        return force, moment
 
 
 def holding_wrench(payload: Payload, density: float, acceleration: np.ndarray, omega: np.ndarray,

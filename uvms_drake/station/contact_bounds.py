@@ -11,6 +11,8 @@ from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.signals.sensor_actuator import ForceReading
 from uvms_drake.model.surface import SensedContact
+from uvms_drake.model.uvms import STANDARD_GRAVITY
+from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.sensing.repeated_readings import run_of_frozen
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
@@ -50,7 +52,24 @@ def _known_reading(scenario: Scenario) -> ForceReading | None:
         first, second, *_ = readings
         raise InvalidParameter(f"sensing[{second}]", type(scenario.sensing[second]).__name__,
                                f"left out: sensing[{first}] measures the force already")
-    return next(iter(readings.values()), None)
+    return next((reading._replace(payload=_read_of_payload(scenario, reading))
+                 for reading in readings.values()), None)
+
+
+def _read_of_payload(scenario: Scenario, reading: ForceReading) -> tuple[float, float]:
+    """Returns bounds of the force [N] and torque [N m] that are read of a payload.
+
+    With a tare that is the change since then, at most twice the payload's own wrench:
+    sensing/theory.md#reading-of-a-payload.
+    """
+    payload = scenario.model_error.payload
+    if not payload.present:
+        return 0.0, 0.0
+    water = sum(wave.frequency * float(np.hypot(*wave.speeds)) for wave in scenario.waves)
+    force, torque = payload.largest_hold(
+        read_uvms(scenario.model).hydrodynamics.fluid_density, STANDARD_GRAVITY, water)
+    times = 2.0 if reading.tare > 0.0 else 1.0
+    return times * force, times * torque
 
 
 def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds, uneven: float) -> float:

@@ -17,6 +17,7 @@ velocities of the declared set the search is that of `joint_search`: an estimate
 """
 
 import copy
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -29,6 +30,9 @@ from uvms_drake.tube.search.joint_search import supremum_over_joints
 
 ASCENT = 3
 """Number of steps from corner to corner."""
+DIRECTIONS = np.array([each for each in itertools.product((-1.0, 0.0, 1.0), repeat=3)
+                       if any(each)]).T
+"""Directions (3, 26) whose extreme corners an ascent of a vector starts from."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,27 @@ def by_water(model: UvmsModel, current: tuple[float, float],
     return error
 
 
+def tip_acceleration(model: UvmsModel, at: Motions, rate: np.ndarray, reach: float) -> np.ndarray:
+    """Returns bounds of the acceleration of points about the tip (m,) [m/s²].
+
+    The tip has Jζ̇ + J̇ζ, the largest of which over |ζ̇| ≤ `rate` is at a corner. A point fixed to it
+    at a distance has no more than reach (‖α‖ + ‖ω‖²) in addition; with s = ‖ν₂‖ + Σ|q̇ⱼ| ≥ ‖ω‖, α is
+    J_ωζ̇ but for s² at most.
+
+    Args:
+        model: The robot.
+        at: Motions.
+        rate: Bounds of |ζ̇| (m, 6+n).
+        reach: Largest distance of the points from the tip [m].
+    """
+    J, J_angular = at.kinematics.J_chi[:, :3], at.kinematics.J_links[:, -1, 3:]
+    bias = times(model.task_jacobian_rate(at.kinematics, at.zeta)[:, :3], at.zeta)
+    spin = np.linalg.norm(at.zeta[:, 3:6], axis=1) + np.sum(np.abs(at.zeta[:, 6:]), axis=1)
+    tip, turning = (_largest_norm(c, A, np.sign(A.swapaxes(1, 2) @ DIRECTIONS)) for c, A in (
+        (bias, J * rate[:, None]), (np.zeros_like(bias), J_angular * rate[:, None])))
+    return tip + reach * (turning + 2.0 * spin**2)
+
+
 def _bias(model: UvmsModel, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
     """Returns b (m, 6+n), without contact."""
     return model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta),
@@ -245,7 +270,12 @@ def sizes(affine: Affine, weights: np.ndarray | float) -> np.ndarray:
     c, A = c * w, A * w[:, None]
     sign = np.where(c < 0.0, -1.0, 1.0)
     s = np.sign(A.swapaxes(1, 2) * sign[:, None])  # (m, j, 6+n), a corner for each component
+    return np.column_stack([each, _largest_norm(c, A, s)])
+
+
+def _largest_norm(c: np.ndarray, A: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Returns the largest ‖c + As‖₂ (m,) by ascent from corners s (m, j, starts)."""
     for _ in range(ASCENT):
         s = np.sign(A.swapaxes(1, 2) @ (c[..., None] + A @ s))
-    norm = np.max(np.linalg.norm(c[..., None] + A @ s, axis=1), axis=1)
-    return np.column_stack([each, norm])
+    norm: np.ndarray = np.max(np.linalg.norm(c[..., None] + A @ s, axis=1), axis=1)
+    return norm

@@ -10,6 +10,12 @@ from support.quick import FEW, search_less
 
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.certificate.certify import basis_of
+from uvms_drake.certificate.declared_unknowns import (
+    RESERVED,
+    UnknownEffect,
+    has_unknowns,
+    unknown_effects,
+)
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.sensing import ForceSensor
@@ -18,12 +24,11 @@ from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.margins import margins as study
-from uvms_drake.studies.margins.margin import FARTHEST, FINE, Margin, tube_conditions
+from uvms_drake.studies.margins.margin import FARTHEST, FINE, Margin, tube_of
 from uvms_drake.studies.margins.margins import format_margins, margins
-from uvms_drake.studies.margins.unknown_margins import Setting, Unknown
+from uvms_drake.studies.margins.unknown_margins import Unknown, unknowns
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.search.search_memo import SearchMemo
-from uvms_drake.tube.unmodelled_dynamics import by_water
 
 
 @pytest.fixture(scope="module")
@@ -122,39 +127,52 @@ def test_a_worse_sensor_comes_with_the_allowance_that_it_needs(felt):
     assert slow.contact.delay == pytest.approx(5.0 * 0.05 + 0.01)
 
 
-class RadiusBound:
-    """A setting where d = size (1 + size) in two components, and a room for it."""
+class BoundedStudy:
+    """A study of a scenario that is its unknown, of which d = size (1 + size) must have room."""
+
+    scenario = 0.0
 
     def __init__(self, room: float):
         self._room = room
 
-    def largest(self, size):
-        return np.full(2, size * (1.0 + size)), np.full(2, 1.5 * size * (1.0 + size))
+    def effects(self, size, sources):
+        return (UnknownEffect("current", (size * (1.0 + size),) * 2, 1.5 * size, math.nan),)
 
-    def failed(self, axes):
-        return None if axes[0] <= self._room else Condition(
-            "room", axes[0], "<=", self._room, theorem="t")
+    def fitted(self, size, sources, searches):
+        needed = 1.5 * size * (1.0 + size)
+        return size, None if needed <= self._room else Condition(
+            "room", needed, "<=", self._room, theorem="t")
 
 
-def unknown(most: float = math.inf):
-    return Unknown("current", "m/s", 0.25, lambda setting, size: size, most)
+@pytest.fixture
+def unknown(monkeypatch):
+    monkeypatch.setattr("uvms_drake.studies.margins.unknown_margins.settings_of", str)
+    return lambda most=math.inf: Unknown("current", "m/s", 0.25, lambda none, size: size, most=most)
 
 
 @pytest.mark.parametrize("room", [0.02, 0.09, 3.0])
-def test_the_size_of_an_error_is_that_of_which_all_d_has_room(room):
-    found = unknown().margin(RadiusBound(room), SearchMemo())
+def test_the_size_of_an_error_is_that_of_which_all_d_has_room(room, unknown):
+    found = unknown().margin(BoundedStudy(room))
     exact = (math.sqrt(1.0 + 4.0 * room / 1.5) - 1.0) / 2.0
     assert exact / FINE <= found.largest <= exact
     assert found.ends == "room"
-    assert found.axes[0] == pytest.approx(1.5 * found.largest * (1.0 + found.largest))
+    assert float(found.settings) == found.largest
     assert found.d == pytest.approx((0.3125, 0.3125))
 
 
-def test_an_error_ends_where_it_has_no_meaning_or_has_no_room_at_all():
-    bounded = unknown(most=0.8).margin(RadiusBound(1e3), SearchMemo())
+def test_an_error_ends_where_it_has_no_meaning_or_has_no_room_at_all(unknown):
+    bounded = unknown(most=0.8).margin(BoundedStudy(1e3))
     assert 0.8 / FINE <= bounded.largest <= 0.8
-    none = unknown().margin(RadiusBound(1e-9), SearchMemo())
-    assert (none.largest, none.ends, none.axes) == (0.0, "room", ())
+    none = unknown().margin(BoundedStudy(1e-9))
+    assert (none.largest, none.ends, none.settings) == (0.0, "room", "")
+
+
+def test_every_unknown_but_the_wrench_is_declared_by_a_scenario(felt):
+    for each in unknowns():
+        effects = each.declared(felt, 0.5 * each.asked)
+        assert has_unknowns(effects) == ("wrench" not in each.name)
+    wave = next(each for each in unknowns() if "waves" in each.name)
+    assert wave.declared(felt, 0.2).waves[0].speeds == pytest.approx((0.2, 0.2))
 
 
 def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatch, capsys):
@@ -165,16 +183,18 @@ def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatc
         **fingerprint(felt))
     found = [Margin("force sensor, lag", "s", 0.02, 0.033, "room"),
              Margin("feedback, period", "s", 0.0, math.nan, "the proofs take it for continuous"),
-             Margin("current", "m/s", 0.0, 0.1, "room", (0.2,) * 7, 0.25, (0.1,) * 7)]
+             Margin("current", "m/s", 0.0, 0.1, "room", (0.2,) * 7, 0.25, "--set a=1")]
     monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", lambda *_: certificate)
     monkeypatch.setattr("uvms_drake.studies.margins.margins.margins", lambda *_, **__: found)
     command = ["certify", "girona500_contact", "--tolerances", f"--output={tmp_path / 'out'}"]
     assert main(command) == 0
-    assert "force sensor, lag" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "force sensor, lag" in printed
+    assert "--set a=1" in printed
     lag, period, current = json.loads((tmp_path / "out" / "tolerances.json").read_text())
     assert (lag["today"], lag["largest"], lag["ends"]) == (0.02, 0.033, "room")
     assert period["largest"] is None
-    assert current["axes"] == [0.1] * 7
+    assert current["settings"] == "--set a=1"
     void = replace(certificate, conditions=(Condition("room", 3.0, "<", 2.0, theorem="t"),))
     monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", lambda *_: void)
     assert main(command) == 1
@@ -191,7 +211,7 @@ def test_what_is_found_is_certified_and_what_is_beyond_is_not(felt, monkeypatch)
     for factor, holds in ((0.97, True), (1.05, False)):
         at = replace(felt, disturbance=replace(felt.disturbance, bound=factor * bound))
         model = load_model(at)
-        conditions = tube_conditions(at, model, basis_of(at, model))
+        _, conditions = tube_of(at, model, basis_of(at, model))
         assert all(condition.holds for condition in conditions) == holds
     text = format_margins(found)
     for name in ("force sensor, lag", "thrusters, lag", "mass of all bodies", "current"):
@@ -200,9 +220,11 @@ def test_what_is_found_is_certified_and_what_is_beyond_is_not(felt, monkeypatch)
     assert by_name["wall and tool, stiffness"].largest > 1000.0
     still = by_name["current"]
     assert 0.0 < still.largest < 1.0
-    # All of its d is in the ellipsoid that certifies.
-    setting = Setting(felt, load_model(felt), bound)
-    each, axes = setting.largest([by_water(setting.model, (still.largest, 0.0))])
-    np.testing.assert_allclose(axes, still.axes, rtol=0.05)
-    assert np.all(each <= axes * (1.0 + 1e-9))
-    assert setting.failed(axes * 0.95) is None
+    # With the settings that are printed, its effect and all limits have room.
+    declared = load_scenario("girona500_contact", [
+        *FEW, f"current=[0, {still.largest}, 0]", *still.settings.replace("--set ", "").split()])
+    model = load_model(declared)
+    radii, conditions = tube_of(declared, model, basis_of(declared, model))
+    assert all(condition.holds for condition in conditions)
+    effects = unknown_effects(declared, basis_of(declared, model), radii)
+    assert sum(each.takes for each in effects) <= 1.02 * RESERVED * declared.disturbance.bound

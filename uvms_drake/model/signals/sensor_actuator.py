@@ -80,6 +80,9 @@ class ForceReading(NamedTuple):
     """Part of `error` that never changes, as the error of a tare (6,) [N, N m]."""
     likely_constant: np.ndarray = np.zeros(6)
     """The same if the noise of samples is independent: within three standard deviations."""
+    payload: tuple[float, float] = (0.0, 0.0)
+    """Bounds of the norms of a further error's force [N] and of its torque about the tip [N m], as
+    of an unknown payload."""
 
     def missing(self, delay: float) -> float:
         """Returns the largest weight that forces older than `delay` [s] have in a reading."""

@@ -32,8 +32,9 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
     bound = reading.error - reading.constant + constant
     fixed = float(np.linalg.norm(constant[:3]))
     approach = replace(
-        approach, error=float(np.linalg.norm((bound - constant)[:3])) + fixed, constant=fixed,
-        torque_error=float(np.linalg.norm(bound[3:])))
+        approach, constant=fixed,
+        error=float(np.linalg.norm((bound - constant)[:3])) + fixed + reading.payload[0],
+        torque_error=float(np.linalg.norm(bound[3:])) + reading.payload[1])
 
     def force(advance: float) -> MeasuredForceBounds:
         """Returns the forces of a hold in which the tip advances at no more than that."""
@@ -61,4 +62,5 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
     return HoldRadii(
         time=found.time, depth=found.bounds.depth, position=found.bounds.position,
         advance=float(found.speeds[0]), standing=float(STANDING[0]),
-        reading=error_along(bound, contact.tool_angle) + float(turned), age=age), condition
+        reading=error_along(bound, contact.tool_angle) + reading.payload[0] + float(turned),
+        age=age), condition

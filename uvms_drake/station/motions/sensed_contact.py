@@ -112,8 +112,8 @@ class SensedContactMotion(Dynamic):
             size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
             rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
             tangential_rate=contact.force_rate, tangential_ripple=contact.force_ripple,
-            error=float(np.linalg.norm(reading.error[:3])),
-            torque_error=float(np.linalg.norm(reading.error[3:])),
+            error=float(np.linalg.norm(reading.error[:3])) + reading.payload[0],
+            torque_error=float(np.linalg.norm(reading.error[3:])) + reading.payload[1],
             lag=reading.lag, period=reading.period, tool_angle=contact.tool_angle)
 
     def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
@@ -166,7 +166,9 @@ class SensedContactMotion(Dynamic):
         return LawTube(radii, (
             *tube.conditions, *decay,
             Condition("contact.force_error, not less than the sensor's error",
-                      contact.force_error, ">=", off, theorem=SAFE_REGION),
+                      contact.force_error, ">=", off,
+                      f"--set contact.force_error={np.ceil(10.0 * off) / 10.0:.3g}"
+                      if np.isfinite(off) else "", theorem=SAFE_REGION),
             Condition("sensing, largest force within the range [N]", reading.largest, ">",
                       measured.size + measured.error, theorem=SAFE_REGION),
             Condition("sensing, probability that a working sensor is taken for frozen, a reading",

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from uvms_drake.certificate.certify import tightening_margins
+from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
@@ -33,18 +34,19 @@ class Margin:
     """Largest |dᵢ| at `asked` (6+n,) [m/s², rad/s²], of a source that acts as a disturbance."""
     asked: float = math.nan
     """Typical value of a vehicle."""
-    axes: tuple[float, ...] = ()
-    """Semi-axes of an ellipsoid of all d at `largest` (6+n,): bound times weights."""
+    settings: str = ""
+    """Settings that the certificate of `largest` asks for, for the command line."""
 
 
-def tube_conditions(scenario: Scenario, model: ContactModel, basis: Basis) -> list[Condition]:
-    """Returns the conditions on the tube of a scenario, and on the margin of every limit."""
+def tube_of(scenario: Scenario, model: ContactModel, basis: Basis
+            ) -> tuple[TubeRadii, list[Condition]]:
+    """Returns the tube of a scenario, and the conditions on it and on the margin of every limit."""
     motion, law = motion_of(scenario), scenario.ancillary
     found = motion.tubes[type(law)](law, basis)
     if all(condition.holds for condition in found.conditions):
         found = motion.in_contact(found, scenario, basis)
-        return [*found.conditions, *tightening_margins(scenario, found.radii, model)]
-    return list(found.conditions)
+        return found.radii, [*found.conditions, *tightening_margins(scenario, found.radii, model)]
+    return found.radii, list(found.conditions)
 
 
 def worst_of(conditions: Sequence[Condition]) -> Condition | None:

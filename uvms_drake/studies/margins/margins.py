@@ -7,8 +7,9 @@ estimate, which `certify --set` confirms.
 
 Parameters of the tube are changed directly: the bound of d, the force sensor, the walls. A worse
 sensor comes with the allowance that the safe region needs for it (`contact.force_error`, `delay`).
-Model errors and the motion of the water count by the d that they induce, see `unknown_margins`. A
-source that no proof covers is named as such.
+Model errors and the motion of the water count by the d that they induce, see `unknown_margins`; the
+settings with which `certify` covers the largest are printed. A source that no proof covers is named
+as such.
 """
 
 import math
@@ -29,8 +30,8 @@ from uvms_drake.station.contact_bounds import largest_reading_error, sensed_cont
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.studies.margins.margin import Margin, bracket, tube_conditions, worst_of
-from uvms_drake.studies.margins.unknown_margins import Setting, unknowns
+from uvms_drake.studies.margins.margin import Margin, bracket, tube_of, worst_of
+from uvms_drake.studies.margins.unknown_margins import Study, unknowns
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.search.search_memo import SearchMemo, memoising
 
@@ -54,7 +55,7 @@ class _Value:
 
 def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent) -> list[Margin]:
     """Returns the margins of a scenario with a certified tube; `model` is the controller's."""
-    values, delays, unknown = _values(scenario), _delays(scenario), unknowns(scenario)
+    values, delays, unknown = _values(scenario), _delays(scenario), unknowns()
     count, out = len(values) + len(delays) + len(unknown), list[Margin]()
     progress("tube", 0.0)
     searches = SearchMemo()
@@ -63,13 +64,10 @@ def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent
     for value in (*values, *delays):
         progress(value.name, len(out) / count)
         out.append(_margin(value, searches if value in values else SearchMemo()))
-    with memoising(searches):
-        searches.again()
-        setting = Setting(scenario, model, values[0].at(out[0].largest).disturbance.d_bound)
-    searches = SearchMemo()  # Another shape of d changes the order of searches, as delays do.
+    study = Study(scenario, model)
     for source in unknown:
         progress(source.name, len(out) / count)
-        out.append(source.margin(setting, searches))
+        out.append(source.margin(study))
     return out
 
 
@@ -82,7 +80,7 @@ def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Conditi
         if all(condition.holds for condition in conditions):
             model = load_model(scenario)
             with memoising(searches):
-                conditions = tube_conditions(scenario, model, basis_of(scenario, model))
+                conditions = tube_of(scenario, model, basis_of(scenario, model))[1]
     except InvalidParameter as error:
         return Condition(str(error), 1.0, "<=", 0.0,
                          theorem="control/theory.md#closed-loop-guarantee")
@@ -237,4 +235,6 @@ def format_margins(found: Sequence[Margin]) -> str:
                 f"  {each.name:<38}{number(each.largest):>10}  {each.unit:<8}{each.asked:>8.3g}"
                 + "".join(f"{x:>{w}.2g}" for x, w in zip(blocks, (10, 8, 8), strict=True))
                 + f"  {each.ends or 'nothing up to this'}")
+    lines += ["", "settings with the largest"]
+    lines += [f"  {each.name}\n    {each.settings}" for each in found if each.settings]
     return "\n".join(lines)

@@ -1,0 +1,222 @@
+"""Declared unknowns, each alone: certified by the advice of `certify`, run, and in campaigns.
+
+`python examples/results/unknowns.py > examples/results/unknowns.md` starts from `girona500_contact`
+with an unknown of the asked size, takes over the settings that the certificate advises until it
+holds, and makes a run. With the tolerance of `certify --tolerances`, it then finds the largest size
+that is certified. The first two unknowns have a campaign, whose runs draw the unknown up to its
+declared size. It takes two hours on a core.
+"""
+
+import argparse
+import json
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from make_all import provenance, uvms_drake
+
+import uvms_drake as uv
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.certificate.declared_unknowns import declared_sources
+from uvms_drake.command.campaign import CAMPAIGN_FILE
+from uvms_drake.report.summary import summarise
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.simulation import simulate
+from uvms_drake.studies.margins.unknown_margins import Study, settings_of, unknowns
+from uvms_drake.tube.search.search_memo import SearchMemo
+from uvms_drake.tube.ultimate_bounds import HOLD
+
+BASE, STEPS, RUNS, DURATION = "girona500_contact", 8, 100, 11.0
+"""Scenario, most certificates on the way to one that holds, runs of a campaign and their longest
+duration [s]."""
+ADVICE = re.compile(r"--set (\S+)")
+PARTS = (1.0, 0.97, 0.94, 0.91, 0.85, 0.75)
+"""Fractions of the tolerance that are tried, until one is certified."""
+HEAD = """# Declared unknowns, each alone
+
+{provenance} Command: `python examples/results/unknowns.py`.
+
+`{base}` with an unknown of the asked size, and the settings that `certify` advises one after the
+other. *Hold* is the certified band of the press of 20 N; *exits* of the tube and *off*, the largest
+force error in the hold, are of a run of {duration} s. *Tolerance* is the largest size of
+`certify --tolerances`, *largest certified* the largest tried fraction of it that has a certificate;
+tried are {parts}.
+
+{rows}
+
+Settings:
+
+{settings}
+
+## Campaigns
+
+{runs} runs each with seed 1, of at most {duration} s, on walls of the class. The unknown is drawn
+up to its declared size, in a quarter of the runs at it; adversaries have the rest of d.
+"""
+"""Beginning of the page."""
+COLUMNS = ("unknown", "asked", "certified", "hold [N]", "exits", "off [N]", "largest certified",
+           "tolerance", "ratio", "ends by")
+CAMPAIGN_COLUMNS = (
+    "unknown", "runs", "counted", "exits of the tube", "violated limits",
+    "exceptions, failed solves", "touched", "pressed too hard",
+    "largest disturbance over its bound", "largest deviation over the tube")
+
+
+def table_head(columns: Sequence[str]) -> str:
+    """Returns the first two lines of a table."""
+    return f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|"
+
+
+class Case(NamedTuple):
+    """An unknown."""
+
+    tolerance: str
+    """Name of its row among the tolerances."""
+    unit: str
+    asked: float
+    """Size."""
+    settings: Callable[[float], list[str]]
+    """Function from a size to the keys that declare it."""
+
+
+CASES = {
+    "current": Case("current", "m/s", 0.1, lambda size: [f"current=[{size:g},0,0]"]),
+    "mass": Case("mass of all bodies, trimmed", "of it", 0.03,
+                 lambda size: [f"model_error.mass={1.0 + size:g}"]),
+    "trim": Case("trim: displaced volume", "of it", 0.01,
+                 lambda size: [f"model_error.buoyancy={1.0 + size:g}"]),
+    "joint friction": Case("joint friction", "N m", 0.2,
+                           lambda size: [f"model_error.joint_friction.coulomb=[{size:g}]"]),
+    "payload": Case("payload in the hand", "kg", 0.03,
+                    lambda size: [f"model_error.payload.mass={size:g}"])}
+CAMPAIGNS = tuple(CASES)[:2]
+
+
+def followed(declared: list[str], given: list[str]) -> tuple[list[str], Certificate]:
+    """Returns the settings at which the advice of certificates ends, and the last certificate.
+
+    Args:
+        declared: Settings that declare an unknown.
+        given: Further settings to begin with.
+    """
+    settings = {each.partition("=")[0]: each for each in given}
+    for _ in range(STEPS):
+        certificate = certified_once(uv.load_scenario(BASE, [*declared, *settings.values()]))
+        advised = {found.partition("=")[0]: found for condition in certificate.conditions
+                   if not condition.holds for found in ADVICE.findall(condition.advice)}
+        if certificate.certified or not advised:
+            break
+        settings |= advised
+    return list(settings.values()), certificate
+
+
+def failures(certificate: Certificate) -> str:
+    """Returns the conditions that do not hold."""
+    return "; ".join(str(each) for each in certificate.conditions if not each.holds)
+
+
+class Largest(NamedTuple):
+    """Largest sizes of an unknown."""
+
+    tolerance: float
+    """That of the tolerances."""
+    certified: float
+    """Largest tried one that is certified; 0 if none."""
+    beyond: str
+    """Condition that ends the tolerance."""
+
+
+def largest_of(case: Case, study: Study, duration: str) -> Largest:
+    """Returns the tolerance of an unknown, and the largest fraction of it that is certified."""
+    unknown = next(each for each in unknowns() if each.name == case.tolerance)
+    margin = unknown.margin(study)
+    for part in PARTS:
+        size = float(f"{part * margin.largest:.4g}")
+        scenario, _ = study.fitted(
+            unknown.declared(study.scenario, size), declared_sources, SearchMemo())
+        _, certificate = followed([*case.settings(size), duration],
+                                  ADVICE.findall(settings_of(scenario)))
+        print(f"  {size:g}: {failures(certificate) or 'certified'}", file=sys.stderr)
+        if certificate.certified:
+            return Largest(margin.largest, size, margin.ends)
+    return Largest(margin.largest, 0.0, margin.ends)
+
+
+def run_of(settings: list[str], certificate: Certificate) -> dict[str, Any]:
+    """Returns the summary of a run with a certificate."""
+    scenario = certificate.applied_to(uv.load_scenario(BASE, settings))
+    summary: dict[str, Any] = summarise(simulate(scenario, certified=True))
+    return summary
+
+
+def campaign_of(settings: list[str], folder: Path) -> dict[str, Any]:
+    """Returns the statistics of a campaign; one that is complete in the folder is taken."""
+    if not (folder / CAMPAIGN_FILE).exists():
+        uvms_drake("campaign", BASE, "--runs", str(RUNS), "--seed", "1", "--workers", "1",
+                   *(part for each in settings for part in ("--set", each)),
+                   "--output", str(folder))
+    statistics: dict[str, Any] = json.loads((folder / CAMPAIGN_FILE).read_text("utf-8"))
+    return statistics
+
+
+def campaign_row(name: str, found: dict[str, Any]) -> str:
+    """Returns the row of a campaign."""
+    counts, walls = found["counts"], found["walls"]
+    return (f"| {name} | {found['runs']} | {counts['counted']} | {counts['exits_set']} | "
+            f"{counts['violations']} | {counts['exceptions'] + counts['mpc_failures']} | "
+            f"{walls['touched']} | {len(walls['broken']['static'])} | "
+            f"{found['distributions']['worst_disturbance']['max']:.2g} | "
+            f"{found['distributions']['ratio_set']['max']:.2g} |")
+
+
+def rows_of(name: str, study: Study) -> tuple[str, str, list[str]]:
+    """Returns the row of an unknown, its list of settings, and these settings."""
+    case, duration = CASES[name], f"duration={DURATION:g}"
+    print(name, file=sys.stderr)
+    declared = [*case.settings(case.asked), duration]
+    settings, certificate = followed(declared, [])
+    found = largest_of(case, study, duration)
+    ratio = "–" if not found.certified else f"{found.certified / found.tolerance:.2f}"
+    asked, largest = f"| {name} | {case.asked:g} {case.unit} |", (
+        f"{found.certified:.3g} | {found.tolerance:.3g} | {ratio} | {found.beyond} |")
+    if not certificate.certified:
+        return f"{asked} no: {failures(certificate)} | – | – | – | {largest}", "", []
+    run = run_of([*declared, *settings], certificate)
+    exits, bands = run["tube"]["exits"], run["contact"]["force_bands"]["hold"]
+    reached = "–" if bands is None else f"{bands['worst_error']:.2g}"
+    band = certificate.bounds[HOLD]
+    return (f"{asked} {len(certificate.conditions)} conditions | ± {band:.3g} | {exits} | "
+            f"{reached} | {largest}",
+            f"* {name}: `--set " + " --set ".join([*declared, *settings]) + "`",
+            [*declared, *settings])
+
+
+def main() -> None:
+    """Prints the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("unknowns", nargs="*", default=list(CASES))
+    parser.add_argument("--campaigns", type=Path,
+                        help="folder of campaigns, one each; made where there is none")
+    args = parser.parse_args()
+    scenario = uv.load_scenario(BASE)
+    study = Study(scenario, load_model(scenario))
+    found = {name: rows_of(name, study) for name in args.unknowns}
+    print(HEAD.format(
+        provenance=provenance(), base=BASE, duration=f"{DURATION:g}", runs=RUNS,
+        parts=", ".join(f"{part:g}" for part in PARTS),
+        rows="\n".join([table_head(COLUMNS), *(row for row, _, _ in found.values())]),
+        settings="\n".join(line for _, line, _ in found.values() if line)))
+    print(table_head(CAMPAIGN_COLUMNS))
+    with tempfile.TemporaryDirectory() as temporary:
+        for name in CAMPAIGNS:
+            if name in found and found[name][2]:
+                print(campaign_row(name, campaign_of(
+                    found[name][2], (args.campaigns or Path(temporary)) / name)))
+
+
+if __name__ == "__main__":
+    main()
