@@ -15,14 +15,14 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 ROOMS = (
     ("common",),
     ("model",),
-    ("plant", "control", "sensing", "actuation", "mission"),
+    ("plant", "control", "sensing", "actuation", "mission", "baselines"),
     ("tube",),
     ("visual",),
     ("station",),
     ("certificate",),
     ("report",),
     ("campaign",),
-    ("studies",),
+    ("studies", "benchmark"),
     ("errata",),
     ("command",),
 )

@@ -16,16 +16,16 @@ from typing import NoReturn
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from uvms_drake.command.bench import add_bench
+from uvms_drake.command.benchmark import add_benchmark
 from uvms_drake.command.campaign_options import add_campaign
 from uvms_drake.command.certify import add_certify
 from uvms_drake.command.compare import add_compare
 from uvms_drake.command.errata import add_errata
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.command.keys import add_keys
+from uvms_drake.command.keys import add_keys, add_scenarios
 from uvms_drake.command.robot import add_robot
 from uvms_drake.command.run import add_plot, add_run
 from uvms_drake.command.scenario import add_scenario
-from uvms_drake.command.scenarios import add_scenarios
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.common.program import VERSION
@@ -90,7 +90,8 @@ def make_parser() -> argparse.ArgumentParser:
         "Robust interaction control of underwater vehicle-manipulator systems."))
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
-    for add in (add_run, add_plot, add_compare, add_certify, add_bench, add_campaign, add_errata,
+    for add in (add_run, add_plot, add_compare, add_certify, add_bench,
+                add_benchmark, add_campaign, add_errata,
                 add_scenarios, add_keys, add_robot, add_scenario):
         add(commands)
     return parser

@@ -1,0 +1,66 @@
+"""Funnels are kept in the loop of the theory, whatever the gains; elsewhere exits are counted."""
+
+import numpy as np
+import pytest
+from support.baseline_press import ROBOT, run, task
+
+from uvms_drake.baselines.baseline import BASELINES
+from uvms_drake.baselines.gains import read_gains
+from uvms_drake.baselines.measured import Measured, Reference
+from uvms_drake.baselines.prescribed_performance import (
+    PrescribedPerformance,
+    funnel,
+    transformed,
+)
+from uvms_drake.model.uvms_model import UvmsModel, read_uvms
+
+
+def of_theory(scale: float):
+    """Returns gains for a wrench without limit on all axes, those of the law scaled."""
+    gains = read_gains(ROBOT)
+    gains.largest = np.full(10, 1e6)
+    performance = gains.performance
+    performance.velocity_gain[3] = performance.velocity_gain[5]
+    for name in ("force_gain", "position_gain", "velocity_gain"):
+        setattr(performance, name, scale * getattr(performance, name))
+    return gains
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scale", "gradient", "name"), [
+    (0.3, False, "prescribed_performance_gravity"), (1.0, False, "prescribed_performance"),
+    (3.0, False, "prescribed_performance"), (1.0, True, "prescribed_performance")])
+def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gradient, name):
+    """From contact, with f_d − f within ρ₀. Gains of 0.3 alone need a ξ beyond its clamp."""
+    gains = of_theory(scale)
+    if gradient:  # Of the same slope at zero error.
+        performance = gains.performance
+        performance.gradient = True
+        performance.force_gain *= 0.5 * performance.force
+        performance.position_gain *= 0.5 * performance.position
+        performance.velocity_gain *= 0.5 * performance.velocity
+    press = run(BASELINES[name](gains, 10), gains, seconds=1.5, depth=0.016, step=0.002)
+    assert press.memory[-1, 0] == 0.0
+    assert min(now.force for now in press.now) > 0.0
+
+
+def test_an_exit_is_counted_once_and_the_command_stays_finite():
+    law, model = PrescribedPerformance(read_gains(ROBOT).performance, 10), UvmsModel(
+        read_uvms(ROBOT))
+    pressed = task()
+    config = model.configuration(np.concatenate([[0.01, 0.5, 0.0], np.zeros(3), pressed.posture]))
+    now = Measured(model, pressed, 1.0, config, np.zeros(10), np.array([90.0, 0, 0, 0, 0, 0]),
+                   Reference(np.zeros(3), np.zeros(3), 20.0, True, 0.0))
+    first = law.updated(now, np.zeros(law.memory), False)
+    assert first[0] >= 2.0 and first[1] == 1.0  # Of the force, and of the position.
+    assert law.updated(now, first, False)[0] == first[0]
+    assert np.all(np.isfinite(law.tau(now, first)))
+
+
+def test_a_funnel_narrows_and_the_transformed_error_rises_without_bound_inside():
+    assert funnel(3.0, 1.0, 2.0, 0.0) == 3.0
+    assert funnel(3.0, 1.0, 2.0, 50.0) == pytest.approx(1.0)
+    xi = np.array([0.0, 0.5, 0.9])
+    assert transformed(xi, np.ones(3), False) == pytest.approx(np.log((1 + xi) / (1 - xi)))
+    slope = (transformed(np.array([1e-6]), np.array([2.0]), True)[0]) / 1e-6
+    assert slope == pytest.approx(4.0 / 2.0**2)  # 4/ρ² of the gradient form.

@@ -1,0 +1,1 @@
+"""Benchmark of controllers that press on a wall: the same cases and draws for all."""

@@ -1,0 +1,131 @@
+"""Runs of the benchmark in processes, one file for each; a folder with some is continued."""
+
+import json
+import logging
+import os
+import re
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.baselines.gains import read_gains, robots_with_gains
+from uvms_drake.benchmark.cases import CASES, ROBOTS, drawn_case
+from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named
+from uvms_drake.benchmark.loop import run_loop
+from uvms_drake.benchmark.metrics import measure
+from uvms_drake.campaign.pool import local_pool
+from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.errors import InvalidParameter, RunFailed, require
+from uvms_drake.common.jsonable import jsonable
+from uvms_drake.station.problem import load_model
+
+RUNS_FOLDER = "runs"
+SAMPLES = 200
+"""Samples of the force that a run keeps, for the figure."""
+EXITS = "prescribed_performance"
+"""Beginning of the names of controllers whose memory begins with a number of exits."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of the benchmark: everything that it depends on."""
+
+    controller: str
+    robot: str
+    case: str
+    seed: int
+    index: int
+
+    @property
+    def file(self) -> str:
+        """Name of its file."""
+        name = re.sub(r"[^\w.-]", "_", self.controller)
+        return f"{self.robot}.{self.case}.{name}.{self.index}.json"
+
+
+def runs_of(controllers: Sequence[str], robots: Sequence[str], cases: Sequence[str], runs: int,
+            seed: int) -> list[Run]:
+    """Returns all runs: the first draw of every case before the second of any.
+
+    Raises:
+        InvalidParameter: There is no such controller, robot or case.
+    """
+    require(runs >= 1, "--runs", runs, "at least 1")
+    require(seed >= 0, "--seed", seed, "zero or positive")
+    for name in controllers:
+        controller_named(name)
+    for option, names, known in (("--robots", robots, robots_with_gains()),
+                                 ("--cases", cases, list(CASES))):
+        for name in names:
+            require(name in known, option, name, f"of {', '.join(known)}")
+    for name in robots:
+        read_gains(name)
+    return [Run(controller, robot, case, seed, index) for index in range(runs)
+            for robot in robots for case in cases for controller in controllers]
+
+
+def run_one(run: Run) -> dict[str, Any]:
+    """Returns the result of a run; an error of the controller is a result too, under `error`."""
+    LOGGER.setLevel(logging.ERROR)
+    result: dict[str, Any] = {**asdict(run), "error": None}
+    try:
+        scenario, events = drawn_case(run.robot, CASES[run.case], run.seed, run.index)
+        model = load_model(scenario)
+        controller = controller_named(run.controller)(scenario, model)
+        result["duration"] = scenario.duration
+        trace = run_loop(scenario, model, controller, events)
+        result |= measure(scenario, model, trace)
+        if run.controller.startswith(EXITS) and run.controller in CONTROLLERS:
+            result["exits"] = float(trace.signals["memory"][-1, 0])
+        kept = np.linspace(0, len(trace.time) - 1, SAMPLES).astype(int)
+        result["curve"] = {"time": trace.time[kept], "force": trace.signals["force"][kept, 0]}
+        result["desired"] = float(scenario.task.force[0])
+    except (InvalidParameter, RunFailed, RuntimeError, ValueError, np.linalg.LinAlgError) as error:
+        result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return dict(jsonable(result))
+
+
+def run_all(runs: Sequence[Run], folder: Path, processes: int,
+            progress: Callable[[str, float], None]) -> list[dict[str, Any]]:
+    """Computes the runs that a folder lacks, and returns the results of all.
+
+    Raises:
+        InvalidParameter: The folder has runs of another seed.
+    """
+    path = folder / RUNS_FOLDER
+    path.mkdir(parents=True, exist_ok=True)
+    found = {run: _read(path / run.file) for run in runs}
+    for result in found.values():
+        require(result is None or result["seed"] == runs[0].seed, "--output", str(folder),
+                "a folder without runs of another seed")
+    missing = [run for run in runs if found[run] is None]
+    pool = local_pool(processes)
+    batch, done = pool.runs or len(missing), 0
+    for first in range(0, len(missing), batch):
+        with pool.open() as executor:
+            futures = {executor.submit(run_one, run): run for run in missing[first: first + batch]}
+            for future in as_completed(futures):
+                run, result = futures[future], future.result()
+                draft = path / f"{run.file}.part"
+                draft.write_text(json.dumps(result, ensure_ascii=False) + "\n", encoding="utf-8")
+                os.replace(draft, path / run.file)
+                found[run] = result
+                done += 1
+                progress(f"{done} of {len(missing)} runs", done / len(missing))
+    return [result for result in found.values() if result is not None]
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return None
+
+
+def default_names() -> tuple[list[str], list[str], list[str]]:
+    """Returns all controllers, robots and cases."""
+    return list(CONTROLLERS), list(ROBOTS), list(CASES)

@@ -1,0 +1,132 @@
+"""Cases of the benchmark: difficulties, as overrides of a shipped scenario, and the draws.
+
+A case is the same for all controllers: surface, water, sensors, actuators, faults and start. All
+but one are of the robot as it is, with thrusters, a clock, navigation and a wrong model: every
+baseline has one set of gains. In `ideal` the wrench is exact and the loop continuous.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uvms_drake.benchmark.loop import Events
+from uvms_drake.common.errors import require
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+
+STREAM = 41
+"""Key of the random numbers of the benchmark."""
+START = (0.02, 0.02, 0.02)
+"""Largest drawn offsets of the start: position [m], attitude [rad], joints [rad]."""
+STIFFNESS = 0.1
+"""Largest drawn relative change of the stiffness."""
+LAG = (0.05, 0.15)
+"""Range of the drawn lag of the thrusters [s]."""
+STEP = 0.005
+"""Step of the integrator [s]: a tenth of the time of the fastest rate, of friction at the tip."""
+
+
+@dataclass(frozen=True)
+class BenchRobot:
+    """Scenarios of a robot, and sizes that depend on it."""
+
+    scenario: str
+    """The robot as it is."""
+    ideal: str
+    """With an ideal wrench and exact states."""
+    start: tuple[float, float]
+    """x of the vehicle at the start of either [m], at which the wall is near."""
+    duration: float
+    """Duration of a run [s]."""
+    impulse: float
+    """Acceleration in sway of the impulse [m/s²]."""
+    spread: float
+    """Factor of the drawn offsets of the start: an MPC needs a plan from it."""
+    payload: float
+    """Mass of a dense ball in the hand [kg]: 20 % of the weight that has to be held."""
+
+
+ROBOTS = {
+    "girona500_arm5e": BenchRobot(
+        "girona500_real_loop", "girona500_tip_first", (-1.10, -1.10), 17.0, 0.15, 1.0, 0.23),
+    "bluerov2_alpha5": BenchRobot(
+        "bluerov2_real_loop", "bluerov2_contact", (-0.58, -0.61), 20.0, 0.25, 0.25, 0.045),
+}
+"""Robots of the benchmark."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A difficulty of the benchmark."""
+
+    name: str
+    text: str
+    """Description of the difficulty, in a table."""
+    overrides: tuple[str, ...] = ()
+    """Overrides of the robot's scenario, `key.path=value`; `{payload}` is the robot's."""
+    ideal: bool = False
+    """Whether the scenario is the robot's `ideal` one."""
+    further: float = 0.0
+    """Further time of a run [s]."""
+    impulse: bool = False
+    """Whether an impulse follows the touch."""
+    slide: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Displacement of the place in contact (3,) [m]."""
+
+
+CASES = {case.name: case for case in (
+    Case("ideal", "ideal wrench, continuous, a sinusoidal disturbance", ideal=True),
+    Case("thrusters", "thrusters of 0.05 to 0.15 s lag, 50 Hz, noise: so are all below"),
+    Case("wall_off", "the wall 5 cm deeper", ("surface_error.shift=[0.05, 0.0, 0.0]",),
+         further=8.0),
+    Case("soft", "stiffness × 0.2", ("surface_error.stiffness=0.2",)),
+    Case("stiff", "stiffness × 5", ("surface_error.stiffness=5.0",)),
+    Case("very_stiff", "stiffness × 20", ("surface_error.stiffness=20.0",)),
+    Case("tilt", "wall tilted by 5° in place of 3°", ("surface_error.turn=[0.0, 0.0349, 0.0]",)),
+    Case("friction", "coefficient of friction 0.5", ("surface.friction=0.5",)),
+    Case("current", "current of 0.25 m/s along the wall", ("current=[0.0, 0.25, 0.0]",)),
+    Case("mass", "masses + 20 %", ("model_error.mass=1.2",)),
+    Case("gravity", "weight of the arm in water + 20 %", ("model_error.payload.mass={payload}",)),
+    Case("bias", "sensor biased by 1 N", (
+        "faults=[!JumpedForce {start: 1.0, duration: 1000.0, "
+        "jump: [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0]}]",)),
+    Case("slide", "slide of 0.5 m at 50 mm/s", slide=np.array([0.0, 0.5, 0.0]),
+         further=10.0),
+    Case("impulse", "lateral impulse of a second at the touch", impulse=True),
+)}
+"""Cases by name."""
+
+
+def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario, Events]:
+    """Returns scenario and events of a run, a function of its arguments and not of the controller.
+
+    Args:
+        robot: Name of the robot.
+        case: The case.
+        seed: Seed of the benchmark.
+        index: Number of the draw, the same start, noise and lag in all cases.
+    """
+    require(robot in ROBOTS, "--robots", robot, f"of {', '.join(ROBOTS)}")
+    bench = ROBOTS[robot]
+    draw = np.random.Generator(np.random.Philox(
+        np.random.SeedSequence(seed, spawn_key=(STREAM, index))))
+    unit, stiffness, lag, noise = (
+        bench.spread * draw.uniform(-1.0, 1.0, 10), draw.uniform(-1.0, 1.0), draw.uniform(*LAG),
+        int(draw.integers(2**31)))
+    overrides = [text.replace("{payload}", repr(bench.payload)) for text in case.overrides]
+    overrides += [f"seed={noise}", f"simulator.max_step_size={STEP}",
+                  f"duration={bench.duration + case.further}"]
+    if not case.ideal:
+        overrides.append(f"actuation.1.lag={lag}")
+    scenario = load_scenario(bench.ideal if case.ideal else bench.scenario, overrides)
+    eta = np.array(scenario.start.eta, dtype=float)
+    eta[0] = bench.start[case.ideal]
+    eta += np.repeat(START[:2], 3) * unit[:6]
+    q = np.asarray(scenario.start.q, dtype=float)
+    q = q + START[2] * unit[6: 6 + len(q)]
+    error = scenario.surface_error
+    scenario = replace(
+        scenario, start=replace(scenario.start, eta=eta, q=q),
+        surface_error=replace(error, stiffness=error.stiffness * (1.0 + STIFFNESS * stiffness)))
+    impulse = np.zeros(6)
+    impulse[1] = bench.impulse * case.impulse
+    return scenario, Events(impulse, case.slide, bench.duration - 3.0)

@@ -1,0 +1,106 @@
+"""Controllers of the benchmark by name, and those of one's own by file."""
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import System
+
+from uvms_drake.baselines.baseline import BASELINES, make_baseline
+from uvms_drake.baselines.gains import read_gains
+from uvms_drake.baselines.measured import PressTask
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.control.laws import Resolved
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.scenario.scenario import Scenario
+
+Factory = Callable[[Scenario, ContactModel], System]
+"""Function that makes a controller for a scenario, with the controller's model."""
+NOMINAL, TUBE = "nominal_mpc", "tube_mpc"
+NO_FEEDBACK = 1e-6
+"""Gains of the ancillary law of a nominal MPC [1/s]: a law has positive ones."""
+FACTORY = "make_controller"
+"""Name of the function in a file of one's own, unless another is given after a colon."""
+MPC_DECLARED = ("direction", "model", "class of the wall", "limits", "lag of the thrusters")
+"""Data that both MPCs are given, besides state and force."""
+
+
+def press_task(scenario: Scenario) -> PressTask:
+    """Returns the task of a baseline: direction, place, posture and force of a scenario."""
+    pose = np.asarray(scenario.task.pose, dtype=float)
+    return PressTask(
+        direction=sensed_contact(scenario).direction, place=pose[:3], attitude=pose[3:],
+        posture=np.asarray(scenario.task.posture, dtype=float), force=pressing_force(scenario))
+
+
+def _baseline(name: str) -> Factory:
+    def make(scenario: Scenario, model: ContactModel) -> System:
+        gains = read_gains(scenario.model)
+        return make_baseline(model, press_task(scenario), BASELINES[name](gains, model.size), gains)
+
+    return make
+
+
+def _tube_mpc(scenario: Scenario, model: ContactModel) -> System:
+    motion = motion_of(scenario)
+    return motion.make_controller(scenario, model, motion.make_ocp(scenario, model))
+
+
+def _nominal_mpc(scenario: Scenario, model: ContactModel) -> System:
+    """Makes the nominal MPC alone: plans from the measured state, and u = ū, without feedback.
+
+    The measured force stays in its law, so that ū is the input that moves the robot as planned.
+    """
+    alone = Resolved(k=NO_FEEDBACK, sigma=NO_FEEDBACK)
+    return _tube_mpc(replace(scenario, ancillary=alone, mpc=replace(
+        scenario.mpc, initial_state="measured", hover=0.0)), model)
+
+
+CONTROLLERS: dict[str, Factory] = {name: _baseline(name) for name in BASELINES} | {
+    NOMINAL: _nominal_mpc, TUBE: _tube_mpc}
+"""Controllers of this package by name."""
+
+
+def controller_named(name: str) -> Factory:
+    """Returns the factory of a controller: by name, or `FILE.py` or `FILE.py:FUNCTION`.
+
+    Raises:
+        InvalidParameter: There is none, or the file cannot be loaded.
+    """
+    if name in CONTROLLERS:
+        return CONTROLLERS[name]
+    file, _, function = name.partition(":")
+    path = Path(file)
+    require(path.suffix == ".py" and path.is_file(), "--controllers", name,
+            f"of {', '.join(CONTROLLERS)}, or FILE.py:FUNCTION of a controller of one's own")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise InvalidParameter("--controllers", name,
+                               f"a file that can be loaded ({type(error).__name__}: {error})"
+                               ) from None
+    made = getattr(module, function or FACTORY, None)
+    require(callable(made), "--controllers", name, f"a file with a function {function or FACTORY}")
+    return made  # type: ignore[return-value]
+
+
+def declared_to(name: str, gains_of: str) -> list[str]:
+    """Returns the data that a controller is given besides state and force, if known.
+
+    Args:
+        name: Name of the controller.
+        gains_of: Name of a robot with gains.
+    """
+    if name in (NOMINAL, TUBE):
+        return list(MPC_DECLARED)
+    if name not in BASELINES:
+        return ["not known"]
+    laws = BASELINES[name](read_gains(gains_of), 10).values()
+    return list(dict.fromkeys(fact for law in laws for fact in law.declared))

@@ -1,0 +1,260 @@
+"""Closed loop of any controller of a press, and its run; the plant and its parts are a station's.
+
+The controller is a Diagram or LeafSystem with the ports `state`, `force_measured` and `tau`, and
+optional others: `desired_force`, `place`, and those by which the tube MPC reads its measurements.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    System,
+)
+from pydrake.systems.primitives import Adder, LogVectorOutput
+
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.wiring import output_of
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH, Signals
+from uvms_drake.plant.waves import WaterMotion
+from uvms_drake.sensing.hold_last_value import HoldLastValue
+from uvms_drake.station.force_measurement import add_force_measurement
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.problem import task_place
+from uvms_drake.station.scenario.faults import faults_at
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.series_connection import add_chain, keyed
+from uvms_drake.station.signals import LOGGED_AS
+from uvms_drake.station.simulation import release
+
+LOGGED = ("state", "chi", "force", "penetration")
+"""Signals of the plant in a `Trace`."""
+LARGEST_FORCE = 500.0
+"""Force at which a run is ended: a wall or an arm breaks before it [N]."""
+
+
+@dataclass(frozen=True)
+class Events:
+    """Events of a run that depend on its contact, and not on a scenario's time alone."""
+
+    impulse: np.ndarray
+    """Acceleration of the vehicle for a second from the touch on (6,) [m/s², rad/s²]."""
+    slide: np.ndarray
+    """Displacement of the place in contact (3,) in Σ_I [m]."""
+    slide_start: float = 12.0
+    """Instant at which the place begins to move [s]."""
+    slide_speed: float = 0.05
+    """Its speed [m/s]."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Logged signals of a run, T samples."""
+
+    time: np.ndarray
+    """(T,) [s]."""
+    signals: dict[str, np.ndarray]
+    """`state`, `chi`, `force`, `penetration`, `tau`, `exerted`, `place`, and others (T, size)."""
+    step_seconds: np.ndarray
+    """Wall times of steps of the controller (K,) [s]."""
+    ended: str
+    """Reason of an early end; empty for none."""
+
+
+class TouchEvents(LeafSystem):
+    """Source of the events of a run.
+
+    .. pydrake_system::
+
+        name: TouchEvents
+        input_ports:
+        - force
+        output_ports:
+        - impulse
+        - place
+
+    - `force`: the true 𝔉 (6) [N, N m].
+    - `impulse`: acceleration (6+n) [m/s², rad/s²]; `place`: place across n (3) [m].
+
+    The discrete state is the instant of the first touch [s], infinite before (1).
+
+    Args:
+        events: The events.
+        place: Place at the start (3,) [m].
+        size: 6 + n.
+    """
+
+    def __init__(self, events: Events, place: np.ndarray, size: int):
+        super().__init__()
+        self._events, self._place, self._size = events, place, size
+        self._port = self.DeclareVectorInputPort("force", 6)
+        self.DeclareDiscreteState([np.inf])
+        self.DeclarePerStepDiscreteUpdateEvent(self._update)
+        now = {self.time_ticket(), self.xd_ticket()}
+        output_of(self, "impulse", size, self._impulse, now)
+        output_of(self, "place", 3, self._moved_place, {self.time_ticket()})
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        touch = context.get_discrete_state_vector().value()[0]
+        if np.isinf(touch) and np.any(self._port.Eval(context)[:3]):
+            state.set_value([context.get_time()])
+
+    def _impulse(self, context: Context) -> np.ndarray:
+        since = context.get_time() - context.get_discrete_state_vector().value()[0]
+        out = np.zeros(self._size)
+        if 0.0 <= since < 1.0:
+            out[:6] = self._events.impulse
+        return out
+
+    def _moved_place(self, context: Context) -> np.ndarray:
+        events = self._events
+        length = float(np.linalg.norm(events.slide))
+        moved = np.clip(events.slide_speed * (context.get_time() - events.slide_start), 0.0, length)
+        return self._place + (events.slide * moved / length if length > 0.0 else 0.0)
+
+
+def make_loop(scenario: Scenario, model: ContactModel, controller: System, events: Events
+              ) -> Diagram:
+    """Returns plant, sensors, controller and actuators of a scenario as a Diagram.
+
+    Raises:
+        InvalidParameter: A value of the scenario cannot be used, or a port is missing.
+    """
+    motion, builder, signals = motion_of(scenario), DiagramBuilder(), Signals()
+    motion.check(scenario)
+    uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, scenario.start.config))
+    builder.AddNamedSystem("controller", controller)
+    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+    for name in ("current", "current_acceleration"):
+        builder.Connect(water.GetOutputPort(name), uvms.GetInputPort(name))
+    for name in motion.plant_signals:
+        signals[name] = uvms.GetOutputPort(name)
+    for name in ("payload", "payload_at_rest"):
+        if uvms.HasOutputPort(name):
+            signals[name] = uvms.GetOutputPort(name)
+    is_tube = controller.HasInputPort("force_valid")
+    if is_tube:
+        for name in motion.controller_signals:
+            signals[LOGGED_AS.get(name, name)] = controller.GetOutputPort(name)
+
+    # Sensors.
+    measured = add_chain(builder, model, signals["state"], signals,
+                         keyed("sensing", scenario.sensing), scenario.seed)
+    builder.Connect(measured, controller.GetInputPort("state"))
+    if is_tube:
+        add_force_measurement(builder, scenario, model, controller, measured, signals)
+    else:
+        faulty = add_chain(builder, model, signals[MEASURED_FORCE], signals,
+                           faults_at("force", scenario.faults), scenario.seed)
+        finite = HoldLastValue.AddToBuilder(builder, measured=faulty)
+        builder.Connect(finite.get_output_port(), controller.GetInputPort("force_measured"))
+
+    # Actuators.
+    command = controller.GetOutputPort("tau")
+    if "tau" not in signals:
+        signals["tau"] = command
+    exerted = add_chain(builder, model, command, signals,
+                        keyed("actuation", scenario.actuation), scenario.seed)
+    builder.Connect(exerted, uvms.GetInputPort("tau"))
+    if controller.HasInputPort("applied") and exerted is not command:
+        builder.Connect(exerted, controller.GetInputPort("applied"))
+    if VEHICLE_WRENCH in signals and is_tube and scenario.ancillary.takes_wrench:
+        builder.Connect(signals[VEHICLE_WRENCH], controller.GetInputPort(VEHICLE_WRENCH))
+
+    # Events and disturbance.
+    source = builder.AddNamedSystem(
+        "events", TouchEvents(events, task_place(scenario), model.size))
+    builder.Connect(signals["force"], source.get_input_port())
+    if controller.HasInputPort("place"):
+        builder.Connect(source.GetOutputPort("place"), controller.GetInputPort("place"))
+    total = builder.AddNamedSystem("disturbances", Adder(2, model.size))
+    disturbance = scenario.disturbance.add_to(builder, model, scenario.seed, signals)
+    builder.Connect(disturbance, total.get_input_port(0))
+    builder.Connect(source.GetOutputPort("impulse"), total.get_input_port(1))
+    builder.Connect(total.get_output_port(), uvms.GetInputPort("disturbance"))
+
+    logged = {name: signals[name] for name in (*LOGGED, "tau", "wrench_shortfall")
+              if name in signals}
+    logged |= {"exerted": exerted, "place": source.GetOutputPort("place")}
+    for name in ("limited", "memory"):
+        if controller.HasOutputPort(name):
+            logged[name] = controller.GetOutputPort(name)
+    for name, port in logged.items():
+        LogVectorOutput(port, builder, scenario.log_period).set_name(f"log.{name}")
+    if controller.HasOutputPort("solve_seconds"):
+        LogVectorOutput(controller.GetOutputPort("solve_seconds"), builder,
+                        scenario.mpc.time_step).set_name("log.solve_seconds")
+    loop = builder.Build()
+    loop.set_name("loop")
+    return loop
+
+
+def run_loop(scenario: Scenario, model: ContactModel, controller: System, events: Events) -> Trace:
+    """Returns the trace of a run; one that diverges ends early, which its trace says."""
+    loop = make_loop(scenario, model, controller, events)
+    ended = ""
+    try:
+        simulator = Simulator(loop)
+        ApplySimulatorConfig(scenario.simulator, simulator)
+        context = simulator.get_mutable_context()
+        force = loop.GetSubsystemByName("uvms").GetOutputPort("force")
+
+        def diverged(root: Context) -> EventStatus:
+            """Ends a run whose force would break something."""
+            read = force.Eval(loop.GetSubsystemByName("uvms").GetMyContextFromRoot(root))
+            if not np.linalg.norm(read[:3]) < LARGEST_FORCE:
+                return EventStatus.ReachedTermination(loop, "force")
+            return EventStatus.DidNothing()
+
+        # A run that fails on the way has a trace; one that cannot begin has none.
+        simulator.set_monitor(diverged)
+        simulator.Initialize()
+        try:
+            simulator.AdvanceTo(scenario.duration)
+        except (RunFailed, RuntimeError, np.linalg.LinAlgError) as error:
+            ended = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        if not ended and context.get_time() < scenario.duration:
+            ended = f"force beyond {LARGEST_FORCE:g} N"
+        steps = _log(loop, context, "solve_seconds") if "log.solve_seconds" in _names(loop) else (
+            _step_seconds(loop, context, controller))
+        names = [name.removeprefix("log.") for name in _names(loop) if name.startswith("log.")]
+        signals = {name: _log(loop, context, name) for name in names if name != "solve_seconds"}
+        times = loop.GetSubsystemByName("log.state").FindLog(context).sample_times().copy()
+    finally:
+        release(loop)
+    return Trace(times, signals, steps.reshape(-1), ended)
+
+
+def _names(loop: Diagram) -> list[str]:
+    return [system.get_name() for system in loop.GetSystems()]
+
+
+def _log(loop: Diagram, context: Context, name: str) -> np.ndarray:
+    data: np.ndarray = loop.GetSubsystemByName(f"log.{name}").FindLog(context).data().T.copy()
+    return data
+
+
+def _step_seconds(loop: Diagram, context: Context, controller: System, steps: int = 20
+                  ) -> np.ndarray:
+    """Returns wall times of a law's evaluation from scratch, without its sensors (K,) [s]."""
+    own, out = controller.GetMyContextFromRoot(context), []
+    alone = controller.CreateDefaultContext()
+    for name in ("state", "force_measured"):
+        port = controller.GetInputPort(name)
+        port.FixValue(alone, port.Eval(own))
+    for i in range(steps):
+        alone.SetTime(float(i))
+        port = controller.GetInputPort("state")
+        port.FixValue(alone, port.Eval(alone))
+        begun = time.perf_counter()
+        controller.GetOutputPort("tau").Eval(alone)
+        out.append(time.perf_counter() - begun)
+    return np.array(out)

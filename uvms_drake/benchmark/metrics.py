@@ -1,0 +1,102 @@
+"""Figures of merit of a run."""
+
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.benchmark.loop import Trace
+from uvms_drake.control.plan.points import Points
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
+from uvms_drake.station.motions.motions import limits_of
+from uvms_drake.station.scenario.scenario import Scenario
+
+LAST = 3.0
+"""End of a run over which force and lateral error are averaged [s]."""
+SHORTFALL = 1.0
+"""Part of a commanded wrench that the thrusters cannot give, from which they are saturated [N]."""
+RIPPLE = 0.01
+"""Change of a command between two samples, over its largest, from which its sign counts."""
+
+
+def measure(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, Any]:
+    """Returns the figures of merit of a run; None where there is none, as of a run without touch.
+
+    `force_rms` and `lateral` are of the last `LAST` seconds, during a slide of motion. `settling`
+    is the time from the touch until the force stays within the task's tolerance. `limits` are the
+    broken limits of pose and speed with the largest excess, in the limit's unit, and `force`, that
+    of the declared contact. `saturated` is the part of the time in which a limit cuts the command,
+    `chatter` the number of changes of sign of a command's rate per second, of the worst axis.
+    `energy` is ∫Σ|τᵢζᵢ|dt.
+    """
+    # Force and contact along the declared direction, from the true signals.
+    contact, n = sensed_contact(scenario), sensed_contact(scenario).direction
+    desired, tolerance = pressing_force(scenario), scenario.task.force_tolerance
+    time, signals = trace.time, trace.signals
+    force = signals["force"][:, :3] @ n
+    off = np.abs(force - desired)
+    touching = signals["penetration"].reshape(-1) > 0.0
+    touch = int(np.argmax(touching)) if np.any(touching) else None
+    within = off <= tolerance
+    settled = len(off) - int(np.argmin(within[::-1])) if not np.all(within) else 0
+    last = time >= time[-1] - LAST
+    way = signals["chi"][:, :3] - signals["place"]
+    lateral = np.linalg.norm(way - np.outer(way @ n, n), axis=1)
+    zeta = signals["state"][:, model.size:]
+    whole = not trace.ended
+    return {
+        "ended": trace.ended or None,
+        "force_rms": float(np.sqrt(np.mean(off[last]**2))) if whole else None,
+        "peak": float(np.max(force)),
+        "touch": None if touch is None else float(time[touch]),
+        "settling": (float(time[settled] - time[touch])
+                     if whole and touch is not None and settled < len(time) else None),
+        "lateral": float(np.mean(lateral[last])) if whole else None,
+        "lost": 0 if touch is None else int(np.count_nonzero(
+            np.diff(touching[touch:].astype(int)) < 0)),
+        "limits": broken_limits(scenario, model, trace) | (
+            {"force": float(np.max(force) - contact.force)}
+            if np.max(force) > contact.force else {}),
+        "saturated": float(np.mean(_saturated(trace))),
+        "chatter": _chatter(time, signals["tau"]),
+        "energy": float(np.trapezoid(np.sum(np.abs(signals["exerted"] * zeta), axis=1), time)),
+        "step_ms": 1e3 * float(np.median(trace.step_seconds)),
+        "worst_step_ms": 1e3 * float(np.max(trace.step_seconds)),
+    }
+
+
+def broken_limits(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, float]:
+    """Returns the largest excess of each broken limit of pose and speed, in the limit's unit."""
+    config, zeta = np.split(trace.signals["state"], 2, axis=1)
+    at = Points(model, config, model.task_pose(config), zeta)
+    worst = {}
+    for name, limit in limits_of(scenario, model).items():
+        if limit.about == "input":
+            continue
+        values, (lower, upper) = limit.values(at), limit.bounds()
+        excess = float(np.max(np.maximum(values - upper, lower - values)))
+        if excess > 0.0:
+            worst[name] = excess
+    return worst
+
+
+def _saturated(trace: Trace) -> np.ndarray:
+    signals = trace.signals
+    cut = np.zeros(len(trace.time), dtype=bool)
+    for name, least in (("limited", 0.0), ("wrench_shortfall", SHORTFALL)):
+        if name in signals:
+            rows = np.delete(signals[name], 3, axis=1) if name == "wrench_shortfall" else (
+                signals[name])  # Roll is not driven by every vehicle.
+            cut |= np.any(np.abs(rows) > least, axis=1)
+    return cut
+
+
+def _chatter(time: np.ndarray, tau: np.ndarray) -> float:
+    """Returns changes of sign of the rate of a command per second, of the worst axis."""
+    step = np.diff(tau, axis=0)
+    step = np.where(np.abs(step) > RIPPLE * np.max(np.abs(tau), axis=0), np.sign(step), 0.0)
+    changes = []
+    for row in step.T:
+        signs = row[row != 0.0]
+        changes.append(np.count_nonzero(np.diff(signs)))
+    return float(max(changes) / max(time[-1] - time[0], 1e-9))

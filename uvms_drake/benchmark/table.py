@@ -1,0 +1,168 @@
+"""Medians and worst of the benchmark's runs, as data and as tables in Markdown."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.benchmark.cases import CASES, ROBOTS
+from uvms_drake.benchmark.controllers import TUBE, declared_to
+
+Result = dict[str, Any]
+METRICS = ("force_rms", "peak", "settling", "lateral", "lost", "saturated", "chatter", "energy",
+           "step_ms", "worst_step_ms", "exits")
+"""Metrics with a median and a worst."""
+JUDGED = {"force_rms": "rms of the force's error", "peak": "peak", "settling": "settling time"}
+"""Metrics by which a row is lost."""
+CLOSE = 1.1
+"""Factor within which two medians count as equal."""
+NEVER = "–"
+
+
+def summarise(results: Sequence[Result]) -> dict[str, Any]:
+    """Returns the contents of benchmark.json: every controller's cells by robot and case.
+
+    A cell has the median and the worst of each metric over its runs; a run that failed, ended early
+    or never settled has an infinite force error and settling time, so that the median has it too.
+    """
+    controllers, robots, cases = (list(dict.fromkeys(result[key] for result in results))
+                                  for key in ("controller", "robot", "case"))
+    cells = {robot: {case: {name: _cell([
+        result for result in results
+        if (result["robot"], result["case"], result["controller"]) == (robot, case, name)])
+        for name in controllers} for case in cases} for robot in robots}
+    return {
+        "controllers": controllers, "robots": robots, "cases": cases,
+        "runs": len(results), "draws": 1 + max(result["index"] for result in results),
+        "seed": results[0]["seed"],
+        "declared": {name: declared_to(name, next(iter(ROBOTS))) for name in controllers},
+        "cells": cells,
+        "better_than_tube": [row for robot in robots for case in cases
+                             for row in _better(robot, case, cells[robot][case])],
+        "errors": [f"{r['robot']}, {r['case']}, {r['controller']}, draw {r['index']}: "
+                   f"{r['error'] or r['ended']}" for r in results if r["error"] or r.get("ended")],
+    }
+
+
+def _cell(runs: Sequence[Result]) -> Result:
+    if not runs:
+        return {"runs": 0}
+    out: Result = {"runs": len(runs), "failed": sum(
+        run["error"] is not None or run.get("ended") is not None for run in runs)}
+    for name in METRICS:
+        values = [run.get(name) for run in runs]
+        if name in ("force_rms", "settling"):
+            values = [np.inf if value is None else value for value in values]
+        known = [value for value in values if value is not None]
+        out[name] = _numbers(known) if known else None
+    limits: dict[str, float] = {}
+    for run in runs:
+        for name, excess in run.get("limits", {}).items():
+            limits[name] = max(excess, limits.get(name, 0.0))
+    return out | {"limits": limits}
+
+
+def _numbers(values: Sequence[float]) -> dict[str, float]:
+    return {"median": float(np.median(values)), "worst": float(np.max(values))}
+
+
+def _better(robot: str, case: str, cells: dict[str, Result]) -> list[Result]:
+    """Returns the metrics of a case by which the best other controller beats the tube MPC."""
+    out: list[Result] = []
+    if not cells.get(TUBE, {}).get("runs"):
+        return out
+    for metric in JUDGED:
+        others = {name: cell[metric]["median"] for name, cell in cells.items()
+                  if name != TUBE and cell["runs"] and cell[metric] is not None}
+        own = cells[TUBE][metric]
+        if not others or own is None:
+            continue
+        best = min(others, key=lambda name: others[name])
+        if others[best] * CLOSE < own["median"]:
+            out.append({"robot": robot, "case": case, "metric": metric, "by": best,
+                        "other": others[best], "own": own["median"]})
+    return out
+
+
+def format_benchmark(summary: dict[str, Any]) -> str:
+    """Returns the tables in Markdown."""
+    controllers, draws = summary["controllers"], summary["draws"]
+    lines: list[str] = []
+    # The draws, and the data declared to each controller.
+    lines += [f"{summary['runs']} runs, at most {draws} draw{'s' * (draws > 1)} of each case "
+              f"(seed {summary['seed']}), the same for all controllers. A number is a median; the "
+              "worst follows in brackets where it differs.", ""]
+    lines += ["## Declared to each controller", "",
+              "Besides the measured state and force, and the desired force:", ""]
+    lines += _table(["controller", "declared"], [
+        [name, ", ".join(facts)] for name, facts in summary["declared"].items()])
+    # A table of all cases, and one over them, for each robot.
+    for robot in summary["robots"]:
+        cells = summary["cells"][robot]
+        lines += [f"## {robot}", "",
+                  "Force: rms of the error over the last 3 s [N] / peak [N] / time from the touch "
+                  f"until it stays within the tolerance [s]; {NEVER} for never, or a run that "
+                  "ended early.", ""]
+        cases = [case for case in summary["cases"]
+                 if any(cell["runs"] for cell in cells[case].values())]
+        lines += _table(["case", *controllers], [
+            [f"{case}: {CASES[case].text}", *(_force(cells[case][name]) for name in controllers)]
+            for case in cases])
+        lines += ["Over all of these cases: the median, and the worst in brackets.", ""]
+        lines += _table(["", *controllers], [
+            [text, *(_over(cells, cases, name, metric, scale) for name in controllers)]
+            for text, metric, scale in (
+                ("lateral error [mm]", "lateral", 1e3), ("contacts lost", "lost", 1.0),
+                ("time saturated [%]", "saturated", 100.0),
+                ("changes of sign of a command [1/s]", "chatter", 1.0),
+                ("energy [J]", "energy", 1.0), ("step [ms]", "step_ms", 1.0),
+                ("exits of funnels", "exits", 1.0))] + [
+            ["runs that ended early", *(str(sum(cells[case][name].get("failed", 0)
+                                                for case in cases)) for name in controllers)],
+            ["limits broken, worst excess", *(_limits(cells, cases, name)
+                                              for name in controllers)]])
+    lines += ["## Better than the tube MPC", "",
+              f"Medians that another controller beats by more than {100 * (CLOSE - 1):.0f} %.", ""]
+    lines += _table(["robot", "case", "metric", "best other", "its median", "tube MPC"], [
+        [row["robot"], row["case"], JUDGED[row["metric"]], row["by"], _number(row["other"]),
+         _number(row["own"])] for row in summary["better_than_tube"]])
+    if summary["errors"]:
+        lines += ["## Runs that failed or ended early", "",
+                  *(f"- {text}" for text in summary["errors"]), ""]
+    return "\n".join(lines)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)] + [""]
+
+
+def _number(value: float) -> str:
+    return NEVER if not np.isfinite(value) else f"{value:.3g}"
+
+
+def _pair(numbers: dict[str, float] | None) -> str:
+    if numbers is None:
+        return NEVER
+    median, worst = (_number(numbers[key]) for key in ("median", "worst"))
+    return median if median == worst else f"{median} ({worst})"
+
+
+def _force(cell: Result) -> str:
+    return " / ".join(_pair(cell[name]) for name in JUDGED) if cell["runs"] else ""
+
+
+def _over(cells: dict[str, Any], cases: Sequence[str], name: str, metric: str, scale: float) -> str:
+    found = [cells[case][name][metric] for case in cases
+             if cells[case][name]["runs"] and cells[case][name][metric] is not None]
+    if not found:
+        return ""
+    return _pair({"median": scale * float(np.median([each["median"] for each in found])),
+                  "worst": scale * max(each["worst"] for each in found)})
+
+
+def _limits(cells: dict[str, Any], cases: Sequence[str], name: str) -> str:
+    worst: dict[str, float] = {}
+    for case in cases:
+        for limit, excess in cells[case][name].get("limits", {}).items():
+            worst[limit] = max(excess, worst.get(limit, 0.0))
+    return ", ".join(f"{limit} {excess:.2g}" for limit, excess in worst.items()) or "none"

@@ -1,0 +1,68 @@
+"""The sub-command `benchmark`: the field's controllers and one's own, in the same cases."""
+
+import argparse
+import json
+import sys
+from contextlib import closing
+from pathlib import Path
+
+from uvms_drake.command.files import folder, take_quiet
+from uvms_drake.command.progress import Bar, stream_of
+from uvms_drake.common.errors import require
+from uvms_drake.common.output import output_folder
+
+JSON_FILE, TABLE_FILE = "benchmark.json", "benchmark.md"
+
+
+def add_benchmark(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    benchmark = commands.add_parser(
+        "benchmark", allow_abbrev=False,
+        help="compare controllers that press on a wall, on the same robots, cases and draws")
+    benchmark.set_defaults(command=run_benchmark)
+    benchmark.add_argument("--controllers", nargs="+", metavar="NAME",
+                           help="names, or FILE.py:FUNCTION of a controller of one's own "
+                                "(default: all of this package)")
+    benchmark.add_argument("--robots", nargs="+", metavar="ROBOT", help="default: all")
+    benchmark.add_argument("--cases", nargs="+", metavar="CASE", help="default: all")
+    benchmark.add_argument("--runs", type=int, default=1, metavar="N",
+                           help="number of draws of each case (default: %(default)s)")
+    benchmark.add_argument("--seed", type=int, default=1, metavar="S",
+                           help="draw i is a function of this and of i (default: %(default)s)")
+    benchmark.add_argument("--output", type=folder, default=Path("out/benchmark"), metavar="DIR",
+                           help="folder to write to; finished runs in it are not repeated "
+                                "(default: %(default)s)")
+    benchmark.add_argument("--processes", type=int, default=1, metavar="P",
+                           help="processes of this machine (default: %(default)s)")
+    take_quiet(benchmark)
+
+
+def run_benchmark(args: argparse.Namespace) -> int:
+    """Computes the missing runs; writes tables, figures and data, and prints the tables."""
+    from uvms_drake.benchmark.benchmark import default_names, run_all, runs_of
+    from uvms_drake.benchmark.figure import figure_name, write_figures
+    from uvms_drake.benchmark.table import format_benchmark, summarise
+    from uvms_drake.common.jsonable import jsonable
+
+    require(args.processes >= 1, "--processes", args.processes, "at least 1")
+    controllers, robots, cases = (given or known for given, known in zip(
+        (args.controllers, args.robots, args.cases), default_names(), strict=True))
+    runs = runs_of(controllers, robots, cases, args.runs, args.seed)
+    own = (JSON_FILE, TABLE_FILE, *(figure_name(robot) for robot in robots))
+    try:
+        with output_folder(args.output, own) as output:
+            with closing(Bar("running", stream_of(args))) as progress:
+                results = run_all(runs, args.output, args.processes, progress)
+            summary = summarise(results)
+            text = format_benchmark(summary)
+            (output.folder / JSON_FILE).write_text(json.dumps(
+                jsonable(summary), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            (output.folder / TABLE_FILE).write_text(text + "\n", encoding="utf-8")
+            write_figures(results, output.folder)
+    except KeyboardInterrupt:
+        print("\nuvms-drake: interrupted; the same command goes on with the missing runs",
+              file=sys.stderr)
+        return 130
+    print(text)
+    print(f"written to {args.output}: {', '.join(sorted(output.kept))}", file=sys.stderr)
+    return 0
