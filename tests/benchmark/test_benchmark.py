@@ -1,0 +1,133 @@
+"""The command: one's own law by one file and one flag, continued runs, and messages."""
+
+import json
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import LeafSystem
+
+from uvms_drake.benchmark.benchmark import run_all, runs_of
+from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named
+from uvms_drake.benchmark.table import format_benchmark, summarise
+from uvms_drake.command.main import main
+
+OWN = '''
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+
+class Float(LeafSystem):
+    """No force at all."""
+
+    def __init__(self, size):
+        super().__init__()
+        self.DeclareVectorInputPort("state", 2 * size)
+        self.DeclareVectorInputPort("force_measured", 6)
+        self.DeclareVectorOutputPort("tau", size, lambda context, output: output.SetFromVector(
+            np.zeros(size)))
+
+
+def make_controller(scenario, model):
+    return Float(model.size)
+'''
+
+
+@pytest.mark.slow
+def test_a_law_of_ones_own_enters_by_one_file_and_one_flag(tmp_path, capsys):
+    own, out = tmp_path / "my_law.py", tmp_path / "out"
+    own.write_text(OWN, encoding="utf-8")
+    name = f"{own}:make_controller"
+    command = ["benchmark", "--controllers", name, "--robots", "girona500_arm5e", "--cases",
+               "ideal", "--output", str(out), "--quiet"]
+    assert main(command) == 0
+    assert "| ideal:" in capsys.readouterr().out
+    cell = json.loads((out / "benchmark.json").read_text("utf-8"))["cells"]["girona500_arm5e"][
+        "ideal"][name]
+    assert cell["runs"] == 1 and cell["peak"]["worst"] == 0.0  # It never touches.
+    assert (out / "benchmark_girona500_arm5e.png").is_file()
+    # The same command repeats no run.
+    (run,) = (out / "runs").iterdir()
+    written = run.stat().st_mtime_ns
+    assert main(command) == 0
+    assert run.stat().st_mtime_ns == written
+    assert main([*command, "--seed", "2"]) == 2
+    assert "a folder without runs of another seed" in capsys.readouterr().err
+
+
+def test_a_file_without_the_function_and_unknown_names_are_refused(tmp_path, capsys):
+    own = tmp_path / "my_law.py"
+    own.write_text("make = 1\n", encoding="utf-8")
+    for option, value, message in (
+            ("--controllers", str(own), "a file with a function make_controller"),
+            ("--controllers", "pid", "FILE.py:FUNCTION"), ("--robots", "otter", "of bluerov2"),
+            ("--cases", "storm", "of ideal"), ("--runs", "0", "at least 1")):
+        assert main(["benchmark", option, value, "--output", str(tmp_path / "out")]) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_a_controller_is_found_by_its_file(tmp_path):
+    own = tmp_path / "my_law.py"
+    own.write_text(OWN, encoding="utf-8")
+    assert isinstance(controller_named(str(own))(None, type("Model", (), {"size": 10})), LeafSystem)
+    assert controller_named("impedance") is CONTROLLERS["impedance"]
+
+
+def result(controller: str, index: int, rms: float | None, **other) -> dict:
+    return {"controller": controller, "robot": "girona500_arm5e", "case": "thrusters", "seed": 1,
+            "index": index, "error": None, "ended": None if rms is not None else "force",
+            "force_rms": rms, "peak": 21.0, "settling": rms, "lateral": 0.001, "lost": 0,
+            "limits": {"q": 0.1 * index}, "saturated": 0.0, "chatter": 1.0, "energy": 5.0,
+            "step_ms": 0.2, "worst_step_ms": 0.3, **other}
+
+
+def test_medians_worst_and_lost_rows_are_those_of_the_runs():
+    summary = summarise([
+        *(result("impedance", i, rms) for i, rms in enumerate((0.1, 0.2, 0.9))),
+        *(result("tube_mpc", i, rms, peak=20.5) for i, rms in enumerate((0.3, 0.4, None)))])
+    cells = summary["cells"]["girona500_arm5e"]["thrusters"]
+    assert cells["impedance"]["force_rms"] == pytest.approx({"median": 0.2, "worst": 0.9})
+    assert cells["tube_mpc"]["force_rms"] == {"median": 0.4, "worst": np.inf}
+    assert cells["impedance"]["limits"] == pytest.approx({"q": 0.2})
+    assert cells["tube_mpc"]["failed"] == 1
+    assert [(row["metric"], row["by"]) for row in summary["better_than_tube"]] == [
+        ("force_rms", "impedance"), ("settling", "impedance")]
+    text = format_benchmark(summary)
+    assert "0.2 (0.9) / 21 / 0.2 (0.9)" in text and "0.4 (–) / 20.5 / 0.4 (–)" in text
+
+
+def test_the_first_draw_of_every_case_comes_before_the_second_of_any():
+    runs = runs_of(["impedance"], ["girona500_arm5e"], ["soft", "stiff"], 2, 1)
+    assert [(run.case, run.index) for run in runs] == [
+        ("soft", 0), ("stiff", 0), ("soft", 1), ("stiff", 1)]
+    assert len({run.file for run in runs}) == 4
+
+
+def test_a_damaged_file_of_a_run_is_repeated(tmp_path, monkeypatch):
+    (run,) = runs_of(["impedance"], ["girona500_arm5e"], ["soft"], 1, 1)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / run.file).write_text('{"controller": ', encoding="utf-8")
+    computed = []
+
+    class Now:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            return None
+
+    from uvms_drake.benchmark import benchmark
+    from uvms_drake.campaign.pool import Pool
+    monkeypatch.setattr(benchmark, "local_pool", lambda processes: Pool(Now, 1))
+    from concurrent.futures import Future
+
+    def submit(self, function, which):
+        future = Future()
+        computed.append(which)
+        future.set_result({**result("impedance", 0, 0.1), "case": "soft"})
+        return future
+
+    Now.submit = submit
+    (found,) = run_all([run], tmp_path, 1, lambda text, done: None)
+    assert computed == [run] and found["case"] == "soft"
+    assert run_all([run], tmp_path, 1, lambda text, done: None) == [found]
+    assert computed == [run]
