@@ -78,7 +78,7 @@ CASES = {case.name: case for case in (
     Case("thrusters", "thrusters of 0.05 to 0.15 s lag, 50 Hz, noise: so are all below"),
     Case("wall_off", "the wall 5 cm deeper", ("surface_error.shift=[0.05, 0.0, 0.0]",),
          further=8.0),
-    Case("soft", "stiffness × 0.2", ("surface_error.stiffness=0.2",)),
+    Case("soft", "stiffness × 0.2", ("surface_error.stiffness=0.2",), further=10.0),
     Case("stiff", "stiffness × 5", ("surface_error.stiffness=5.0",)),
     Case("very_stiff", "stiffness × 20", ("surface_error.stiffness=20.0",)),
     Case("tilt", "wall tilted by 5° in place of 3°", ("surface_error.turn=[0.0, 0.0349, 0.0]",)),
