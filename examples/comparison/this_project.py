@@ -9,7 +9,6 @@ loop, whose plant is the RK4 step: in the cost, and in the speed limits that the
 from dataclasses import replace
 
 import numpy as np
-from nlp import NonlinearSolver
 from problems import (
     CHI_DES,
     HORIZON,
@@ -29,9 +28,10 @@ from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp, Linearisation
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.limit_stack import Inputs
+from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import DynamicPlan, Plan
@@ -48,10 +48,10 @@ class ZeroOrderHoldOcp(DynamicOcp):
         begin, end = super()._inputs_at(plan, knots)
         return 0.5 * (begin + end), 0.5 * (begin + end)
 
-    def linearised_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray,
-                          B: np.ndarray) -> Inputs:
+    def _inputs_by(self, plan: DynamicPlan, knots: Points, f_y: np.ndarray, f_zeta: np.ndarray,
+                   xi_z: np.ndarray) -> Inputs:
         """Returns the constant ū and its derivatives, once."""
-        at, y_z, zeta_z, u_z = super().linearised_inputs(plan, model, A, B)
+        at, y_z, zeta_z, u_z = super()._inputs_by(plan, knots, f_y, f_zeta, xi_z)
         N = self.horizon
         return Inputs(at, y_z[:N], zeta_z[:N], 0.5 * (u_z[:N] + u_z[N:]))
 

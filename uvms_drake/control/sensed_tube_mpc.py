@@ -1,5 +1,7 @@
 """Controller for an unknown wall: nominal MPC, feedback, contact estimator and press target."""
 
+from typing import Any
+
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
@@ -16,7 +18,8 @@ from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.plan_extent import PlanExtent
-from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solver import Solver
+from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TURNED_FREELY, TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
@@ -26,7 +29,7 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 def make_sensed_tube_mpc(
     ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClass, sensing: ForceSensorModel, *,
     force: float, largest: float, margin: float, limits: Limits | None = None,
-    actuation_delay: ActuationDelay = ON_TIME,
+    actuation_delay: ActuationDelay = ON_TIME, solver: Solver[Any] | None = None,
 ) -> Diagram:
     """Returns the tube-based NMPC that presses on a wall of a class, as a Diagram named "tube_mpc".
 
@@ -101,6 +104,7 @@ def make_sensed_tube_mpc(
             `ContactEstimator`.
         limits: Limits of the real robot, to which `u` and `tau` are clipped; None: no clipping.
         actuation_delay: Delay of the commands, see `make_tube_mpc`.
+        solver: Solver of the problem; that of its `MpcConfig` if None.
     """
     require(largest + sensing.noise < sensing.largest, "largest", largest,
             "a force that is measured before the end of the sensor's range")
@@ -123,7 +127,7 @@ def make_sensed_tube_mpc(
 
     # Planner on the target within the safe region; its extent keeps that region from shrinking.
     mpc = NominalMpc.AddToBuilder(
-        builder, SequentialConvexSolver(ocp), state=measured, committed=committed)
+        builder, solver or make_solver(ocp), state=measured, committed=committed)
     for source, port in ((press.get_output_port(), "target"),
                          (normal.get_output_port(), "turn"),
                          (estimator.GetOutputPort("facet_depths"), "safe_depth")):

@@ -1,5 +1,7 @@
 """Controller for a known surface: nominal MPC and ancillary feedback as one Diagram."""
 
+from typing import Any
+
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
@@ -14,7 +16,8 @@ from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import Targets
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
-from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solver import Solver
+from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
@@ -22,7 +25,8 @@ from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
 
 def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
                   targets: Targets | None = None, limits: Limits | None = None,
-                  actuation_delay: ActuationDelay = ON_TIME) -> Diagram:
+                  actuation_delay: ActuationDelay = ON_TIME,
+                  solver: Solver[Any] | None = None) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
     ::
@@ -74,6 +78,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         limits: Limits of the real robot, to which `u` and `tau` are clipped; None: no clipping.
         actuation_delay: Delay of the commands, for a law that takes the thrusters' wrench; see
             `control.feedback.feedforward_preview` and `control.plan.commitment`.
+        solver: Solver of the problem; that of its `MpcConfig` if None, see `make_solver`.
 
     Raises:
         InvalidParameter: The problem is that of a sensed contact, which needs the force sensor and
@@ -86,7 +91,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
     mpc = NominalMpc.AddToBuilder(
-        builder, SequentialConvexSolver(ocp), state=measured, targets=targets,
+        builder, solver or make_solver(ocp), state=measured, targets=targets,
         committed=committed_intervals(law, actuation_delay, ocp.time_step))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
@@ -108,7 +113,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     return diagram
 
 
-def make_kinematic_tube_mpc(ocp: KinematicOcp, law: AncillaryLaw) -> Diagram:
+def make_kinematic_tube_mpc(ocp: KinematicOcp, law: AncillaryLaw,
+                            solver: Solver[Any] | None = None) -> Diagram:
     """Returns the tube-based NMPC of the kinematic model, as a Diagram named "tube_mpc".
 
     ::
@@ -142,11 +148,12 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, law: AncillaryLaw) -> Diagram:
     Args:
         ocp: The problem that the nominal MPC solves; its model is the controller's.
         law: The feedback law and its σ.
+        solver: Solver of the problem; that of its `MpcConfig` if None.
     """
     builder = DiagramBuilder()
     configuration = builder.AddNamedSystem("configuration", PassThrough(ocp.model.size))
     measured = configuration.get_output_port()
-    mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
+    mpc = NominalMpc.AddToBuilder(builder, solver or make_solver(ocp), state=measured)
     feedback = KinematicFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, configuration=measured)
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from pydrake.solvers import ClarabelSolver
 from support.limits import with_limits
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
@@ -28,52 +28,11 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 
 def in_full(program: StagedProgram) -> tuple[np.ndarray, float, float, float] | None:
     """Returns w, s, v and the cost: every variable and every limit goes to the conic solver."""
-    N, nx, nw = program.B.shape
-    prog = MathematicalProgram()
-    x, w = prog.NewContinuousVariables(N + 1, nx, "x"), prog.NewContinuousVariables(N, nw, "w")
-    s, v = prog.NewContinuousVariables(1, "s"), prog.NewContinuousVariables(1, "v")
-    prog.AddLinearCost([program.slack_penalty, program.excess_penalty], np.concatenate([s, v]))
-    prog.AddBoundingBoxConstraint(0.0, np.inf, np.concatenate([s, v]))
-    prog.AddBoundingBoxConstraint(0.0, 0.0, x[0])
-    prog.AddQuadraticCost(program.H_end, program.g_end, 0.0, x[N], is_convex=True)
-    for k in range(N):
-        prog.AddQuadraticCost(
-            program.H[k], program.g[k], 0.0, np.concatenate([x[k], w[k]]), is_convex=True)
-        prog.AddLinearEqualityConstraint(
-            np.hstack([program.A[k], program.B[k], -np.eye(nx)]), np.zeros(nx),
-            np.concatenate([x[k], w[k], x[k + 1]]))
-    linear = program.linear
-    unused = prog.NewContinuousVariables(nw, "w_N")
-    prog.AddBoundingBoxConstraint(0.0, 0.0, unused)
-    z = [*(np.concatenate([x[k], w[k]]) for k in range(N)), np.concatenate([x[N], unused])]
-    for k in range(N + 1):
-        soft = linear.soft[:, None].astype(float)
-        for sign, bound in ((1.0, linear.upper[k]), (-1.0, -linear.lower[k])):
-            kept = np.isfinite(bound)
-            prog.AddLinearConstraint(
-                np.hstack([sign * linear.C[k], -soft])[kept], np.full(kept.sum(), -np.inf),
-                (bound - sign * linear.value[k])[kept], np.concatenate([z[k], v]))
-        for limit in program.norms:
-            if np.isfinite(limit.bound[k]):
-                prog.AddLorentzConeConstraint(
-                    np.vstack([np.zeros((1, nx + nw)), limit.C]),
-                    np.concatenate([[limit.bound[k]], limit.value[k]]), z[k])
-    terminal = program.terminal
-    if np.isfinite(terminal.radius):
-        A = np.zeros((1 + len(terminal.T), nx + 1))
-        A[0, nx], A[1:, :nx] = 1.0, terminal.T
-        prog.AddLorentzConeConstraint(
-            A, np.concatenate([[terminal.radius], terminal.value]), np.concatenate([x[N], s]))
-    if terminal.radius_bound is not None:
-        for row, size in zip(terminal.radius_bound.rows, terminal.radius_bound.size, strict=True):
-            A = np.zeros((1 + len(terminal.T), nx + 1))
-            A[0, nx], A[0, :nx], A[1:, :nx] = 1.0, row, terminal.T
-            prog.AddLorentzConeConstraint(
-                A, np.append(size, terminal.value), np.concatenate([x[N], s]))
+    prog = program.mathematical_program()
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
         return None
-    return (result.GetSolution(w), *result.GetSolution(s), *result.GetSolution(v),
+    return (result.GetSolution(prog.w), *result.GetSolution(prog.s), *result.GetSolution(prog.v),
             result.get_optimal_cost())
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from comparison.nlp import NonlinearSolver
 from pydrake.solvers import SnoptSolver
 
 from uvms_drake.certificate.certify import between_knots, tightening_margins
@@ -13,6 +12,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits
 from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.limits.tip_velocity import TipVelocity
+from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.plane import UnilateralPlane

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from comparison.nlp import NonlinearSolver
 from pydrake.solvers import SnoptSolver
 from support import dh
 from support.limits import bounded
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
+from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import KinematicPlan

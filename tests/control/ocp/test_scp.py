@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from comparison.nlp import NonlinearSolver
-from pydrake.solvers import SnoptSolver, SolverOptions
+from pydrake.solvers import SnoptSolver
 from support.limits import with_limits
 
 from uvms_drake.control.convex.staged_solver import solve_staged
+from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
-from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solver import Solution
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import start_state
@@ -21,10 +22,6 @@ pytestmark = pytest.mark.long
 ITERATIONS, TOLERANCE = 300, 1e-10  # at most, and of the merit, for a converged solution
 COMPARED = {"off": 6, "on": 4, "before": 2}
 """Of the states of `start_plans`, those from which SNOPT solves the problem too."""
-TIGHT = SolverOptions()
-"""SNOPT's own tolerances are about as large as the tolerances here."""
-for name in ("Major feasibility tolerance", "Major optimality tolerance"):
-    TIGHT.SetOption(SnoptSolver.id(), name, 1e-8)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +39,7 @@ def fast(solver, start_plans) -> dict[str, list[Solution]]:
 @pytest.fixture(scope="module")
 def reference(short_ocp, start_plans) -> dict[str, list[Solution]]:
     """SNOPT's solutions from the first of the same guesses."""
-    nlp = NonlinearSolver(short_ocp, SnoptSolver(), TIGHT)
+    nlp = NonlinearSolver(short_ocp, SnoptSolver())
     return {where: [nlp.solve(guess) for guess in start_plans[where][:count]]
             for where, count in COMPARED.items()}
 
@@ -68,7 +65,7 @@ def same_optimum(ocp: Ocp, one: Solution, other: Solution) -> bool:
     cost = one.evaluation.cost
     if cost != pytest.approx(other.evaluation.cost, rel=1e-6):
         assert cost <= 1.001 * other.evaluation.cost
-        confirmed = NonlinearSolver(ocp, SnoptSolver(), TIGHT).solve(one.plan)
+        confirmed = NonlinearSolver(ocp, SnoptSolver()).solve(one.plan)
         assert confirmed.evaluation.cost == pytest.approx(cost, rel=1e-6)
         return False
     assert one.evaluation.terminal_slack == pytest.approx(
@@ -92,7 +89,7 @@ def test_where_contact_is_made_each_solver_confirms_the_others_optimum(
     From the same guess the two may take different ones, some percent apart; started at the other's
     plan neither finds anything better.
     """
-    nlp = NonlinearSolver(short_ocp, SnoptSolver(), TIGHT)
+    nlp = NonlinearSolver(short_ocp, SnoptSolver())
     for one, other in zip(fast["before"], reference["before"], strict=False):
         costs = one.evaluation.cost, other.evaluation.cost
         assert nlp.solve(one.plan).evaluation.cost == pytest.approx(costs[0], rel=1e-3)
@@ -154,7 +151,7 @@ def test_the_solver_remembers_nothing(short_ocp, solver, start_plans):
 def solve_with_both(ocp: Ocp, guess: Plan) -> Solution:
     """Returns the fast solver's converged solution, after comparison with SNOPT's."""
     one = SequentialConvexSolver(ocp).solve(guess, ITERATIONS, TOLERANCE)
-    other = NonlinearSolver(ocp, SnoptSolver(), TIGHT).solve(guess)
+    other = NonlinearSolver(ocp, SnoptSolver()).solve(guess)
     assert one.converged
     assert other.converged
     assert one.evaluation.violation < 1e-6
@@ -266,7 +263,7 @@ def test_inputs_that_cannot_hold_the_robot_are_reported_as_a_violation(
         short_ocp, start_plans, where):
     weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
     guess = start_plans[where][0]
-    assert NonlinearSolver(weak, SnoptSolver(), TIGHT).solve(guess).plan is None
+    assert NonlinearSolver(weak, SnoptSolver()).solve(guess).plan is None
     solution = SequentialConvexSolver(weak).solve(guess, 50)
     assert solution.evaluation == weak.evaluate(solution.plan)
     assert solution.evaluation.violation > 1e3 * FEASIBLE
@@ -311,7 +308,7 @@ def closed_loop(ocp: Ocp, first: Plan, solve, samples: int) -> tuple[float, np.n
 def test_one_iteration_a_sample_costs_what_the_reference_costs(short_ocp, solver, start_plans):
     """On the wall, over 3 samples, from the same first plan: 0.1 %, and the same states."""
     first = solver.solve(start_plans["on"][1], ITERATIONS, TOLERANCE).plan
-    reference = NonlinearSolver(short_ocp, SnoptSolver(), TIGHT)
+    reference = NonlinearSolver(short_ocp, SnoptSolver())
     cost, states = closed_loop(short_ocp, first, lambda guess: solver.solve(guess, 1).plan, 3)
     best, expected = closed_loop(short_ocp, first, lambda guess: reference.solve(guess).plan, 3)
     assert cost == pytest.approx(best, rel=1e-3)

@@ -5,8 +5,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from comparison.nlp import NonlinearSolver
-from pydrake.solvers import SnoptSolver
 from support.tracking import DIRECTION, POSITION, SURFACE, at_rest, follow, tracking_ocp
 
 from uvms_drake.common.errors import InvalidParameter
@@ -68,23 +66,6 @@ def test_a_turned_problem_has_the_same_cost_and_motion(turn):
               for problem, guess in ((one, plan), (other, turned(plan, turn)))]
     np.testing.assert_allclose(solved[1].zeta_dot, solved[0].zeta_dot, atol=2e-4)
     np.testing.assert_allclose(solved[1].a, turned(solved[0], turn).a, atol=2e-5)
-
-
-def test_cost_and_limits_have_the_derivatives_of_differences(ocp, derivative):
-    """By the turn, too, which takes the terminal penalty along."""
-    problem = ocp.aimed(TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12, 0.1))
-    guess, nlp = in_motion(ocp, 2), NonlinearSolver(problem, SnoptSolver())
-    values = np.append(guess.decision.ravel(), 0.4)
-    _, gradient = nlp._cost(values, guess)
-    _, jacobian = nlp._constraints(values, guess)
-    scale = np.max(np.abs(jacobian), axis=1)
-    for j in [0, 1, 2, 3, 4, *range(10, len(values), 7), len(values) - 1]:
-        e = np.eye(len(values))[j]
-        slope = derivative(lambda s, e=e: nlp._cost(values + s * e, guess)[0][0], 1e-5)
-        np.testing.assert_allclose(
-            gradient[0, j], slope, rtol=1e-6, atol=1e-7 * np.max(np.abs(gradient)))
-        column = derivative(lambda s, e=e: nlp._constraints(values + s * e, guess)[0], 1e-5)
-        assert np.all(np.abs(jacobian[:, j] - column) <= 1e-5 * scale + 1e-8), f"column {j}"
 
 
 def test_it_turns_as_asked_about_a_tip_at_its_place(ocp):

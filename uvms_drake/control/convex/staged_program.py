@@ -1,4 +1,4 @@
-"""Convex program of one iteration; `staged_solver` solves it.
+"""Convex program of one iteration; `staged_solver` solves it, or any convex solver of Drake's.
 
 A plan is changed by x_k (state) and w_k (decision), z_k = (x_k, w_k):
 
@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from pydrake.solvers import MathematicalProgram
+
+from uvms_drake.common.bindings import named
 
 
 class LinearLimits(NamedTuple):
@@ -28,6 +31,8 @@ class LinearLimits(NamedTuple):
     """Upper bounds of the values (N+1, m)."""
     soft: np.ndarray
     """Whether v relaxes a row (m,)."""
+    names: tuple[str, ...] = ()
+    """Name of each row's limit (m,), for the bindings of `mathematical_program`."""
 
 
 def stacked(parts: list[LinearLimits]) -> LinearLimits:
@@ -47,6 +52,8 @@ class NormLimit(NamedTuple):
     """Vectors at the plan (N+1, m)."""
     bound: np.ndarray
     """Largest norms (N+1,); infinite where there is no limit."""
+    name: str = "norm"
+    """Name of the limit."""
 
 
 class RadiusBound(NamedTuple):
@@ -111,3 +118,81 @@ class StagedProgram:
     """Penalty ρ_s of the slack s."""
     excess_penalty: float
     """Penalty ρ_v of the excess v."""
+
+    def mathematical_program(self) -> "ConvexProgram":
+        """Returns the program as Drake's `MathematicalProgram`, named by stage and limit."""
+        return ConvexProgram(self)
+
+
+class ConvexProgram(MathematicalProgram):
+    """Staged program in full: a conic program with a quadratic cost, all limits at all stages.
+
+    Variables are `x[k]`, `w[k]`, `s` and `v`; costs `stage_cost[k]`, `terminal_cost` and
+    `penalties`; constraints `start`, `motion[k]`, `limits.NAME[k]`, `terminal_set`,
+    `radius_bound[i]` and `relaxations`. k is the program's own stage: that of a `TrackingOcp` has
+    one before the plan's, which moves the reference.
+    """
+
+    def __init__(self, program: StagedProgram):
+        super().__init__()
+        N, nx, nw = program.B.shape
+        self.x = np.array([self.NewContinuousVariables(nx, f"x[{k}]") for k in range(N + 1)])
+        """States x_k (N+1, nx)."""
+        self.w = np.array([self.NewContinuousVariables(nw, f"w[{k}]") for k in range(N)])
+        """Decisions w_k (N, nw)."""
+        self.s = self.NewContinuousVariables(1, "s")
+        """Slack s of the terminal set (1,)."""
+        self.v = self.NewContinuousVariables(1, "v")
+        """Excess v of the soft rows (1,)."""
+        penalties = [program.slack_penalty, program.excess_penalty]
+        relaxations = np.concatenate([self.s, self.v])
+        named(self.AddLinearCost(penalties, 0.0, relaxations), "penalties")
+        named(self.AddBoundingBoxConstraint(0.0, np.inf, relaxations), "relaxations")
+        named(self.AddBoundingBoxConstraint(0.0, 0.0, self.x[0]), "start")
+        for k in range(N):
+            z = np.concatenate([self.x[k], self.w[k]])
+            named(self.AddQuadraticCost(program.H[k], program.g[k], 0.0, z, is_convex=True),
+                  f"stage_cost[{k}]")
+            motion = np.hstack([program.A[k], program.B[k], -np.eye(nx)])
+            named(self.AddLinearEqualityConstraint(
+                motion, np.zeros(nx), np.concatenate([z, self.x[k + 1]])), f"motion[{k}]")
+        named(self.AddQuadraticCost(
+            program.H_end, program.g_end, 0.0, self.x[N], is_convex=True), "terminal_cost")
+        for k in range(N + 1):
+            self._add_limits(program, k)
+        self._add_terminal_set(program.terminal)
+
+    def _add_limits(self, program: StagedProgram, k: int) -> None:
+        """Adds the limits of a stage; the last one has no decision."""
+        linear = program.linear
+        z = np.concatenate([self.x[k], self.w[k]]) if k < len(self.w) else self.x[k]
+        names = np.array(linear.names or ["limits"] * len(linear.soft))
+        bounded = np.isfinite(linear.lower[k]) | np.isfinite(linear.upper[k])
+        for name in dict.fromkeys(names[bounded]):
+            own = bounded & (names == name)
+            C, soft = linear.C[k, own, : len(z)], linear.soft[own]
+            lower, upper = ((bound[k] - linear.value[k])[own]
+                            for bound in (linear.lower, linear.upper))
+            if not soft.any():
+                binding = self.AddLinearConstraint(C, lower, upper, z)
+            else:
+                v, none = soft[:, None].astype(float), np.full(len(C), np.inf)
+                binding = self.AddLinearConstraint(
+                    np.block([[C, -v], [C, v]]), np.concatenate([-none, lower]),
+                    np.concatenate([upper, none]), np.concatenate([z, self.v]))
+            named(binding, f"{name}[{k}]")
+        for limit in program.norms:
+            if np.isfinite(limit.bound[k]):
+                named(self.AddLorentzConeConstraint(
+                    np.pad(limit.C[:, : len(z)], ((1, 0), (0, 0))),
+                    np.append(limit.bound[k], limit.value[k]), z), f"{limit.name}[{k}]")
+
+    def _add_terminal_set(self, terminal: TerminalLimit) -> None:
+        """Adds ‖value + T x_N‖ ≤ radius + s, and the radius bounds likewise."""
+        bounds = terminal.radius_bounds(np.zeros(terminal.T.shape[1]))
+        first = int(np.isfinite(terminal.radius))
+        for i, (size, row) in enumerate(zip(bounds.size, bounds.rows, strict=True)):
+            A = np.block([[row, np.ones(1)], [terminal.T, np.zeros((len(terminal.T), 1))]])
+            named(self.AddLorentzConeConstraint(
+                A, np.append(size, terminal.value), np.concatenate([self.x[-1], self.s])),
+                f"radius_bound[{i - first}]" if i >= first else "terminal_set")

@@ -4,12 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from uvms_drake.control.convex.staged_program import (
-    LinearLimits,
-    NormLimit,
-    RadiusBound,
-    StagedProgram,
-)
+from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram
 
 
 def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.ndarray,
@@ -73,9 +68,10 @@ def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.n
     return replace(
         program, A=A, B=B, H=costs, g=gradients,
         H_end=np.pad(program.H_end, (0, m)), g_end=np.pad(program.g_end, (0, m)),
-        linear=LinearLimits(
-            after(0.0, spread(linear.C)), after(0.0, linear.value), after(-np.inf, linear.lower),
-            after(np.inf, linear.upper), linear.soft),
-        norms=tuple(NormLimit(spread(limit.C), after(0.0, limit.value), after(np.inf, limit.bound))
-                    for limit in program.norms),
+        linear=linear._replace(
+            C=after(0.0, spread(linear.C)), value=after(0.0, linear.value),
+            lower=after(-np.inf, linear.lower), upper=after(np.inf, linear.upper)),
+        norms=tuple(limit._replace(
+            C=spread(limit.C), value=after(0.0, limit.value), bound=after(np.inf, limit.bound))
+            for limit in program.norms),
         terminal=end._replace(T=np.pad(end.T, ((0, 0), (0, m))), radius_bound=radius_bound))

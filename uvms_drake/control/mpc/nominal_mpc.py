@@ -27,7 +27,7 @@ from uvms_drake.control.mpc.planner import (
     Sample,
     Targets,
 )
-from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solver import Solver
 from uvms_drake.control.plan.plan import Plan
 
 
@@ -111,7 +111,7 @@ class NominalMpc(LeafSystem):
         committed: Number n of committed intervals; zero for a `KinematicOcp`.
     """
 
-    def __init__(self, solver: SequentialConvexSolver[Any], targets: Targets | None = None,
+    def __init__(self, solver: Solver[Any], targets: Targets | None = None,
                  committed: int = 0):
         super().__init__()
         self._planner = Planner(solver, targets, committed)
@@ -231,7 +231,7 @@ class NominalMpc(LeafSystem):
         output.SetFromVector([self._recall(context).solve_seconds])
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, solver: SequentialConvexSolver[Any], *,
+    def AddToBuilder(builder: DiagramBuilder, solver: Solver[Any], *,
                      state: OutputPort | None = None, targets: Targets | None = None,
                      committed: int = 0, name: str = "nominal_mpc") -> "NominalMpc":
         """Adds the planner; `state` gives (𝔮, ζ) or 𝔮 and is left to the caller if None."""

@@ -16,7 +16,7 @@ from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.mpc.infeasibility import infeasibility_reason
 from uvms_drake.control.ocp.ocp import Ocp
-from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
+from uvms_drake.control.ocp.solver import Solution, Solver
 from uvms_drake.control.plan.plan import Plan
 
 FIRST_SOLVE_ITERATIONS = 50
@@ -103,7 +103,7 @@ class Planner:
         committed: n, number of intervals at the beginning of a plan that are not decided.
     """
 
-    def __init__(self, solver: SequentialConvexSolver[Any], targets: Targets | None = None,
+    def __init__(self, solver: Solver[Any], targets: Targets | None = None,
                  committed: int = 0):
         self._solver, self._targets, self._committed = solver, targets, committed
         self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
@@ -243,23 +243,22 @@ class Planner:
             warn(sample.time, f"the desired force is refused: {why}")
         return None
 
-    def _current(self, sample: Sample, memory: MpcMemory) -> SequentialConvexSolver[Any]:
+    def _current(self, sample: Sample, memory: MpcMemory) -> Solver[Any]:
         """Returns the solver of the plan's problem, with the inputs given now."""
         solver = self._solver_of(memory.force)
         assert solver is not None  # It made the plan.
-        return SequentialConvexSolver(solver.ocp.given(sample.given)) if sample.given \
-            else solver
+        return solver.of(solver.ocp.given(sample.given)) if sample.given else solver
 
-    def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver[Any] | None:
+    def _solver_of(self, force: np.ndarray) -> Solver[Any] | None:
         """Returns the solver of the problem of a desired force (6,), or None if there is none."""
         if np.array_equal(force, self.initial.force):
             return self._solver
         return self._problem(force.tobytes())[0]
 
-    def _make_solver(self, force: bytes) -> tuple[SequentialConvexSolver[Any] | None, str]:
+    def _make_solver(self, force: bytes) -> tuple[Solver[Any] | None, str]:
         assert self._targets is not None
         try:
-            return SequentialConvexSolver(self._targets.ocp(np.frombuffer(force))), ""
+            return self._solver.of(self._targets.ocp(np.frombuffer(force))), ""
         except (InvalidParameter, np.linalg.LinAlgError) as error:
             return None, str(error)
 

@@ -115,17 +115,16 @@ class DynamicOcp(Ocp[DynamicPlan]):
         """Returns the blocks of ξ."""
         return Slopes(*np.split(np.eye(self.state_size), 2))
 
-    def _velocities(self, plan: DynamicPlan) -> np.ndarray:
+    def velocities(self, plan: DynamicPlan) -> np.ndarray:
+        """Returns ζ̄."""
         return plan.zeta
 
     def linearise(self, plan: DynamicPlan, knots: Points | None = None) -> Linearisation:
         """Returns the first-order model about a plan; `knots` are its points, if known."""
         knots = knots or self._knots(plan)
         motion = self._transitions(knots, plan.zeta[:-1], plan.zeta_dot)
-        f_config, f_zeta = self.model.drift_gradients(
-            plan.config, plan.zeta, knots.drift, knots.kinematics, knots.inverse_mass)
-        return Linearisation(
-            **vars(motion), f=knots.drift, f_y=f_config @ knots.config_y, f_zeta=f_zeta)
+        f_y, f_zeta = self._drift_slopes(plan, knots)
+        return Linearisation(**vars(motion), f=knots.drift, f_y=f_y, f_zeta=f_zeta)
 
     def staged_program(self, plan: DynamicPlan, points: PlanPoints | None = None) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of ζ̄̇."""
@@ -147,11 +146,42 @@ class DynamicOcp(Ocp[DynamicPlan]):
         A and B are the derivatives of ξ at the last.
         """
         N, size = self.horizon, self.model.size
-        f_xi = np.concatenate([model.f_y, model.f_zeta], axis=2)
-        # ∂ξ/∂z at both ends, and ∂ū/∂z = ∂ζ̄̇/∂z − ∂f/∂ξ ∂ξ/∂z.
         xi_z = np.zeros((2 * N, 2 * size, 3 * size))
         xi_z[:N, :, : 2 * size] = np.eye(2 * size)
         xi_z[N:, :, : 2 * size], xi_z[N:, :, 2 * size:] = A, B
+        return self._inputs_by(plan, model.knots, model.f_y, model.f_zeta, xi_z)
+
+    def interval_inputs(self, plan: DynamicPlan, knots: Points) -> Inputs:
+        """Returns ū at both ends of the intervals, which need not meet, and its derivatives.
+
+        Those by (y, ζ) at the first, ζ̄̇, and (y, ζ) at the last.
+        """
+        N, size = len(plan.zeta_dot), self.model.size
+        f_y, f_zeta = self._drift_slopes(plan, knots)
+        xi_z = np.zeros((2 * N, 2 * size, 5 * size))
+        xi_z[:N, :, : 2 * size] = xi_z[N:, :, 3 * size:] = np.eye(2 * size)
+        return self._inputs_by(plan, knots, f_y, f_zeta, xi_z)
+
+    def _drift_slopes(self, plan: DynamicPlan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Returns ∂f/∂ȳ and ∂f/∂ζ̄ at the knots (N+1, 6+n, 6+n)."""
+        f_config, f_zeta = self.model.drift_gradients(
+            plan.config, plan.zeta, knots.drift, knots.kinematics, knots.inverse_mass)
+        return f_config @ knots.config_y, f_zeta
+
+    def _inputs_by(self, plan: DynamicPlan, knots: Points, f_y: np.ndarray, f_zeta: np.ndarray,
+                   xi_z: np.ndarray) -> Inputs:
+        """Returns ū at both ends of the intervals and its derivatives by z, the third part ζ̄̇.
+
+        Args:
+            plan: The plan.
+            knots: Its knots.
+            f_y: ∂f/∂ȳ there.
+            f_zeta: ∂f/∂ζ̄ there.
+            xi_z: ∂ξ/∂z at the beginnings, then at the ends (2N, 2(6+n), size of z).
+        """
+        N, size = len(plan.zeta_dot), self.model.size
+        f_xi = np.concatenate([f_y, f_zeta], axis=2)
+        # ∂ū/∂z = ∂ζ̄̇/∂z − ∂f/∂ξ ∂ξ/∂z.
         u_z = np.concatenate([-f_xi[:-1] @ xi_z[:N], -f_xi[1:] @ xi_z[N:]])
-        u_z[..., 2 * size:] += np.eye(size)
-        return Inputs(self._ends(plan, model.knots), xi_z[:, :size], xi_z[:, size:], u_z)
+        u_z[..., 2 * size: 3 * size] += np.eye(size)
+        return Inputs(self._ends(plan, knots), xi_z[:, :size], xi_z[:, size:], u_z)

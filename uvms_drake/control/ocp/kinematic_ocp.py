@@ -83,7 +83,8 @@ class KinematicOcp(Ocp[KinematicPlan]):
         """Returns ξ itself, and ζ̄ = gain · ξ."""
         return Slopes(np.eye(self.state_size), self.terminal.gain)
 
-    def _velocities(self, plan: KinematicPlan) -> np.ndarray:
+    def velocities(self, plan: KinematicPlan) -> np.ndarray:
+        """Returns ζ̄, and zero at the last knot."""
         return np.concatenate([plan.zeta, np.zeros((1, self.model.size))])
 
     def staged_program(self, plan: KinematicPlan, points: PlanPoints | None = None
@@ -91,6 +92,14 @@ class KinematicOcp(Ocp[KinematicPlan]):
         """Returns the convex program about a plan; its w is the change of ζ̄."""
         points = points or self.points(plan)
         model = self._transitions(points.knots, plan.zeta, np.zeros_like(plan.zeta))
-        y_z, zeta_z = np.repeat(self._state_z(2 * self.model.size)[:, None], self.horizon, axis=1)
-        inputs = Inputs(points.begin, y_z, zeta_z, zeta_z)
-        return self._program(plan, model.dy_dy, model.dy_dzeta, points, inputs)
+        return self._program(plan, model.dy_dy, model.dy_dzeta, points,
+                             self._inputs_by(points.begin, 2 * self.model.size))
+
+    def interval_inputs(self, plan: KinematicPlan, knots: Points) -> Inputs:
+        """Returns ζ̄ and its derivatives by y at the first knot, ζ̄, and y at the last."""
+        return self._inputs_by(self._ends(plan, knots), 3 * self.model.size)
+
+    def _inputs_by(self, begin: Points, width: int) -> Inputs:
+        """Returns ζ̄ and its derivatives by z (`width`,), which starts with y and ζ."""
+        y_z, zeta_z = np.repeat(self._state_z(width)[:, None], len(begin.config), axis=1)
+        return Inputs(begin, y_z, zeta_z, zeta_z)

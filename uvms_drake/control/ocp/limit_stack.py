@@ -14,7 +14,7 @@ import numpy as np
 
 from uvms_drake.control.convex.staged_program import LinearLimits, NormLimit
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.plan.points import Points, Slopes
+from uvms_drake.control.plan.points import About, Points, Slopes
 
 
 class Inputs(NamedTuple):
@@ -28,6 +28,19 @@ class Inputs(NamedTuple):
     """Derivatives ∂ζ/∂z, likewise."""
     u_z: np.ndarray
     """Derivatives ∂u/∂z, likewise."""
+
+
+class RowGroup(NamedTuple):
+    """Rows of a limit in the arrays."""
+
+    name: str
+    """Name of the limit."""
+    columns: slice
+    """Columns of the rows."""
+    about: About
+    """Arguments of their values; of an input both ends of an interval are side by side."""
+    linear: bool
+    """Whether their slopes are the same at all points."""
 
 
 class Values(NamedTuple):
@@ -90,6 +103,8 @@ class LimitStack:
         self._lower, self._upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         self._norm_rows: list[np.ndarray] = []
         self._norm_bounds: list[np.ndarray] = []
+        self._names = tuple(f"limits.{limit.name}" for limit, count in zip(
+            ordered, counts, strict=True) for _ in range(count))
         # Their places; slopes that are constant are written once.
         last = np.cumsum(counts)
         for limit, cone, own, count, stop in zip(ordered, cones, bounds, counts, last, strict=True):
@@ -138,6 +153,12 @@ class LimitStack:
             out._rows[self._rows.index(entry)] = new
             out._bound(new, limit.lower, limit.upper)
         return out
+
+    @property
+    def groups(self) -> list[RowGroup]:
+        """Rows by limit."""
+        return [RowGroup(f"limits.{entry.limit.name}", entry.columns, entry.limit.about,
+                         entry.constant) for entry in self._rows]
 
     @property
     def _entries(self) -> list[_Entry]:
@@ -202,11 +223,12 @@ class LimitStack:
                 C[: len(by_z), entry.columns] = by_z
             else:
                 self._fill(C, entry.columns, slopes)
-        return LinearLimits(C, values.rows, self._lower, self._upper, self._soft)
+        return LinearLimits(C, values.rows, self._lower, self._upper, self._soft, self._names)
 
     def norms(self, values: Values) -> tuple[NormLimit, ...]:
         """Returns the limits that are norms of a convex program."""
-        return tuple(map(NormLimit, self._norm_rows, values.cones, self._norm_bounds))
+        return tuple(map(NormLimit, self._norm_rows, values.cones, self._norm_bounds,
+                         [f"limits.{entry.limit.name}" for entry in self._cones]))
 
     def _side_by_side(self, value: np.ndarray) -> np.ndarray:
         """Returns values (N, 2m, ...) of the intervals from those of their ends (2N, m, ...)."""

@@ -15,7 +15,7 @@ quadratic, linear and conic. The terminal constraint is softened by an exact pen
 whenever that is possible, and it is reported, never dropped.
 
 A problem values a plan (`evaluate`) and makes the convex program about a plan (`staged_program`);
-`scp` solves it fast, `nlp` is the reference.
+`mathematical_program` is the whole of it in Drake's form. `scp` and `nonlinear_solver` solve it.
 """
 
 from abc import ABC, abstractmethod
@@ -26,11 +26,12 @@ from typing import ClassVar, Generic, NamedTuple, Self
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.control.convex.staged_program import StagedProgram, TerminalLimit
+from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram, TerminalLimit
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.costs.term import CostTerm
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp.limit_stack import Inputs, LimitStack, Values
+from uvms_drake.control.ocp.ocp_program import OcpProgram
 from uvms_drake.control.plan.plan import P, advance_derivatives
 from uvms_drake.control.plan.points import Points, Slopes, check_slopes
 from uvms_drake.control.plan.terminal import Terminal
@@ -40,6 +41,9 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 INITIAL_STATES = ("nominal", "measured")
 INPUT_REFERENCES = ("equilibrium", "zero")
+STRUCTURED = "structured"
+SOLVERS = (STRUCTURED, "clarabel", "gurobi", "ipopt", "mosek", "nlopt", "osqp", "scs", "snopt")
+"""Names of solvers, see `solvers`."""
 
 
 @dataclass
@@ -52,6 +56,10 @@ class MpcConfig:
     """Length h of an interval and sampling period [s]; T = N h."""
     iterations: int = 1
     """Sequential convex iterations per sample; the first solve iterates to convergence."""
+    solver: str = STRUCTURED
+    """Solver: `structured`, which knows the stages of the program; or one of Drake's: of the convex
+    programs (`clarabel`, `gurobi`, `mosek`, `osqp`, `scs`) or of the whole nonlinear program at
+    once, to the end (`ipopt`, `nlopt`, `snopt`). The closed loop is the same; the time is not."""
     weight_y: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Diagonal of Q for y − y_des, y = (𝔭, 𝔬, q)."""
     weight_zeta: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -164,6 +172,11 @@ class Ocp(ABC, Generic[P]):
     """Whether every plan has to be sound, from the first on, for recursive feasibility."""
     tolerance: ClassVar[float] = FEASIBLE
     """Largest violation of a sound plan."""
+    moved: np.ndarray = np.empty(0, dtype=int)
+    """Components of y_des by which a plan moves its reference, by a (m,)."""
+    turn: float = 0.0
+    """Largest turn of the reference about the vertical [rad]."""
+    terminal_penalty: ClassVar[float] = TERMINAL_PENALTY
     task_cost: TaskCost
     terminal: Terminal
 
@@ -177,7 +190,7 @@ class Ocp(ABC, Generic[P]):
                 mpc.deadline, "positive")
         require(0.0 <= mpc.hover < np.inf, "hover", mpc.hover, "zero or positive")
         for key, choices in (("initial_state", INITIAL_STATES),
-                             ("input_reference", INPUT_REFERENCES)):
+                             ("input_reference", INPUT_REFERENCES), ("solver", SOLVERS)):
             require(getattr(mpc, key) in choices, key, getattr(mpc, key),
                     f"one of {', '.join(choices)}")
         self.model = model
@@ -185,6 +198,7 @@ class Ocp(ABC, Generic[P]):
         self.horizon = mpc.horizon
         self.time_step = mpc.time_step
         self.iterations = mpc.iterations
+        self.solver = mpc.solver
         self.hover = mpc.hover
         self.deadline = mpc.deadline
         # A plan about another equilibrium than the task's need not end in its terminal set.
@@ -217,6 +231,11 @@ class Ocp(ABC, Generic[P]):
         """Returns limits in arrays, for the states and decisions of this problem."""
         return LimitStack(limits, self._examples(), stages or self.horizon + 1,
                           self.state_size + self.model.size, self.given_speed, self.input_ends)
+
+    def interval_stack(self) -> LimitStack:
+        """Returns the limits in arrays, by the variables of intervals as `interval_inputs` has."""
+        return LimitStack(self.limits, self._examples(), self.horizon + 1,
+                          2 * self.state_size + self.model.size, self.given_speed, self.input_ends)
 
     def stack(self, plan: P) -> LimitStack:
         """Returns the limits in arrays, for a plan of usually N intervals."""
@@ -290,7 +309,18 @@ class Ocp(ABC, Generic[P]):
         """
 
     @abstractmethod
-    def _velocities(self, plan: P) -> np.ndarray:
+    def interval_inputs(self, plan: P, knots: Points) -> Inputs:
+        """Returns ū of intervals that need not meet, and its derivatives by their variables.
+
+        These are y and ζ at the beginning, ζ̄̇ if it has accelerations, and y and then ζ at the end.
+
+        Args:
+            plan: The plan; its knots need not be where its decision leads.
+            knots: The knots.
+        """
+
+    @abstractmethod
+    def velocities(self, plan: P) -> np.ndarray:
         """Returns ζ̄ at the knots (N+1, 6+n); of no meaning at the `given_speed` of the last."""
 
     def is_sound(self, value: Evaluation | None, slack: float | None = None) -> bool:
@@ -305,6 +335,10 @@ class Ocp(ABC, Generic[P]):
         """Returns whether a plan is sound, or no worse than another one that is not."""
         beyond, before = (max(each.violation, each.terminal_slack) for each in (value, other))
         return self.is_sound(value) or (not self.is_sound(other) and beyond <= before)
+
+    def improves(self, new: Evaluation, old: Evaluation) -> bool:
+        """Returns whether a plan may take another's place: it is better and, if strict, `keeps`."""
+        return new.merit < old.merit and (not self.strict or self.keeps(new, old))
 
     @property
     def inputs_given(self) -> dict[str, int]:
@@ -359,9 +393,39 @@ class Ocp(ABC, Generic[P]):
         """
         return ()
 
-    def _stage_cost(self, plan: P) -> TaskCost:
+    def stage_cost(self, plan: P) -> TaskCost:
         """Returns the task's cost of a plan."""
         return self.task_cost
+
+    def offset_cost(self, plan: P) -> tuple[float, np.ndarray]:
+        """Returns the cost of the plan's reference and its gradient by a (m,)."""
+        return 0.0, np.zeros(len(self.moved))
+
+    def radius_bound(self, plan: P) -> RadiusBound | None:
+        """Returns bounds of the terminal radius other than ε, with gradients by a, if any."""
+        return None
+
+    def terminal_vector(self, plan: P, y: np.ndarray
+                        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns v (r,) with ‖v‖₂ = ‖ξ_N‖_P, and its derivatives by ξ_N + E a and by a.
+
+        Args:
+            plan: The plan.
+            y: ȳ at the knots, unwrapped.
+        """
+        root = self.terminal.root @ self.terminal_axes(plan)
+        return root @ self.errors(plan, y)[-1], root, -root[:, self.moved]
+
+    def mathematical_program(self, start: np.ndarray, time: float = 0.0) -> OcpProgram[P]:
+        """Returns the whole nonlinear problem as Drake's `MathematicalProgram`.
+
+        Its initial guess is to come to rest.
+
+        Args:
+            start: State at the first knot: (𝔮, ζ), or 𝔮 where ζ is the input.
+            time: Its instant [s].
+        """
+        return OcpProgram(self, self.resting_plan(time, start))
 
     def continued(self, plan: P) -> P:
         """Returns the plan one interval later, its end continued by the terminal controller.
@@ -386,7 +450,7 @@ class Ocp(ABC, Generic[P]):
         points = points or self.points(plan)
         xi = self.errors(plan, points.knots.y)
         stages = sum(term.value(points.begin)
-                     for term in (self._stage_cost(plan), *self.own_terms))
+                     for term in (self.stage_cost(plan), *self.own_terms))
         end = self.terminal_axes(plan) @ xi[-1]
         terminal = float(end @ self.terminal.P @ end)
         slack = max(0.0, np.sqrt(terminal) - self.terminal_radius(plan))
@@ -429,7 +493,7 @@ class Ocp(ABC, Generic[P]):
         """Returns the points of the knots of a plan."""
         return Points.known(
             self.model, plan.config, self.model.kinematics(plan.config), self.unwrapped,
-            self._velocities(plan))
+            self.velocities(plan))
 
     def _transitions(self, knots: Points, zeta: np.ndarray, zeta_dot: np.ndarray) -> Transitions:
         """Returns the first-order model of a plan with ζ̄ and ζ̄̇ (N, 6+n) of its intervals."""
@@ -455,7 +519,7 @@ class Ocp(ABC, Generic[P]):
         knots, begin = points.knots, points.begin
         by_z = [each[: len(A)] for each in inputs[1:]]
         xi = self.errors(plan, knots.y)
-        H, g = self._stage_cost(plan).quadratic(begin, Slopes(*by_z), self.time_step)
+        H, g = self.stage_cost(plan).quadratic(begin, Slopes(*by_z), self.time_step)
         for term in self.own_terms:
             more_H, more_g = term.quadratic(begin, Slopes(*by_z), self.time_step)
             H, g = H + more_H, g + more_g

@@ -9,8 +9,7 @@ be kept. One iteration a sample is enough for the closed loop: the plan is never
 one continued by the terminal controller (Scokaert, Mayne and Rawlings 1999).
 """
 
-from dataclasses import dataclass
-from typing import Generic
+from collections.abc import Callable
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.control.convex.staged_solver import StagedSolution
 from uvms_drake.control.convex.staged_solver import solve_staged as solve_staged
 from uvms_drake.control.ocp.ocp import Evaluation, Ocp, PlanPoints
+from uvms_drake.control.ocp.solver import Solution, Solver
 from uvms_drake.control.plan.plan import P
 
 SHORTEST_STEP = 1.0 / 64.0
@@ -28,24 +28,25 @@ SHRINKS = 0.3
 """Largest part of a violation after a correction that justifies another one."""
 
 
-@dataclass(frozen=True)
-class Solution(Generic[P]):
-    """Result of a solve; `plan` is None if the solver failed."""
-
-    plan: P | None
-    evaluation: Evaluation | None
-    iterations: int
-    converged: bool
-    """Whether it ended because no step improved the merit by more than the tolerance."""
-    rows: int = 0
-    """Number of rows of limits in the last convex program; 0 where none was active."""
+ConvexSolver = Callable[[StagedProgram], StagedSolution | None]
+"""Solver of the convex programs; None is returned if there is no solution."""
 
 
-class SequentialConvexSolver(Generic[P]):
-    """Solves an `Ocp` from a guess."""
+class SequentialConvexSolver(Solver[P]):
+    """Solves an `Ocp` from a guess by convex programs.
 
-    def __init__(self, ocp: Ocp[P]):
+    Args:
+        ocp: The problem.
+        convex: Solver of the convex programs; `solve_staged` if None.
+    """
+
+    def __init__(self, ocp: Ocp[P], convex: ConvexSolver | None = None):
         self.ocp = ocp
+        self._convex = convex
+
+    def of(self, ocp: Ocp[P]) -> "SequentialConvexSolver[P]":
+        """Returns the same solver for another problem."""
+        return SequentialConvexSolver(ocp, self._convex)
 
     def solve(self, guess: P, iterations: int, tolerance: float = 1e-6) -> Solution[P]:
         """Returns the best plan found from `guess`, whose first knot is the initial state.
@@ -59,7 +60,7 @@ class SequentialConvexSolver(Generic[P]):
         evaluation = self.ocp.evaluate(guess, points)
         for iteration in range(1, iterations + 1):
             program = self.ocp.staged_program(plan, points)
-            change = solve_staged(program)
+            change = (self._convex or solve_staged)(program)
             if change is None:
                 if iteration == 1:
                     return Solution(None, None, iteration, converged=False)
@@ -82,11 +83,11 @@ class SequentialConvexSolver(Generic[P]):
             candidate = plan.redone(plan.start, plan.decision + step * change.w)
             points = self.ocp.points(candidate)
             value = self.ocp.evaluate(candidate, points)
-            if self._is_better(value, evaluation):
+            if self.ocp.improves(value, evaluation):
                 return candidate, value, points
             if step == 1.0 and self.ocp.is_sound(evaluation) and value.cost < evaluation.cost:
                 corrected = self._corrected(candidate, value, points, program, change)
-                if self._is_better(corrected[1], evaluation):
+                if self.ocp.improves(corrected[1], evaluation):
                     return corrected
             step *= 0.5
         return None
@@ -108,7 +109,3 @@ class SequentialConvexSolver(Generic[P]):
             if self.ocp.is_sound(value) or after > SHRINKS * before:
                 break  # It is within limits, or converges too slowly.
         return plan, value, points
-
-    def _is_better(self, new: Evaluation, old: Evaluation) -> bool:
-        """Returns whether a plan may take another's place."""
-        return new.merit < old.merit and (not self.ocp.strict or self.ocp.keeps(new, old))

@@ -95,7 +95,7 @@ class TrackingOcp(DynamicOcp):
         self.offset = offset or OffsetCost()
         self.offset.check()
         self.turn = turn
-        self._moved = np.array([0, 1, 2, YAW] if turn else [0, 1, 2])
+        self.moved = np.array([0, 1, 2, YAW] if turn else [0, 1, 2])
         self._require_the_same_everywhere()
         self._lasting = limits
         self._stacked_aimed = self._stack_of(self._aimed_limits(TrackingTarget(y_des[:3])))
@@ -227,7 +227,7 @@ class TrackingOcp(DynamicOcp):
     def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> TrackingPlan:
         """Returns a first guess: coast, then come to rest, with the reference there."""
         plan = super().resting_plan(time, state, coasting)
-        a, most = self._error(plan.config[-1])[self._moved], TURNED_FREELY * self.turn
+        a, most = self._error(plan.config[-1])[self.moved], TURNED_FREELY * self.turn
         a[3:] = np.clip(a[3:], -most, most)
         return TrackingPlan(**vars(plan), a=a)
 
@@ -235,7 +235,7 @@ class TrackingOcp(DynamicOcp):
         """Returns y_des + E a (6+n,)."""
         assert isinstance(plan, TrackingPlan)
         out = self.y_des.copy()
-        out[self._moved] += plan.a
+        out[self.moved] += plan.a
         return out
 
     def errors(self, plan: DynamicPlan, y: np.ndarray) -> np.ndarray:
@@ -244,7 +244,7 @@ class TrackingOcp(DynamicOcp):
 
     def _bound_rows(self) -> np.ndarray:
         """Returns the gradients of the bounds of ρ(a) by a (m, size of a), of facets and turn."""
-        rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (0, len(self._moved) - 3)))
+        rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (0, len(self.moved) - 3)))
         if not self.turn:
             return rows
         per = self.terminal.radius / ((1.0 - TURNED_FREELY) * self.turn)
@@ -252,9 +252,9 @@ class TrackingOcp(DynamicOcp):
 
     def terminal_radius(self, plan: DynamicPlan) -> float:
         """Returns the radius ρ(a)."""
-        return float(np.min(self._radius_bound(plan).size, initial=self.terminal.radius))
+        return float(np.min(self.radius_bound(plan).size, initial=self.terminal.radius))
 
-    def _radius_bound(self, plan: DynamicPlan) -> RadiusBound:
+    def radius_bound(self, plan: DynamicPlan) -> RadiusBound:
         """Returns the bounds of ρ(a) other than ε, of facets and turn, with gradients by a."""
         assert isinstance(plan, TrackingPlan)
         sizes = (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
@@ -265,7 +265,8 @@ class TrackingOcp(DynamicOcp):
         there = np.isfinite(sizes)
         return RadiusBound(sizes[there], rows[there])
 
-    def _stage_cost(self, plan: DynamicPlan) -> TaskCost:
+    def stage_cost(self, plan: DynamicPlan) -> TaskCost:
+        """Returns the cost about the plan's reference."""
         return replace(self.task_cost, y_des=self.reference(plan))
 
     def _missing(self, plan: DynamicPlan) -> np.ndarray:
@@ -285,31 +286,49 @@ class TrackingOcp(DynamicOcp):
         return replace(value, cost=(
             value.cost + self.offset.value(missing) + self.offset.value(turn)))
 
+    def offset_cost(self, plan: DynamicPlan) -> tuple[float, np.ndarray]:
+        """Returns V_o, also of the turn, and its gradient by a."""
+        parts = self._missing(plan), self._unturned(plan)
+        return (sum(self.offset.value(part) for part in parts),
+                np.concatenate([self.offset.quadratic(part)[1] for part in parts]))
+
     def staged_program(self, plan: DynamicPlan, points: PlanPoints | None = None) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of a and of ζ̄̇."""
-        program, bound = super().staged_program(plan, points), self._radius_bound(plan)
+        program, bound = super().staged_program(plan, points), self.radius_bound(plan)
         program = replace(program, terminal=program.terminal._replace(radius=self.terminal.radius))
         bound = bound._replace(rows=np.pad(bound.rows, ((0, 0), (self.state_size, 0))))
-        H, g = np.zeros((len(self._moved), len(self._moved))), np.zeros(len(self._moved))
+        H, g = np.zeros((len(self.moved), len(self.moved))), np.zeros(len(self.moved))
         H[:3, :3], g[:3] = self.offset.quadratic(self._missing(plan))
         H[3:, 3:], g[3:] = self.offset.quadratic(self._unturned(plan))
-        program = with_place(program, self._moved, H, g, bound if len(bound.size) else None)
+        program = with_place(program, self.moved, H, g, bound if len(bound.size) else None)
         return self._with_turning_end(program, plan) if self.turn else program
 
     def _with_turning_end(self, program: StagedProgram, plan: DynamicPlan) -> StagedProgram:
         """Returns the program with the derivative of T ξ_N by the turn, too."""
-        assert isinstance(plan, TrackingPlan)
         xi = self.errors(plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
-        across = np.cross([0.0, 0.0, -1.0], (self._axes(plan.a[3]) @ xi)[:3])  # ∂(R_z(−ψ) ξ_𝔭)/∂ψ
         end = program.terminal
         T = end.T.copy()
-        T[:, -1] = self.terminal.root[:, :3] @ across
+        T[:, -1] = self._by_turn(plan, xi)
         return replace(program, H_end=2.0 * T.T @ T, g_end=2.0 * T.T @ end.value,
                        terminal=end._replace(T=T))
+
+    def _by_turn(self, plan: DynamicPlan, xi: np.ndarray) -> np.ndarray:
+        """Returns the derivative of the root of P times T(ψ) ξ by ψ, ξ held fixed."""
+        assert isinstance(plan, TrackingPlan)
+        across = np.cross([0.0, 0.0, -1.0], (self._axes(plan.a[3]) @ xi)[:3])  # ∂(R_z(−ψ) ξ_𝔭)/∂ψ
+        return self.terminal.root[:, :3] @ across
+
+    def terminal_vector(self, plan: DynamicPlan, y: np.ndarray
+                        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the vector and its derivatives, with that of T by the turn."""
+        value, root, by_a = super().terminal_vector(plan, y)
+        if self.turn:
+            by_a[:, -1] += self._by_turn(plan, self.errors(plan, y)[-1])
+        return value, root, by_a
 
     def revalued(self, program: StagedProgram, plan: DynamicPlan, points: PlanPoints
                  ) -> StagedProgram:
         """Returns a program with its own slopes, limited values and radii at another plan."""
         out, bound = super().revalued(program, plan, points), program.terminal.radius_bound
         return replace(out, terminal=out.terminal._replace(
-            radius_bound=bound and bound._replace(size=self._radius_bound(plan).size)))
+            radius_bound=bound and bound._replace(size=self.radius_bound(plan).size)))

@@ -15,6 +15,7 @@ from uvms_drake.control.limits import Limits
 from uvms_drake.control.mpc.planner import Targets
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay, CommandPath, Signals
@@ -78,9 +79,11 @@ class Dynamic(Motion[DynamicOcp]):
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
                           partial(retargeted_ocp, scenario, model))
         actuation_delay = actuation_delay_of(scenario, model)
+        with within("mpc"):
+            solver = make_solver(ocp)
         with within("ancillary"):
             return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
-                                 actuation_delay)
+                                 actuation_delay, solver)
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                         controller: Diagram, meshcat: Meshcat | None) -> None:

@@ -9,6 +9,7 @@ from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
@@ -75,8 +76,10 @@ class Kinematic(Motion[KinematicOcp]):
     def make_controller(self, scenario: Scenario, model: ContactModel, ocp: KinematicOcp
                         ) -> Diagram:
         """Returns the tube-based NMPC."""
+        with within("mpc"):
+            solver = make_solver(ocp)
         with within("ancillary"):
-            return make_kinematic_tube_mpc(ocp, scenario.ancillary)
+            return make_kinematic_tube_mpc(ocp, scenario.ancillary, solver)
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:

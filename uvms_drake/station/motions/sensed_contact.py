@@ -14,6 +14,7 @@ from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.between_knots import off_parabola, stopping_distance
 from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
@@ -98,11 +99,13 @@ class SensedContactMotion(Dynamic):
             require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                     f"less than {largest:.3g} N, like task.force")
         actuation_delay = actuation_delay_of(scenario, model)
+        with within("mpc"):
+            solver = make_solver(ocp)
         with within("ancillary"):
             return make_sensed_tube_mpc(
                 ocp, scenario.ancillary, contact.walls, sensing_of(scenario),
                 force=force, largest=largest, margin=margin,
-                limits=command_limits(scenario), actuation_delay=actuation_delay)
+                limits=command_limits(scenario), actuation_delay=actuation_delay, solver=solver)
 
     def contact_force(self, scenario: Scenario) -> MeasuredForceBounds:
         """Returns the bounds of the force of all walls of the class, and of its measurement."""

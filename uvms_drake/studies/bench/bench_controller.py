@@ -13,6 +13,7 @@ from uvms_drake.control.convex.staged_solver import StagedSolution
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import scp
 from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.solver import Solution
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions.motions import make_ocp
@@ -88,7 +89,7 @@ class NominalLoop:
         self._solver: scp.SequentialConvexSolver = scp.SequentialConvexSolver(self.ocp)
         self._start = start_state(scenario, self.ocp)[: self.ocp.state_size]
         self.plan: Plan = self.ocp.resting_plan(0.0, self._start)
-        self.solution: scp.Solution | None = None
+        self.solution: Solution | None = None
         """Solution of the last solve."""
 
     def first(self) -> None:

@@ -1,0 +1,145 @@
+"""Tests of `uvms_drake.control.ocp.ocp_program` and of its solver `nonlinear_solver`.
+
+`test_scp` holds the fast solver against it.
+"""
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+from pydrake.solvers import SnoptSolver
+from support.limits import with_limits
+from support.programs import check_derivatives, cost, excess, names
+from support.tracking import POSITION, at_rest, tracking_ocp
+
+from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
+from uvms_drake.control.ocp.ocp_program import OcpProgram
+from uvms_drake.control.ocp.tracking_ocp import TrackingTarget
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import start_state
+from uvms_drake.station.scenario.scenario import load_scenario
+
+
+def scattered(program: OcpProgram, size: float = 0.02) -> np.ndarray:
+    """Returns values near the initial guess; knots do not meet, and the slack is not zero."""
+    values = program.initial_guess()
+    rng = np.random.default_rng(1)
+    return values + size * rng.uniform(-1.0, 1.0, size=len(values)) + 0.3 * np.eye(
+        len(values))[program.FindDecisionVariableIndex(program.s[0])]
+
+
+@pytest.mark.parametrize("where", ["off", "on"])
+def test_costs_and_limits_have_the_derivatives_of_differences(short_ocp, start_plans, where):
+    program = OcpProgram(short_ocp, start_plans[where][0])
+    assert check_derivatives(program, scattered(program, 1e-3)) > 20
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.2])
+def test_those_of_a_reference_that_is_decided_too(turn):
+    """By where it is and, if it may turn, by its yaw, which takes the terminal penalty along."""
+    ocp = tracking_ocp(overrides=("mpc.horizon=3",), turn=turn).aimed(
+        TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12, 0.5 * turn))
+    program = ocp.mathematical_program(at_rest(ocp, POSITION - [0.1, 0.0, 0.0]))
+    assert check_derivatives(program, scattered(program)) > 10
+    assert len(program.a) == (4 if turn else 3)
+    assert ("terminal_cost" in names(program.quadratic_costs())) == (not turn)
+
+
+def test_those_of_a_velocity_that_is_decided():
+    scenario = load_scenario("paper_kinematic", ["mpc.horizon=4"])
+    ocp = make_ocp(scenario)
+    program = ocp.mathematical_program(start_state(scenario, ocp)[: ocp.state_size])
+    assert program.zeta.shape == (4, ocp.model.size)
+    assert program.zeta_dot.size == 0
+    assert check_derivatives(program, scattered(program)) > 5
+
+
+def test_variables_and_bindings_are_named_by_stage_and_limit(short_ocp, start_plans):
+    guess = start_plans["off"][0]
+    program = OcpProgram(short_ocp, guess)
+    assert str(program.y[2, 0]) == "y[2](0)"
+    assert str(program.zeta_dot[4, 9]) == "zeta_dot[4](9)"
+    assert program.num_vars() == 6 * 20 + 5 * 10 + 1
+    constraints = names(program.GetAllConstraints())
+    assert len(set(constraints)) == len(constraints)
+    expected = {"start", "start_speed", "slack", "terminal_set"}
+    expected |= {f"{kind}[{k}]" for k in range(5) for kind in ("motion", "speed", "limits.u")}
+    expected |= {f"limits.{name}[{k}]" for k in range(1, 6) for name in short_ocp.limits
+                 if name != "u"}
+    assert set(constraints) == expected
+    assert set(names(program.GetAllCosts())) == {"stage_costs", "terminal_cost", "slack_penalty"}
+    cones = names(program.lorentz_cone_constraints())
+    assert {"limits.nu1[3]", "limits.qdot[1]", "terminal_set"} <= set(cones)
+    convex = short_ocp.staged_program(guess).mathematical_program()
+    assert set(names(convex.GetAllConstraints())) == {
+        *(expected - {"start_speed", "slack"} - {f"speed[{k}]" for k in range(5)}), "relaxations"}
+
+
+def test_a_program_is_freed_after_its_use(short_ocp, start_plans):
+    """Its functions do not refer to it: one is made at every sample."""
+    program = OcpProgram(short_ocp, start_plans["off"][0])
+    gone = weakref.ref(program._stages)
+    del program
+    gc.collect()
+    assert gone() is None
+
+
+FORCES = np.array([60.0, 50.0, 60.0, 15.0, 40.0, 25.0, 5.0, 5.0, 2.0, 0.2])  # N, N m
+
+
+@pytest.mark.parametrize("tau", [None, FORCES, 10.0 * FORCES])
+def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, start_plans, tau):
+    """The program says of a plan what `Ocp.evaluate` says, which computes it in another way."""
+    free, short_ocp = short_ocp, with_limits(short_ocp, tau=tau)
+    forced = 0
+    for guess in [*start_plans["off"], *start_plans["on"]]:
+        evaluation = short_ocp.evaluate(guess)
+        program = OcpProgram(short_ocp, guess)
+        values = program.initial_guess()
+        assert cost(program, values) == pytest.approx(evaluation.cost, rel=1e-12)
+        assert excess(program, values, "motion") < 1e-12
+        assert excess(program, values, "speed") < 1e-12
+        if evaluation.terminal_slack > 0.0:
+            assert excess(program, values, "terminal_set") == pytest.approx(0.0, abs=1e-9)
+        violation = excess(program, values, "limits.")
+        assert violation == pytest.approx(evaluation.violation, rel=1e-9, abs=1e-9)
+        forced += evaluation.violation > free.evaluate(guess).violation
+    assert (forced > 0) == (tau is FORCES)
+
+
+def test_a_guess_that_is_better_than_the_solution_is_kept(short_ocp, start_plans):
+    """Also where the solver stops early, which is then no failure if the plan is sound."""
+    solver = NonlinearSolver(short_ocp, SnoptSolver())
+    first = solver.solve(start_plans["on"][1])
+    assert first.converged
+    again = solver.solve(first.plan)
+    assert again.evaluation.merit <= first.evaluation.merit
+    other = with_limits(short_ocp, pitch=0.1)
+    assert solver.of(other).ocp is other
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "coordinate"), [("roll", 3), ("pitch", 4)])
+def test_the_attitude_is_bounded_at_every_knot_but_the_first(short_ocp, start_plans, kind,
+                                                             coordinate):
+    """The start is given, and may be beyond the limit."""
+    guess = start_plans["off"][0]
+    start = abs(guess.config[0, coordinate])
+    tight = with_limits(short_ocp, **{kind: 0.95 * start})
+    solution = NonlinearSolver(tight, SnoptSolver()).solve(guess)
+    assert solution.converged
+    assert np.max(np.abs(solution.plan.config[1:, coordinate])) <= 0.95 * start + 1e-6
+
+
+@pytest.mark.long
+def test_a_limit_to_which_the_start_cannot_return_leaves_no_plan(short_ocp, start_plans):
+    guess = start_plans["off"][0]
+    tight = with_limits(short_ocp, pitch=1e-3 * abs(guess.config[0, 4]))
+    assert NonlinearSolver(tight, SnoptSolver()).solve(guess).plan is None
+
+
+def test_a_problem_without_a_solution_leaves_no_plan(short_ocp, start_plans):
+    weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
+    solution = NonlinearSolver(weak, SnoptSolver()).solve(start_plans["on"][0])
+    assert (solution.plan, solution.evaluation, solution.converged) == (None, None, False)

@@ -1,0 +1,78 @@
+"""Solver of the FHOCP by a nonlinear solver of Drake's: the whole program at once.
+
+It is slow and independent of `scp`: all limits at once and nonlinear, no convex program, no working
+set, no line search of ours. Its first point is the guess, so the last plan is its warm start.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.solvers import IpoptSolver, SnoptSolver, SolverInterface, SolverOptions
+
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.ocp_program import OcpProgram
+from uvms_drake.control.ocp.solver import Solution, Solver
+from uvms_drake.control.plan.plan import P
+
+TOLERANCE = 1e-8
+"""Violation of the scaled constraints, and optimality, at which SNOPT and IPOPT stop."""
+
+
+def tight_options() -> SolverOptions:
+    """Returns options by which a plan keeps its limits to well within `Ocp.tolerance`."""
+    options = SolverOptions()
+    for name in ("Major feasibility tolerance", "Major optimality tolerance"):
+        options.SetOption(SnoptSolver.id(), name, TOLERANCE)
+    for name in ("tol", "constr_viol_tol"):
+        options.SetOption(IpoptSolver.id(), name, TOLERANCE)
+    return options
+
+
+class NonlinearSolver(Solver[P]):
+    """Solves an `Ocp` from a guess with a general nonlinear solver.
+
+    Args:
+        ocp: The problem.
+        solver: Such as `SnoptSolver` or `IpoptSolver`.
+        options: The solver's own; `tight_options` if None.
+        extend: Called with each program before it is solved, for costs and constraints of one's
+            own. A plan that is continued need not keep these.
+    """
+
+    def __init__(self, ocp: Ocp[P], solver: SolverInterface,
+                 options: SolverOptions | None = None,
+                 extend: Callable[[OcpProgram[P]], object] | None = None):
+        self.ocp = ocp
+        self._solver, self._options, self._extend = solver, options or tight_options(), extend
+
+    def of(self, ocp: Ocp[P]) -> "NonlinearSolver[P]":
+        """Returns the same solver for another problem."""
+        return NonlinearSolver(ocp, self._solver, self._options, self._extend)
+
+    def solve(self, guess: P, iterations: int = 1, tolerance: float = TOLERANCE) -> Solution[P]:
+        """Returns the solution of the program that starts at the guess's first knot.
+
+        Where the program is the problem's own, a plan that is worse than the guess is not returned,
+        but the guess. A solver that stops early has a solution if that is sound and better.
+
+        Args:
+            guess: Plan to start from.
+            iterations: Not used: the program is solved to the end.
+            tolerance: Not used: `options` have it.
+        """
+        program = OcpProgram(self.ocp, guess)
+        if self._extend is not None:
+            self._extend(program)
+        try:
+            result = self._solver.Solve(program, program.initial_guess(), self._options)
+            plan = program.plan(result)
+            value = self.ocp.evaluate(plan)
+        except np.linalg.LinAlgError:
+            return Solution(None, None, 1, converged=False)
+        converged = bool(result.is_success())
+        better = self.ocp.improves(value, self.ocp.evaluate(guess))
+        if not converged and not (better and self.ocp.is_sound(value)):
+            return Solution(None, None, 1, converged=False)
+        if not better and self._extend is None:
+            return Solution(guess, self.ocp.evaluate(guess), 1, converged)
+        return Solution(plan, value, 1, converged)
