@@ -11,8 +11,8 @@ description is its name:
     limits.NAME[k]                                                       at knot k, or in interval k
     terminal_set, radius_bound[i], slack                                 ‖ξ_N‖_P ≤ ε + s, s ≥ 0
 
-Linear and quadratic functions and second-order cones are those for Drake, too: norms of velocities,
-the terminal set, its penalty. All others are functions of `multiple_shooting` with exact derivatives.
+Linear and quadratic functions and second-order cones are such for Drake, too: norms of velocities,
+the terminal set, its penalty. All others are functions of `multiple_shooting`, with exact slopes.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Interface of a solver of the FHOCP, and its result.
 
-Recursive feasibility does not depend on how a plan is found: `Ocp.evaluate` says whether it is sound
-(`Ocp.is_sound`), and `mpc.planner` keeps the last plan, continued by the terminal controller,
+Recursive feasibility does not depend on how a plan is found: `Ocp.evaluate` says whether it is
+sound (`Ocp.is_sound`), and `mpc.planner` keeps the last plan, continued by the terminal controller,
 wherever a new one is missing or not sound.
 """
 
