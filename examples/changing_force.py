@@ -14,7 +14,6 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 import uvms_drake as uv
-from uvms_drake.station.diagram import make_station, read_logs
 
 MEAN, AMPLITUDE, FREQUENCY = 20.0, 5.0, 0.1  # N, N, Hz
 NEAR = "surface.geometry.point.0=-0.25"
@@ -47,7 +46,7 @@ def main() -> None:
     scenario = uv.load_scenario("girona500_contact", [NEAR])
 
     builder = DiagramBuilder()
-    station = builder.AddSystem(make_station(scenario))
+    station = builder.AddSystem(uv.make_station(scenario))
     profile = builder.AddNamedSystem("profile", ForceProfile(
         scenario.contact.direction, arguments.lead))
     builder.Connect(profile.get_output_port(), station.GetInputPort("desired_force"))
@@ -56,7 +55,7 @@ def main() -> None:
     ApplySimulatorConfig(uv.with_step(scenario).simulator, simulator)
     simulator.AdvanceTo(arguments.duration)
 
-    logs = read_logs(station, simulator.get_context())
+    logs = uv.read_logs(station, simulator.get_context())
     force, desired = logs["force"][:, :3] @ scenario.contact.direction, reference(logs["time"])
     print(f"{'t [s]':>6}{'reference [N]':>15}{'force [N]':>11}")
     for t in np.arange(0.0, arguments.duration + 1e-9, 1.0):

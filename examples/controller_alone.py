@@ -10,7 +10,6 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 import uvms_drake as uv
-from uvms_drake.model.uvms_model import configuration_rate
 
 PERIOD = 0.02  # s
 
@@ -29,7 +28,7 @@ def main() -> None:
         config, zeta = np.split(state, 2)
         M = model.mass_matrix(model.kinematics(config))
         zeta_dot = model.drift(config, zeta) + np.linalg.solve(M, tau)
-        return np.concatenate([configuration_rate(config, zeta), zeta_dot])
+        return np.concatenate([uv.configuration_rate(config, zeta), zeta_dot])
 
     controller = uv.make_tube_mpc(ocp, scenario.ancillary)
     simulator = Simulator(controller)

@@ -12,10 +12,6 @@ from collections import Counter
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.report.mission.mission import summarise_mission
-from uvms_drake.station.contact_bounds import sensed_contact
-from uvms_drake.station.problem import load_model, true_surface
-from uvms_drake.station.scenario.scenario import Scenario
 
 FAULTS = ("!LostForce {{start: {0}, duration: 2.0}}", "!FrozenForce {{start: {0}, duration: 2.0}}",
           "!SolverFailure {{start: {0}, duration: 2.0}}", "!LostState {{start: {0}}}")
@@ -25,7 +21,7 @@ SHAPES = ("!Plane {{point: {0}, normal: {1}}}",
           "!Bumpy {{point: {0}, normal: {1}, axis: {2}, amplitude: 0.0025, wavelength: 0.15}}")
 
 
-def drawn(number: int, duration: float) -> Scenario:
+def drawn(number: int, duration: float) -> uv.Scenario:
     """Returns a random mission at one place."""
     rng = np.random.default_rng([17, number])
     lean, turn = rng.uniform(-0.08, 0.08, 2)
@@ -33,7 +29,7 @@ def drawn(number: int, duration: float) -> Scenario:
     axis = np.cross(normal, [0.0, 1.0, 0.0])
     base = uv.load_scenario("jacket_inspection_real")
     start = np.asarray(base.start.eta) + np.append(rng.uniform(-0.05, 0.05, 3), np.zeros(3))
-    tip = load_model(base).task_pose(np.append(start, base.start.q))[:3]
+    tip = uv.load_model(base).task_pose(np.append(start, base.start.q))[:3]
     at = (tip[[2, 1]] * [1.0, -1.0] + rng.uniform(-0.02, 0.02, 2)).tolist()
     along = rng.uniform(0.03, 0.05) * np.array([np.cos(w := rng.uniform(0.0, 6.28)), np.sin(w)])
     distance = rng.choice([rng.uniform(0.03, 0.06), 0.3], p=[0.9, 0.1])
@@ -66,18 +62,18 @@ def main() -> None:
     for number in range(arguments.first, arguments.first + arguments.missions):
         scenario = drawn(number, arguments.duration)
         record = uv.simulate(scenario)
-        mission, surface = summarise_mission(record), scenario.surface
+        mission, surface = record.summary()["mission"], scenario.surface
         fault = scenario.faults[0] if scenario.faults else None
-        most = np.max(true_surface(scenario).static_force(record.chi))
+        most = np.max(surface.static_force(record.chi))
         failed = [f"{row['kind']}: {row['ended']}" for row in mission["steps"]
                   if row["ended"] != "done"]
         print(f"{number:>3}  {type(surface.geometry).__name__:<10}{surface.law.stiffness:5.0f}"
               f"{surface.friction:10.2f}  {type(fault).__name__ if fault else 'none':<16}"
               f"{fault.start if fault else np.nan:5.1f}{most:11.2f}"
-              f"{sensed_contact(scenario).force:9.2f}  {'; '.join([mission['outcome'], *failed])}",
+              f"{scenario.contact.force:9.2f}  {'; '.join([mission['outcome'], *failed])}",
               flush=True)
         outcomes[mission["outcome"]] += 1
-        shares.append(most / sensed_contact(scenario).force)
+        shares.append(most / scenario.contact.force)
     counts = ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items())
     print(f"{len(shares)} missions: {counts}; at most {max(shares):.2f} of the allowed force")
 

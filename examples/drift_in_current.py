@@ -13,11 +13,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+import uvms_drake as uv
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.order import ToPaperOrder
-from uvms_drake.visual.server import open_meshcat
 from uvms_drake.visual.stage import NED, turn_down
 
 CURRENT = np.array([0.2, 0.1, 0.0])  # m/s, in World (north, east, down)
@@ -35,7 +34,7 @@ def main() -> None:
     # Robot and water; Hydrodynamics wires itself to the plant's state and force ports.
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    uvms = add_uvms(plant, "girona500_arm5e")
+    uvms = uv.Robot.load("girona500_arm5e").add_to(plant)
     for joint in uvms.joints:  # A continuous plant has no end stops, and warns of every limit.
         joint.set_position_limits([-np.inf], [np.inf])
     plant.Finalize()
@@ -47,7 +46,7 @@ def main() -> None:
     coordinates = Coordinates(uvms)
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     if arguments.meshcat:
-        meshcat = open_meshcat()
+        meshcat = uv.open_meshcat()
         turn_down(meshcat)  # Meshcat's z-axis points up, ours down.
         MeshcatVisualizer.AddToBuilder(
             builder, scene_graph, meshcat, MeshcatVisualizerParams(prefix=f"{NED}/uvms"))

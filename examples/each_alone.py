@@ -10,8 +10,6 @@ import argparse
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
-from uvms_drake.report.signals import constraint_signals
 
 REAL = ["start.eta=[-1.04, -0.04, -0.04, 0.0, 0.0, 0.02]", "start.q=[0.0, 1.17, 0.4, 0.0]",
         "current=[0.0, 0.0, 0.0]", "model_error.mass=1.0"]
@@ -60,8 +58,7 @@ def measured(record: uv.Record) -> str:
     tip, vehicle = (1e3 * np.linalg.norm(now[:, :3] - planned[:, :3], axis=1)
                     for now, planned in ((record.chi, record.chi_nominal),
                                          (record.state, record.nominal_state)))
-    report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
-    tubes = {part: report[f"worst_set_{part}"] for part in PARTS}
+    tubes = {part: record.ratio_of(part) for part in PARTS}
     row = f"{np.max(tip):8.2f}{np.max(vehicle):8.1f}{max(tubes.values()):8.2f}"
     touching = record.penetration > 0.0
     steady = record.time >= AFTER + (record.time[np.argmax(touching)] if touching.any() else np.inf)
@@ -70,8 +67,8 @@ def measured(record: uv.Record) -> str:
     desired = record.desired_force[-1] / np.linalg.norm(record.desired_force[-1])
     error = (record.force - record.desired_force)[steady] @ desired
     lost = np.count_nonzero(np.diff(touching[steady].astype(int)) < 0)
-    violated = [name for name, (signal, limit) in constraint_signals(record).items()
-                if (np.min(signal) < limit if name.endswith("_min") else np.max(signal) > limit)]
+    constraints = record.summary()["constraints"]
+    violated = [name for name, row in constraints.items() if row["margin"] < 0.0]
     violated += ["cut"] * bool(record.input_limited.any())
     violated += [f"tube of {part}" for part in PARTS if tubes[part] > 1.0]
     return (f"{row}{np.max(tip[steady]):8.2f}{np.sqrt(np.mean(error**2)):8.2f}"

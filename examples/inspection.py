@@ -12,19 +12,15 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 import uvms_drake as uv
-from uvms_drake.mission.law import RUNNING
-from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
-from uvms_drake.mission.system import MissionControl
-from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.problem import load_model
 
 PLACE = np.array([0.0, -0.06, -0.06])  # m, (0, 0) of the mission: in front of the tip's start
 NEAR = "surface.geometry.point.0=-0.25"
-JOB = Mission(steps=[
-    Approach(at=np.zeros(2), force=10.0, on_failure="retry"),
-    Hold(force=10.0, seconds=2.0),
-    Slide(along=np.array([0.1, 0.0]), speed=0.02, force=10.0, amplitude=2.0, frequency=0.1),
-    Retreat(distance=0.1)])
+JOB = uv.mission.Mission(steps=[
+    uv.mission.Approach(at=np.zeros(2), force=10.0, on_failure="retry"),
+    uv.mission.Hold(force=10.0, seconds=2.0),
+    uv.mission.Slide(along=np.array([0.1, 0.0]), speed=0.02, force=10.0, amplitude=2.0,
+                     frequency=0.1),
+    uv.mission.Retreat(distance=0.1)])
 
 
 def main() -> None:
@@ -36,11 +32,11 @@ def main() -> None:
     n, walls = scenario.contact.direction, scenario.contact.walls
 
     builder = DiagramBuilder()
-    station = builder.AddSystem(make_station(scenario))
+    station = builder.AddSystem(uv.make_station(scenario))
     measurements = {name: station.GetOutputPort(name)
                     for name in ("state", "force_last_valid", "touched", "force_lost")}
-    mission = MissionControl.AddToBuilder(
-        builder, JOB, load_model(scenario), walls, PLACE, **measurements)
+    mission = uv.mission.MissionControl.AddToBuilder(
+        builder, JOB, uv.load_model(scenario), walls, PLACE, **measurements)
     for name in ("desired_force", "place", "deepest"):
         builder.Connect(mission.GetOutputPort(name), station.GetInputPort(name))
     builder.ExportOutput(mission.GetOutputPort("progress"), "progress")
@@ -53,12 +49,12 @@ def main() -> None:
     for t in np.arange(0.0, arguments.duration + 1e-9, 1.0):
         simulator.AdvanceTo(t)
         step, outcome, *_ = diagram.GetOutputPort("progress").Eval(context)
-        name = type(JOB.steps[int(step)]).__name__ if outcome == RUNNING else "over"
+        name = type(JOB.steps[int(step)]).__name__ if outcome == uv.mission.RUNNING else "over"
         own = station.GetMyContextFromRoot(context)
         desired, force = (station.GetOutputPort(port).Eval(own)[:3] @ n
                           for port in ("desired_force", "force"))
         print(f"{t:6.1f}  {name:<10}{desired:13.2f}{force:11.2f}")
-    logs = read_logs(station, context)
+    logs = uv.read_logs(station, context)
     most = np.max(logs["force"][:, :3] @ n)
     print(f"largest force {most:.2f} N of {scenario.contact.force:.2f} N")
 

@@ -12,7 +12,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import FirstOrderLowPassFilter
 
 import uvms_drake as uv
-from uvms_drake.actuation.sampled_command import SampledCommand
 
 FASTEST = 4e-3  # s, of the joints, practically without lag
 
@@ -46,7 +45,7 @@ def main() -> None:
     arguments = parser.parse_args()
     scenario = uv.load_scenario("girona500_ideal", [
         f"duration={arguments.duration}", "simulator.max_step_size=0.004"])
-    scenario.actuation = [SampledCommand(period=0.02, delay=0.005), ThrusterLag()]
+    scenario.actuation = [uv.actuators.SampledCommand(period=0.02, delay=0.005), ThrusterLag()]
     broken = [item.name for item in uv.certify(scenario).conditions if not item.holds]
     print(*broken, sep="\n")
 

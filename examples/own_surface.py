@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.model.surface.plane import plane_load
 
 
 @uv.register
@@ -32,7 +31,7 @@ class Buoy(uv.Surface):
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         inward = self.center - chi[..., :3]
         distance = np.sqrt(np.sum(inward**2, axis=-1, keepdims=True))  # For complex numbers.
-        load = self.stiffness * plane_load(self.radius - distance, self.skin)
+        load = self.stiffness * uv.surfaces.plane_load(self.radius - distance, self.skin)
         return np.concatenate([load * inward / distance, np.zeros_like(inward)], axis=-1)
 
     def penetration(self, chi: np.ndarray) -> np.ndarray:

@@ -14,10 +14,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from uvms_drake.common.errors import RunFailed
+import uvms_drake as uv
 from uvms_drake.report.replay import frame_indices, moment_of, scene_of
-from uvms_drake.station.record import Record, load_record
-from uvms_drake.visual.server import open_meshcat
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NAMES = ("approach", "contact", "hold")
@@ -33,7 +31,7 @@ def main() -> None:
     parser.add_argument("--times", type=float, nargs=3, default=[3.0, 6.9, 12.0], metavar="S")
     parser.add_argument("--close", action="store_true", help="close to the end-effector")
     arguments = parser.parse_args()
-    record = load_record(arguments.folder)
+    record = uv.load_record(arguments.folder)
     output = arguments.output or arguments.folder
     output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -47,16 +45,16 @@ def main() -> None:
             print(f"{png}: t = {time:g} s, {png.stat().st_size / 1000:.0f} kB")
 
 
-def write_still(record: Record, time: float, path: Path, *, close: bool = False) -> None:
+def write_still(record: uv.Record, time: float, path: Path, *, close: bool = False) -> None:
     """Writes the picture at `time` [s], with the trail up to there.
 
     Args:
-        record: Record of the run.
+        record: uv.Record of the run.
         time: Instant [s].
         path: File to write.
         close: Whether it is a close-up of the end-effector.
     """
-    meshcat = open_meshcat()
+    meshcat = uv.open_meshcat()
     scene = scene_of(record, meshcat)
     so_far = record.time[record.time <= time + 1e-9]
     for i in frame_indices(so_far, record.scenario.visual.rate):
@@ -86,7 +84,7 @@ def take_screenshot(html: Path, png: Path, size: tuple[int, int] = (1280, 720),
     """
     browser = find_browser()
     if browser is None:
-        raise RunFailed(f"no browser found: one of {', '.join(BROWSERS)} is needed")
+        raise uv.RunFailed(f"no browser found: one of {', '.join(BROWSERS)} is needed")
     png.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory() as profile:
         done = subprocess.run(
@@ -97,7 +95,7 @@ def take_screenshot(html: Path, png: Path, size: tuple[int, int] = (1280, 720),
              html.resolve().as_uri()],
             capture_output=True, text=True, check=False, timeout=120.0)
     if not png.is_file():
-        raise RunFailed(f"{browser} wrote no picture of {html}")
+        raise uv.RunFailed(f"{browser} wrote no picture of {html}")
     return [line.split("CONSOLE", 1)[1] for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 

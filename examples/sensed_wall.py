@@ -11,7 +11,6 @@ import argparse
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.sensing.force_sensor import ForceSensor
 
 WIDER = ["tube.e=0.012", "tube.position=0.008", "tube.orientation=0.008", "tube.joints=0.004",
          "tube.z=0.06"]
@@ -31,7 +30,7 @@ def main() -> None:
         f"duration={arguments.duration}", f"surface_error.shift=[{arguments.shift}, 0, 0]",
         f"surface_error.stiffness={arguments.stiffness}", CLOSE, *WIDER])
     tube = scenario.tube
-    for name, sensing in (("modelled", []), ("measured", [ForceSensor(tare=0.2)])):
+    for name, sensing in (("modelled", []), ("measured", [uv.sensors.ForceSensor(tare=0.2)])):
         scenario.sensing = sensing
         record = uv.simulate(scenario)
         ratio = max(np.max(record.deviation_of(part)) / getattr(tube, part)

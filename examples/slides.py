@@ -8,8 +8,6 @@ along the declared direction, from the desired force of that instant.
 import argparse
 
 import uvms_drake as uv
-from uvms_drake.mission.steps import Slide
-from uvms_drake.report.mission.mission import summarise_mission
 
 PLACE = "!Approach {at: [-0.096, 0.065]}, !Hold {seconds: 3.0}"
 LEANS = "normal: [-0.9975641, 0.0, 0.0697565]"
@@ -44,11 +42,11 @@ def main() -> None:
             f"duration={arguments.duration}", f"surface.geometry={geometry}",
             f"mission.steps=[{PLACE}, {slides}, !Retreat {{}}]"])
         mission = scenario.mission
-        over = 30.0 + sum(step.time for step in mission.steps if isinstance(step, Slide))
+        over = 30.0 + sum(step.time for step in mission.steps if isinstance(step, uv.mission.Slide))
         scenario.duration = min(arguments.duration, over)
-        for row in summarise_mission(uv.simulate(scenario))["steps"]:
+        for row in uv.simulate(scenario).summary()["mission"]["steps"]:
             step = mission.steps[row["step"]]
-            if isinstance(step, Slide):
+            if isinstance(step, uv.mission.Slide):
                 print(f"{job:<15}{step.length:6.2f}{1e3 * step.speed:7.0f}{step.force:6.1f}"
                       f"{step.amplitude:6.1f}{step.frequency:6.2f}{row['force_rms']:8.2f}"
                       f"{row['force_worst']:7.2f}{100.0 * row['within']:10.1f}"

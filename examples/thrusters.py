@@ -29,7 +29,7 @@ def main() -> None:
     scenario = uv.load_scenario("girona500_ideal")
     ocp, builder = uv.make_ocp(scenario), DiagramBuilder()
     uvms = builder.AddSystem(uv.make_uvms_plant(
-        model=scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
+        scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
         start=scenario.start.config))
     controller = builder.AddSystem(uv.make_tube_mpc(ocp, scenario.ancillary))
     builder.Connect(uvms.GetOutputPort("state"), controller.GetInputPort("state"))

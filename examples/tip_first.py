@@ -16,16 +16,12 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 import uvms_drake as uv
-from uvms_drake.actuation.thrusters import Thrusters
-from uvms_drake.control.laws import Resolved, TipFirst, Transpose
-from uvms_drake.plant.disturbance import DirectedDisturbance, OpenLoopDisturbance
-from uvms_drake.sensing import ForceSensor
 
 DEAD_TIME = 0.05  # s, of the thrusters
 
 
 @dataclass
-class Pulse(OpenLoopDisturbance):
+class Pulse(uv.OpenLoopDisturbance):
     """Half a sine that accelerates the vehicle backwards and sideways."""
 
     start: float = 5.0
@@ -37,7 +33,7 @@ class Pulse(OpenLoopDisturbance):
         """Returns its source; see `OpenLoopDisturbance`."""
         a = np.zeros(size)
         a[:2] = self.bound * np.array([-0.6, 0.8])
-        return DirectedDisturbance(a, lambda time: np.sin(np.pi * min(max(
+        return uv.DirectedDisturbance(a, lambda time: np.sin(np.pi * min(max(
             (time - self.start) / self.length, 0.0), 1.0)))
 
 
@@ -50,13 +46,13 @@ def main() -> None:
     arguments = parser.parse_args()
     scenario = uv.load_scenario("girona500_ideal", [
         f"duration={arguments.duration}", "surface_error.shift=[-0.005, 0, 0]"])
-    scenario.actuation = [Thrusters(lag=arguments.lag, dead_time=DEAD_TIME)]
+    scenario.actuation = [uv.actuators.Thrusters(lag=arguments.lag, dead_time=DEAD_TIME)]
     pulse = scenario.disturbance = Pulse(bound=0.1)
     figure, panels = plt.subplots(3, sharex=True, figsize=(5.0, 4.5), layout="constrained")
     # With five thrusters roll is not driven: weight and buoyancy restore it.
-    for law in (Transpose(k=20.0, sigma=1.0), Resolved(k=20.0, sigma=5.0),
-                TipFirst(undriven=["roll"])):
-        sensing = [ForceSensor()] if law.takes_force else []
+    for law in (uv.laws.Transpose(k=20.0, sigma=1.0), uv.laws.Resolved(k=20.0, sigma=5.0),
+                uv.laws.TipFirst(undriven=["roll"])):
+        sensing = [uv.sensors.ForceSensor()] if law.takes_force else []
         record = uv.simulate(replace(scenario, ancillary=law, sensing=sensing))
         tip = 1e3 * record.deviation_of("position")
         vehicle = 1e3 * np.linalg.norm(record.state[:, :3] - record.nominal_state[:, :3], axis=1)

@@ -32,7 +32,7 @@ def main() -> None:
 
         # Plant and controller, connected.
         robots[name] = uvms = builder.AddNamedSystem(f"{name} uvms", uv.make_uvms_plant(
-            model=scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
+            scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
             start=scenario.start.config))
         controller = builder.AddNamedSystem(
             f"{name} tube_mpc", uv.make_tube_mpc(ocp, scenario.ancillary))

@@ -8,7 +8,9 @@
                         └────────────┬────────────┘                            └──┬───┘
                                      └──────────────── sensing ◀──────────────────┘ (𝔮, ζ)
 
-Names for scripts are here, by `import uvms_drake as uv`; one is loaded when it is first used.
+Names for scripts are here, by `import uvms_drake as uv`; one is loaded when it is first used. Kinds
+are in namespaces: `uv.laws`, `uv.limits`, `uv.costs`, `uv.surfaces`, `uv.sensors`, `uv.actuators`,
+`uv.disturbances`, and the steps of a mission in `uv.mission`.
 """
 
 from importlib import import_module
@@ -17,10 +19,18 @@ from typing import TYPE_CHECKING, Any
 from uvms_drake.common.program import VERSION
 
 if TYPE_CHECKING:
+    from uvms_drake import actuation as actuators  # noqa: F401  a namespace
+    from uvms_drake import mission as mission
+    from uvms_drake import sensing as sensors  # noqa: F401  a namespace
     from uvms_drake.actuation import Actuator as Actuator
     from uvms_drake.certificate.certificate import Certificate as Certificate
     from uvms_drake.certificate.certify import certify as certify
+    from uvms_drake.common.errors import InvalidParameter as InvalidParameter
+    from uvms_drake.common.errors import RunFailed as RunFailed
     from uvms_drake.common.kinds import register as register
+    from uvms_drake.control import costs as costs
+    from uvms_drake.control import laws as laws
+    from uvms_drake.control import limits as limits
     from uvms_drake.control.costs.term import CostTerm as CostTerm
     from uvms_drake.control.laws.law import AncillaryLaw as AncillaryLaw
     from uvms_drake.control.laws.law import Command as Command
@@ -29,6 +39,7 @@ if TYPE_CHECKING:
     from uvms_drake.control.limits.limit import Limit as Limit
     from uvms_drake.control.plan.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
+    from uvms_drake.model import surface as surfaces  # noqa: F401  a namespace
     from uvms_drake.model.contact_model import ContactModel as ContactModel
     from uvms_drake.model.frames.euler import pose_difference as pose_difference
     from uvms_drake.model.robot import Robot as Robot
@@ -36,11 +47,16 @@ if TYPE_CHECKING:
     from uvms_drake.model.signals.sensor_actuator import Signals as Signals
     from uvms_drake.model.surface.law import Surface as Surface
     from uvms_drake.model.surface.plane import UnilateralPlane as UnilateralPlane
+    from uvms_drake.model.surface.sensed_contact import SensedContact as SensedContact
     from uvms_drake.model.surface.shaped_surface import ShapedSurface as ShapedSurface
     from uvms_drake.model.surface.spring import BilateralSpring as BilateralSpring
     from uvms_drake.model.uvms_model import UvmsModel as UvmsModel
+    from uvms_drake.model.uvms_model import configuration_rate as configuration_rate
     from uvms_drake.model.uvms_model import read_uvms as read_uvms
+    from uvms_drake.plant import disturbance as disturbances  # noqa: F401  a namespace
+    from uvms_drake.plant.disturbance import DirectedDisturbance as DirectedDisturbance
     from uvms_drake.plant.disturbance import Disturbance as Disturbance
+    from uvms_drake.plant.disturbance import OpenLoopDisturbance as OpenLoopDisturbance
     from uvms_drake.plant.disturbance import SinusoidalDisturbance as SinusoidalDisturbance
     from uvms_drake.plant.uvms_plant import make_uvms_plant as make_uvms_plant
     from uvms_drake.plant.uvms_plant import set_state as set_state
@@ -51,6 +67,8 @@ if TYPE_CHECKING:
     from uvms_drake.station.diagram import make_station as make_station
     from uvms_drake.station.diagram import read_logs as read_logs
     from uvms_drake.station.motions.motions import make_ocp as make_ocp
+    from uvms_drake.station.motions.plant import make_plant as make_plant
+    from uvms_drake.station.problem import load_model as load_model
     from uvms_drake.station.problem import start_state as start_state
     from uvms_drake.station.record import Record as Record
     from uvms_drake.station.record import load_record as load_record
@@ -58,6 +76,8 @@ if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import load_scenario as load_scenario
     from uvms_drake.station.simulation import simulate as simulate
     from uvms_drake.station.step_size import with_step as with_step
+    from uvms_drake.studies.make_scenario import make_scenario as make_scenario
+    from uvms_drake.visual.server import open_meshcat as open_meshcat
 
 __version__ = VERSION
 
@@ -68,18 +88,26 @@ _HOME = {
     "Certificate": "certificate.certificate",
     "certify": "certificate.certify",
     "Command": "control.laws.law",
+    "configuration_rate": "model.uvms_model",
     "ContactModel": "model.contact_model",
     "CostTerm": "control.costs.term",
+    "DirectedDisturbance": "plant.disturbance",
     "Disturbance": "plant.disturbance",
+    "InvalidParameter": "common.errors",
     "Limit": "control.limits.limit",
+    "load_model": "station.problem",
     "load_record": "station.record",
     "load_scenario": "station.scenario.scenario",
     "make_controller": "station.controller",
     "make_figures": "report.figures",
     "make_ocp": "station.motions.motions",
+    "make_plant": "station.motions.plant",
+    "make_scenario": "studies.make_scenario",
     "make_station": "station.diagram",
     "make_tube_mpc": "control.tube_mpc",
     "make_uvms_plant": "plant.uvms_plant",
+    "open_meshcat": "visual.server",
+    "OpenLoopDisturbance": "plant.disturbance",
     "Pair": "control.laws.law",
     "Part": "model.signals.sensor_actuator",
     "Points": "control.plan.points",
@@ -90,7 +118,9 @@ _HOME = {
     "register": "common.kinds",
     "Resolved": "control.laws.resolved",
     "Robot": "model.robot",
+    "RunFailed": "common.errors",
     "Scenario": "station.scenario.scenario",
+    "SensedContact": "model.surface.sensed_contact",
     "Sensor": "sensing",
     "set_state": "plant.uvms_plant",
     "ShapedSurface": "model.surface.shaped_surface",
@@ -106,17 +136,33 @@ _HOME = {
 }
 """Module of each name below this package."""
 
-__all__ = list(_HOME)
+_NAMESPACES = {
+    "actuators": "actuation",
+    "costs": "control.costs",
+    "disturbances": "plant.disturbance",
+    "laws": "control.laws",
+    "limits": "control.limits",
+    "mission": "mission",
+    "sensors": "sensing",
+    "surfaces": "model.surface",
+}
+"""Module of each namespace: the kinds of the package, and the bases of those of one's own."""
+
+__all__ = sorted([*_HOME, *_NAMESPACES], key=str.lower)
 
 
 def __getattr__(name: str) -> Any:
     """Returns a name of `__all__`, from the module that owns it."""
-    if name not in _HOME:
+    if name in _NAMESPACES:
+        value = import_module(f"uvms_drake.{_NAMESPACES[name]}")
+    elif name in _HOME:
+        value = getattr(import_module(f"uvms_drake.{_HOME[name]}"), name)
+    else:
         raise AttributeError(f"module 'uvms_drake' has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f"uvms_drake.{_HOME[name]}"), name)
+    globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
     """Returns the names that the package offers."""
-    return sorted([*globals(), *_HOME])
+    return sorted([*globals(), *__all__])

@@ -40,7 +40,7 @@ def closed_loop(short_ocp, plane, start, ancillary, bound: float):
     """Returns a Simulator of plant and controller, and what reads their ports."""
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("uvms", make_uvms_plant(
-        model="girona500_arm5e", surface=plane, disturbance=ConstantDisturbance(bound=bound)))
+        "girona500_arm5e", surface=plane, disturbance=ConstantDisturbance(bound=bound)))
     controller = builder.AddNamedSystem("controller", make_tube_mpc(short_ocp, ancillary))
     builder.Connect(plant.GetOutputPort("state"), controller.GetInputPort("state"))
     builder.Connect(controller.GetOutputPort("tau"), plant.GetInputPort("tau"))

@@ -34,7 +34,7 @@ SCALAR = LemmaConstants(J_min=1.44, J_max=1.2, J_dot=0.3, L_c=0.4, L_1=0.7, L_2=
 def test_e1_the_plant_accelerates_by_f_plus_u_if_tau_is_m_u():
     rng = np.random.default_rng(3)
     state, u = rng.uniform(-0.2, 0.2, 20), rng.uniform(-0.2, 0.2, 10)
-    uvms = make_uvms_plant(model="girona500_arm5e", surface=BilateralSpring(),
+    uvms = make_uvms_plant("girona500_arm5e", surface=BilateralSpring(),
                            disturbance=ConstantDisturbance(bound=0.0))
     M = robot().mass_matrix(robot().kinematics(state[:10]))
     expected = robot().drift(state[:10], state[10:]) + u

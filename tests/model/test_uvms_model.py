@@ -64,7 +64,7 @@ class Plant:
     """The plant side: f + M⁻¹τ of (𝔮, ζ) by the Diagram that the simulation uses."""
 
     def __init__(self, surface):
-        self.diagram = make_uvms_plant(model="girona500_arm5e", surface=surface,
+        self.diagram = make_uvms_plant("girona500_arm5e", surface=surface,
                                        disturbance=ConstantDisturbance(bound=0.0))
         self.context = self.diagram.CreateDefaultContext()
         self.uvms = add_uvms(MultibodyPlant(0.0), "girona500_arm5e")

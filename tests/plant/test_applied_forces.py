@@ -83,7 +83,7 @@ class Driven:
     def __init__(self, *kinds):
         builder = DiagramBuilder()
         self.uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
-            model=MODEL, surface=UnilateralPlane(point=np.array([100.0, 0.0, 0.0])),
+            MODEL, surface=UnilateralPlane(point=np.array([100.0, 0.0, 0.0])),
             disturbance=ConstantDisturbance(0.0)))
         index = self.uvms.GetSubsystemByName("plant").GetBodyByName("vehicle").index()
         self.propellers, ports = [], []

@@ -39,7 +39,7 @@ def test_it_takes_power_and_has_no_jump_and_no_steeper_slope_than_is_said():
 
 
 def plant_with(friction):
-    uvms = make_uvms_plant(model="girona500_arm5e", surface=None, disturbance=ConstantDisturbance(),
+    uvms = make_uvms_plant("girona500_arm5e", surface=None, disturbance=ConstantDisturbance(),
                            error=ModelError(joint_friction=friction))
     simulator = Simulator(uvms)
     ResetIntegratorFromFlags(simulator, "runge_kutta3", 2e-3)

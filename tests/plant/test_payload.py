@@ -23,7 +23,7 @@ ROBOT = "girona500_arm5e"
 
 
 def plant_with(payload):
-    return make_uvms_plant(model=ROBOT, surface=None, disturbance=None,
+    return make_uvms_plant(ROBOT, surface=None, disturbance=None,
                            error=None if payload is None else ModelError(payload=payload))
 
 

@@ -38,7 +38,7 @@ CALM = ConstantDisturbance(bound=0.0)
 
 
 def make(surface=FAR_AWAY, disturbance=CALM, **kwargs):
-    return make_uvms_plant(model=MODEL, surface=surface, disturbance=disturbance, **kwargs)
+    return make_uvms_plant(MODEL, surface=surface, disturbance=disturbance, **kwargs)
 
 
 def moving_state():
@@ -157,7 +157,7 @@ def test_a_disturbance_of_the_users_own_comes_in_through_a_port():
 
 def test_open_water_without_a_disturbance_is_the_default():
     rates = []
-    for uvms in (make_uvms_plant(model=MODEL), make(surface=None)):
+    for uvms in (make_uvms_plant(MODEL), make(surface=None)):
         context = uvms.CreateDefaultContext()
         set_state(uvms, context, moving_state())
         rates.append(uvms.EvalTimeDerivatives(context).CopyToVector())
@@ -304,7 +304,7 @@ def test_bad_parameters_are_named(kwargs, message):
 
 def test_an_unknown_model_is_named():
     with pytest.raises(InvalidParameter, match=r"^model = 'nautilus': must be one of "):
-        make_uvms_plant(model="nautilus", surface=FAR_AWAY, disturbance=CALM)
+        make_uvms_plant("nautilus", surface=FAR_AWAY, disturbance=CALM)
 
 
 def test_a_state_of_the_wrong_size_is_named():

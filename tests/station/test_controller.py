@@ -18,7 +18,7 @@ def pressed(name, until):
     scenario = uv.with_step(load_scenario(name, ["disturbance.bound=0"]))
     builder = DiagramBuilder()
     uvms = builder.AddSystem(uv.make_uvms_plant(
-        model=scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
+        scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
         start=scenario.start.config))
     controller = builder.AddSystem(uv.make_controller(scenario))
     for signal in ("state", "force"):

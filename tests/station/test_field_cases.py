@@ -283,7 +283,7 @@ def test_a_shape_that_cannot_be_drawn_is_a_note_and_stops_nothing(case, tmp_path
     assert drawn != "box" or told.endswith("its bounding box is drawn")
     assert drawn is not None or told.endswith("it is left out")
     assert "mesh" not in loaded.files.text or drawn is None
-    make_uvms_plant(model=str(robot), surface=None, disturbance=None)
+    make_uvms_plant(str(robot), surface=None, disturbance=None)
 
 
 def test_a_mesh_is_found_wherever_the_robot_is_named_from(tmp_path, monkeypatch):
@@ -294,7 +294,7 @@ def test_a_mesh_is_found_wherever_the_robot_is_named_from(tmp_path, monkeypatch)
         loaded = Robot.load(path)
         assert loaded.notes == ()
         assert f"file://{robot.resolve()}/the hull.obj" in loaded.files.text
-        make_uvms_plant(model=path, surface=None, disturbance=None)
+        make_uvms_plant(path, surface=None, disturbance=None)
 
 
 def test_the_box_of_a_mesh_is_where_the_mesh_is(tmp_path):

@@ -57,7 +57,7 @@ def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, 
     """Runs the loop from `start` (20,); the logs have a sample every 0.02 s."""
     scenario, builder, model = load_scenario("girona500_ideal"), DiagramBuilder(), ocp.model
     plant = builder.AddNamedSystem("uvms", make_uvms_plant(
-        model=scenario.model, surface=scenario.surface, disturbance=None))
+        scenario.model, surface=scenario.surface, disturbance=None))
     controller = builder.AddNamedSystem("controller", make_tube_mpc(ocp, law))
     state, d = (plant.GetOutputPort(name) for name in ("state", "disturbance"))
     monitor = TubeMonitor.AddToBuilder(

@@ -48,7 +48,7 @@ class Hovering:
                  actuation=(), faults=(), step=0.02):
         builder, self.signals = DiagramBuilder(), {}
         plant = builder.AddNamedSystem("uvms", make_uvms_plant(
-            model="girona500_arm5e", surface=None,
+            "girona500_arm5e", surface=None,
             disturbance=disturbance or ConstantDisturbance(bound=bound)))
         feedback = builder.AddNamedSystem("feedback", AncillaryFeedback(model, law, limits))
         self.nominal = np.concatenate([CONFIG, np.zeros(10)])

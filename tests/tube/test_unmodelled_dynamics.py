@@ -85,7 +85,7 @@ CASES = {
 
 def plant_acceleration(case: Case, known, at, i: int, rate: np.ndarray) -> np.ndarray:
     """Returns ζ̇ (6+n,) of the plant where the law asks for `rate` (6+n,), at motion i."""
-    plant = make_uvms_plant(model=GIRONA, surface=None, error=case.error,
+    plant = make_uvms_plant(GIRONA, surface=None, error=case.error,
                             disturbance=ConstantDisturbance(bound=0.0))
     context = plant.CreateDefaultContext()
     set_state(plant, context, np.concatenate([at.config[i], at.zeta[i]]))

@@ -7,4 +7,6 @@ from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.kinds import offer
 from uvms_drake.model.signals.sensor_actuator import Actuator
 
+__all__ = ["Actuator", "IdealWrench", "LaggedWrench", "SampledCommand", "Thrusters"]
+
 offer(Actuator, SampledCommand, Thrusters, LaggedWrench, IdealWrench)

@@ -1,1 +1,7 @@
 """Inspection missions as lists of steps: references by time and contact state; no controller."""
+
+from uvms_drake.mission.law import RUNNING
+from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide, Step
+from uvms_drake.mission.system import MissionControl
+
+__all__ = ["RUNNING", "Approach", "Hold", "Mission", "MissionControl", "Retreat", "Slide", "Step"]

@@ -14,6 +14,7 @@ from uvms_drake.model.description.hydrodynamics_file import (
 )
 from uvms_drake.model.description.robot_files import RobotFiles, read_robot_files
 from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.payload import Payload, with_payload
@@ -71,7 +72,8 @@ def check_model_error(error: ModelError) -> None:
             getattr(error, key).check()
 
 
-def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | None) -> Uvms:
+def add_simulated_uvms(plant: MultibodyPlant, robot: Robot | str, error: ModelError | None
+                       ) -> Uvms:
     """Adds the simulated robot to `plant` as `add_uvms` adds that of the controller's model.
 
     The friction of its joints is left to the caller.
@@ -80,9 +82,9 @@ def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | No
         InvalidParameter: The robot's files cannot be used, or they give an inertia in a way other
             than by the numbers that are scaled, as SDFormat does by leaving it out.
     """
+    files = robot.files if isinstance(robot, Robot) else read_robot_files(model_dir(robot))
     if error is None or error.size == 0.0:
-        return add_uvms(plant, model)
-    files = read_robot_files(model_dir(model))
+        return add_uvms(plant, files)
     if error.mass == 1.0:
         uvms = add_uvms(plant, files)
     else:  # Drake can change an inertia in a Context, but not a plant's default.

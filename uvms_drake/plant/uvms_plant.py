@@ -10,6 +10,7 @@ from pydrake.systems.primitives import Adder, PassThrough
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import WORLD
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.signals.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.applied_forces import AppliedForces
@@ -23,9 +24,9 @@ from uvms_drake.plant.surface import CompliantSurface
 
 
 def make_uvms_plant(
-    *,
-    model: str,
+    robot: Robot | str,
     surface: Surface | None = None,
+    *,
     disturbance: OpenLoopDisturbance | None = None,
     seed: int = 0,
     error: ModelError | None = None,
@@ -99,11 +100,11 @@ def make_uvms_plant(
     another mass is made with `error`, not by `SetMass` in a Context: see `Hydrodynamics`.
 
     Args:
-        model: Name of a shipped robot or path of a robot's folder.
+        robot: A `Robot`, the name of a shipped one, or a robot's folder.
         surface: The surface at the tip; None means open water, and `force`,
             `penetration` and `chi` are not there.
-        disturbance: d, added to ζ̇; None exports an input port `disturbance` for the caller's,
-            which means zero if unconnected.
+        disturbance: d, added to ζ̇ [m/s², rad/s²]; None exports an input port `disturbance` for the
+            caller's, which means zero if unconnected.
         seed: Seed of the disturbance.
         error: Model error of the robot, if any.
         start: Default 𝔮 (6 + n,) [m, rad], at rest; if left out, that of the robot's file.
@@ -114,7 +115,7 @@ def make_uvms_plant(
     builder = DiagramBuilder()
     # The robot, started at rest.
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    uvms = add_simulated_uvms(plant, model, error)
+    uvms = add_simulated_uvms(plant, robot, error)
     plant.Finalize()
     coordinates = Coordinates(uvms)
     if start is not None:

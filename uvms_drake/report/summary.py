@@ -45,7 +45,7 @@ EVENT_LINES = 12
 """Largest number of lines for events in the table for a terminal."""
 
 
-def summarise(record: Record) -> dict[str, object]:
+def summarise(record: Record) -> dict[str, Any]:
     """Returns the summary of a run, ready for JSON."""
     scenario = record.scenario
     wall = record.wall_time_s
@@ -71,7 +71,8 @@ def summarise(record: Record) -> dict[str, object]:
         "events": [{"time_s": event.start, "until_s": event.end, "kind": event.kind,
                     "text": event.text} for event in events(record)],
     }
-    return jsonable(summary)
+    data: dict[str, Any] = jsonable(summary)
+    return data
 
 
 def summarise_mpc(record: Record) -> dict[str, object]:

@@ -24,8 +24,8 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
         force ─────┘           ▲
                     desired_force, place, deepest
 
-    It is that of `make_station`, for a plant of one's own: with the scenario's sensors, its
-    mission and its actuators, and without its faults.
+    It is that of `make_station`, for `make_plant` or a plant of one's own: with the scenario's
+    sensors, its mission and its actuators, and without its faults.
 
     .. pydrake_system::
 
@@ -38,6 +38,7 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
         - tau (zeta, if the motion is kinematic)
         - nominal_state, u, ... (each signal)
         - plan
+        - solve_seconds
 
     - `state`: true (𝔮, ζ) (2(6+n)); `configuration`: 𝔮 (6+n).
     - `force`: true wrench 𝔉 (6) on the surface [N, N m], for the force sensor; read with one only.
@@ -94,7 +95,8 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     for name, port in signals.items():
         if name not in given | {motion.effect}:
             builder.ExportOutput(port, name)
-    builder.ExportOutput(controller.GetOutputPort("plan"), "plan")
+    for name in ("plan", "solve_seconds"):
+        builder.ExportOutput(controller.GetOutputPort(name), name)
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram

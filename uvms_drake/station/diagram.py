@@ -1,7 +1,5 @@
 """The closed loop of a scenario: plant, controller and the parts between them, in one Diagram."""
 
-import math
-from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -21,10 +19,10 @@ from uvms_drake.model.signals.sensor_actuator import (
     VEHICLE_WRENCH,
     Signals,
 )
-from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.mission import add_mission
 from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.motions.plant import applied_disturbance
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
@@ -193,13 +191,6 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     station = builder.Build()
     station.set_name("station")
     return station
-
-
-def applied_disturbance(scenario: Scenario) -> Disturbance:
-    """Returns the disturbance, reduced by `model_error.share` or in excess of its bound."""
-    disturbance, left = scenario.disturbance, 1.0 - scenario.model_error.share
-    excess = math.prod(fault.factor for fault in faults_at("disturbance", scenario.faults).values())
-    return replace(disturbance, bound=excess * left * disturbance.bound)
 
 
 def monitor_begin(scenario: Scenario, certified: bool) -> float:

@@ -3,10 +3,11 @@
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.problem import load_model
@@ -154,6 +155,22 @@ class Record:
     def deviation_of(self, part: str) -> np.ndarray:
         """Returns the deviation (T,) of one of `laws.law.FIELDS`."""
         return self.tube_deviation[:, FIELDS.index(part)]
+
+    def ratio_of(self, part: str) -> float:
+        """Returns the largest deviation over its set-wise bound, of a part but `task` and `r`."""
+        return float(self.tube_report[TUBE_REPORT.index(f"worst_set_{part}")])
+
+    def summary(self) -> dict[str, Any]:
+        """Returns the summary of the run, as in `summary.json`; see `report.summary.summarise`."""
+        import uvms_drake as uv  # The report stands above: only its public name is known here.
+
+        return uv.summarise(self)
+
+    def figures(self, folder: str | Path) -> list[Path]:
+        """Writes the figures of the run as PNG files into a folder and returns their paths."""
+        import uvms_drake as uv
+
+        return uv.make_figures(self, folder)
 
     def bound_of(self, part: str) -> np.ndarray:
         """Returns the trajectory-wise bound (T,) of one of `FIELDS`; inf if there is none."""

@@ -88,7 +88,7 @@ def worst_deviation(scenario: Scenario, model: ContactModel, law: AncillaryLaw, 
         replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)), model)
     builder = DiagramBuilder()
     uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
-        model=scenario.model, surface=scenario.surface, disturbance=None))
+        scenario.model, surface=scenario.surface, disturbance=None))
     controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(ocp, law))
     state = uvms.GetOutputPort("state")
     # Only a bound of 1 is set, so that the worst ratio is the worst deviation itself.

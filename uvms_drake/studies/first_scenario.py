@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.laws.tip_rows import best_rows
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.joint_range import joint_range
@@ -109,29 +109,55 @@ class FirstScenario:
     """Lag and dead time of the thrusters [s]; 0 if they are not known."""
     undriven: tuple[str, ...]
     """Axes that they do not drive."""
+    short: tuple[str, ...]
+    """Axes whose limit of the input is above that of thrusters or motors, for a disturbance that an
+    author has declared."""
 
 
-def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScenario:
+class Choices(NamedTuple):
+    """Choices of an author, in place of those that `first_scenario` makes for a robot."""
+
+    into: np.ndarray | None = None
+    """Direction into the surface (3,), a unit vector in Σ_I; None: that of the tool."""
+    place: np.ndarray = np.zeros(3)
+    """Point of the surface to press on (3,) in Σ_I [m]."""
+    posture: np.ndarray | None = None
+    """Joint angles q_des (n,) [rad]; None: those of `find_posture`."""
+    disturbance: np.ndarray | None = None
+    """Semi-axes of the disturbance (6+n,) [m/s², rad/s²]; None: as much as the robot leaves of a
+    current and friction."""
+
+
+MADE = Choices()
+"""No choice of an author."""
+
+
+def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choices = MADE
+                   ) -> FirstScenario:
     """Returns a scenario in which a robot swims to a wall and presses on it.
 
     Args:
         uvms: The robot, in a finalized plant.
         force: Along the tool [N].
         distance: From the tip to the wall at the start [m].
+        chosen: Choices that are made already.
 
     Raises:
         RunFailed: It cannot be done with this robot; says why.
+        InvalidParameter: A choice does not go with the robot.
     """
     # The task: the vehicle level, the tool along the normal, in a frame without singularity.
     world = UvmsModel(uvms)
-    posture, dexterity = find_posture(world)
+    posture, dexterity = find_posture(world) if chosen.posture is None else (
+        chosen.posture, dexterity_at(world, chosen.posture))
     tool = _level(world, posture)
-    pitch = tool[4]
-    frame = np.array([0.0, pitch if abs(pitch) > STEEP else 0.0, 0.0])
+    pitch, heading = _attitude(chosen.into, tool)
+    steep = abs(pitch) > STEEP
+    frame = np.array([0.0, pitch, heading]) if steep else np.zeros(3)
     model = UvmsModel(uvms, frame)
-    into = rotation_matrix(frame)[:, 0]
-    pose = np.round(model.task_pose(_headed(posture, -tool[5]))[3:6], 4)
-    config = model.configuration(np.concatenate([np.zeros(3), pose, posture]))
+    into = rotation_matrix(frame)[:, 0] if chosen.into is None else chosen.into
+    pose = np.round(model.task_pose(_headed(posture, heading - tool[5]))[3:6], 4)
+    config = model.configuration(np.concatenate([chosen.place, pose, posture]))
     wrench = np.concatenate([force * into, np.zeros(3)])
     # The input that holds it, and the one that motors and thrusters leave for the disturbance.
     at, rest = model.kinematics(config), np.zeros(model.size)
@@ -139,29 +165,46 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
     tau_eq = model.inverse_dynamics(at, rest, rest) + model.task_jacobian(config)[:6].T @ wrench
     u_eq = np.abs(np.linalg.solve(M, tau_eq))
     strength = strength_of(uvms)
-    wanted = _disturbance(model, config, np.diag(M), strength)
+    wanted = chosen.disturbance if chosen.disturbance is not None else (
+        _disturbance(model, config, np.diag(M), strength))
     n = model.num_joints
     share = np.repeat(SHARES, [6, n])
     margin = share * (strength.force - np.abs(tau_eq)) / np.diag(M)
     manoeuvre = np.repeat(MANOEUVRE, [3, 3, n])
     taken = TAKEN * input_gain(1.0, 1.0) * wanted
     shares = (margin - manoeuvre) / taken
-    covered = float(min(1.0, np.min(shares)))
+    covered = 1.0 if chosen.disturbance is not None else float(min(1.0, np.min(shares)))
     if covered < WEAKEST:
         raise RunFailed(_too_weak(uvms, model, config, force * into, int(np.argmin(shares))))
     needed = covered * taken + SPARE * manoeuvre
     most = np.maximum(needed, np.repeat(MOST, [3, 3, n]))
-    u = u_eq + np.where(np.isfinite(margin), np.minimum(margin, most), needed)
+    # A disturbance that an author declares counts, even if thrusters leave less for it.
+    short = shares < covered
+    u = u_eq + np.where(np.isfinite(margin) & ~short, np.minimum(margin, most), needed)
     # The start: in front of the wall, a little off the task.
     limits = np.array([world.q_lower, world.q_upper])
-    start = config[:6] + np.concatenate([-distance * into, np.zeros(3)])
-    start += np.array([0.0, -0.02, -0.02, 0.0, 0.0, 0.02])
+    aside = rotation_matrix(np.array([0.0, 0.0, heading])) @ np.array([0.0, -0.02, -0.02])
+    start = config[:6] + np.concatenate([aside - distance * into, [0.0, 0.0, 0.02]])
     return FirstScenario(
         force=force * into, frame=frame, pose=pose, posture=posture, dexterity=dexterity,
         eta=start, q_limits=np.clip([posture - HALF_RANGE, posture + HALF_RANGE], *limits),
         u=u, strength=strength, tau_eq=tau_eq, disturbance=covered * wanted, covered=covered,
         gain=_gain(model, config, covered * wanted, force), lag=_lag(uvms),
-        undriven=() if uvms.thrusters is None else tuple(uvms.thrusters.undriven))
+        undriven=() if uvms.thrusters is None else tuple(uvms.thrusters.undriven),
+        short=tuple(coordinate(i) for i, is_short in enumerate(short) if is_short))
+
+
+def _attitude(into: np.ndarray | None, tool: np.ndarray) -> tuple[float, float]:
+    """Returns pitch and heading of the inward normal [rad], given the level tool's χ (6,)."""
+    pitch = float(tool[4])
+    if into is None:
+        return pitch, 0.0
+    level = float(np.hypot(into[0], into[1]))
+    inward = float(np.arctan2(-into[2], level))
+    require(abs(inward - pitch) <= STEEP, "surface.normal", -into,
+            f"within {STEEP:g} rad of opposite to the tool, which points {abs(pitch):.3g} rad "
+            f"{'up' if pitch > 0.0 else 'down'} from level at this posture of a level vehicle")
+    return inward, float(np.arctan2(into[1], into[0])) if level > 1e-9 else 0.0
 
 
 def _too_weak(uvms: Uvms, model: UvmsModel, config: np.ndarray, force: np.ndarray, i: int) -> str:
@@ -205,13 +248,6 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     lower, upper = joint_range(model)
     margin = np.minimum(MARGIN, 0.25 * (upper - lower))
     lower, upper = lower + margin, upper - margin
-    rows = best_rows(model) if n > 2 else np.arange(3)
-
-    def dexterity(q: np.ndarray) -> np.ndarray:
-        config = np.concatenate([np.zeros((len(q), 6)), q], axis=1)
-        J = model.task_jacobian(config)[:, rows, 6:]
-        smallest: np.ndarray = np.linalg.svd(J, compute_uv=False)[:, -1]
-        return smallest
 
     def forward_reach(chi: np.ndarray) -> np.ndarray:
         out: np.ndarray = chi[:, 0] * np.cos(chi[:, 5]) + chi[:, 1] * np.sin(chi[:, 5])
@@ -222,8 +258,9 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
         far = forward_reach(chi)
         reach = float(np.max(far)) if reach is None else reach
         short = np.maximum(0.0, FORWARD_SHARE * reach - far) / (0.1 * abs(reach))
-        out: np.ndarray = (np.log(np.maximum(dexterity(q), 1e-12)) - (chi[:, 4] / LEVEL) ** 2
-                           - (chi[:, 5] / SIDEWAYS) ** 2 - (chi[:, 3] / ROLLED) ** 2 - short**2)
+        dexterity = np.log(np.maximum(_dexterities(model, q), 1e-12))
+        out: np.ndarray = (dexterity - (chi[:, 4] / LEVEL) ** 2 - (chi[:, 5] / SIDEWAYS) ** 2
+                           - (chi[:, 3] / ROLLED) ** 2 - short**2)
         return out
 
     # Random postures, then smaller and smaller steps about the best one.
@@ -237,7 +274,21 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
         near[0] = best
         best = near[np.argmax(score(near, reach))]
     best = np.clip(np.round(best, 2), lower, upper)
-    return best, float(dexterity(best[None])[0])
+    return best, dexterity_at(model, best)
+
+
+def dexterity_at(model: UvmsModel, posture: np.ndarray) -> float:
+    """Returns σ_min(J_sq) at joint angles (n,); 1 of a robot without joints."""
+    return float(_dexterities(model, posture[None])[0]) if model.num_joints else 1.0
+
+
+def _dexterities(model: UvmsModel, postures: np.ndarray) -> np.ndarray:
+    """Returns σ_min(J_sq) (m,) at joint angles (m, n) [rad]."""
+    rows = best_rows(model) if model.num_joints > 2 else np.arange(3)
+    config = np.concatenate([np.zeros((len(postures), 6)), postures], axis=1)
+    J = model.task_jacobian(config)[:, rows, 6:]
+    smallest: np.ndarray = np.linalg.svd(J, compute_uv=False)[:, -1]
+    return smallest
 
 
 def strength_of(uvms: Uvms) -> Strength:

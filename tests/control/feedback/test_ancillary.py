@@ -61,7 +61,7 @@ def test_a_law_that_gives_no_command_is_named(model, states):
 def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(
         model, plane, states, config, where):
     """ζ̇ = f + u: the full inertia, with added mass and rotors, on both sides."""
-    plant = make_uvms_plant(model="girona500_arm5e", surface=plane,
+    plant = make_uvms_plant("girona500_arm5e", surface=plane,
                             disturbance=ConstantDisturbance(bound=0.0))
     water = plant.GetSubsystemByName("hydrodynamics")
     order = plant.GetSubsystemByName("tau_to_drake_order")

@@ -46,7 +46,7 @@ def test_the_robot_moves_as_by_drakes_propellers():
     """ζ̇ by the wrench B f, and by Drake's forces at the thrusters' places."""
     builder = DiagramBuilder()
     uvms = builder.AddSystem(make_uvms_plant(
-        model="girona500_arm5e", surface=None, disturbance=None))
+        "girona500_arm5e", surface=None, disturbance=None))
     vehicle = uvms.GetSubsystemByName("plant").GetBodyByName("vehicle").index()
     propeller = builder.AddSystem(Propeller([PropellerInfo(vehicle, RigidTransform(
         RotationMatrix.MakeFromOneVector(item.axis, 2), item.position)) for item in TWO]))

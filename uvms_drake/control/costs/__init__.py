@@ -4,4 +4,6 @@ from uvms_drake.common.kinds import offer
 from uvms_drake.control.costs.level_vehicle import LevelVehicle
 from uvms_drake.control.costs.term import CostTerm
 
+__all__ = ["CostTerm", "LevelVehicle"]
+
 offer(CostTerm, LevelVehicle)

@@ -9,6 +9,8 @@ from uvms_drake.control.limits.settings import (
     make_limits,
     tighten,
 )
+from uvms_drake.control.limits.tip_box import TipBox
+from uvms_drake.control.limits.tip_velocity import TipVelocity
 
-__all__ = ["HoldRadii", "Limit", "Limits", "TubeRadii", "check_limits", "joint_limits",
-           "make_limits", "resolved_radii", "tighten"]
+__all__ = ["HoldRadii", "Limit", "Limits", "TipBox", "TipVelocity", "TubeRadii", "check_limits",
+           "joint_limits", "make_limits", "resolved_radii", "tighten"]

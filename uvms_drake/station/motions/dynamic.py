@@ -184,7 +184,7 @@ def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | N
         start: Likewise.
     """
     return make_uvms_plant(
-        model=scenario.model, surface=true_surface(scenario),
+        scenario.model, surface=true_surface(scenario),
         disturbance=disturbance, seed=scenario.seed, start=start,
         error=scenario.model_error,
         task_frame=np.asarray(scenario.task.frame, dtype=float))

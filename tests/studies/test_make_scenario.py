@@ -1,0 +1,138 @@
+"""A scenario made of objects: the same as that of a file, turned with its wall, refused by name."""
+
+from dataclasses import dataclass
+from operator import attrgetter
+
+import numpy as np
+import pytest
+
+import uvms_drake as uv
+from uvms_drake.command.main import main
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.station.scenario.scenario import load_scenario
+
+GIRONA = "girona500_arm5e"
+POSTURE = [0.0, 1.1, 0.47, 0.0]  # rad
+
+
+@dataclass
+class Ball(uv.Surface):
+    """A soft ball, met 0.3 m in front of its center, without what a limit of the force needs."""
+
+    stiffness: float = 500.0  # N/m
+
+    @property
+    def anchor(self) -> np.ndarray:
+        return np.array([-0.3, 0.0, 0.0])
+
+    def checked(self) -> "Ball":
+        return self
+
+    def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
+        distance = np.sqrt(np.sum(chi[..., :3]**2, axis=-1, keepdims=True))
+        load = self.stiffness * uv.surfaces.plane_load(0.3 - distance, 0.002)
+        return np.concatenate([-load * chi[..., :3] / distance, 0.0 * chi[..., :3]], axis=-1)
+
+    def penetration(self, chi: np.ndarray) -> np.ndarray:
+        return np.maximum(0.3 - np.linalg.norm(chi[..., :3], axis=-1), 0.0)
+
+    def pose_for(self, force: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        size = np.linalg.norm(force[:3])
+        return np.append(-(0.299 - size / self.stiffness) * force[:3] / size, pose[3:])
+
+    def force_jacobian(self) -> np.ndarray:
+        return self.stiffness * np.eye(3, 6)
+
+    def sample_contact(self, chi, force_max: float, rng: np.random.Generator) -> np.ndarray:
+        outward = rng.normal(size=(len(chi), 3))
+        distance = 0.3 - rng.uniform(-0.01, force_max / self.stiffness, (len(chi), 1))
+        return distance * outward / np.linalg.norm(outward, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("robot", ["bluerov2_alpha5", "box_uvms"])
+def test_it_is_the_scenario_of_the_file_that_the_command_writes(robot, tmp_path):
+    file = tmp_path / "press.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", robot, "--force", "6"]) == 0
+    written, made = load_scenario(str(file)), uv.make_scenario(robot, force=6.0)
+    assert (made.model, made.mpc.horizon) == (written.model, written.mpc.horizon)
+    for key in ("limits.u", "limits.q_lower", "limits.static_force", "start.eta", "start.q",
+                "task.force", "task.pose", "task.posture", "mpc.weight_u", "disturbance.weights",
+                "ancillary.k", "surface.stiffness", "tube.u"):
+        now, before = (attrgetter(key)(each) for each in (made, written))
+        np.testing.assert_allclose(now, before, rtol=1e-3, atol=1e-4, err_msg=key)
+
+
+def test_with_a_wall_that_is_turned_the_start_turns_and_the_input_at_rest_stays():
+    yaw, place = 0.8, np.array([1.0, -2.0, 3.0])
+    turn = rotation_matrix(np.array([0.0, 0.0, yaw]))
+    plain = uv.make_scenario(GIRONA, uv.UnilateralPlane(), force=12.0, posture=POSTURE)
+    wall = uv.UnilateralPlane().moved(turn, place)
+    turned = uv.make_scenario(uv.Robot.load(GIRONA), wall, force=12.0, posture=POSTURE)
+    np.testing.assert_allclose(turned.task.force[:3], turn @ plain.task.force[:3], atol=1e-9)
+    ocps = [uv.make_ocp(each) for each in (plain, turned)]
+    configs = [ocp.model.configuration(ocp.y_des) for ocp in ocps]
+    np.testing.assert_allclose(configs[1][:3], turn @ configs[0][:3] + place, atol=1e-3)
+    np.testing.assert_allclose(configs[1][3:], configs[0][3:] + [0, 0, yaw, 0, 0, 0, 0], atol=1e-3)
+    np.testing.assert_allclose(ocps[1].u_eq, ocps[0].u_eq, atol=1e-3)
+    np.testing.assert_allclose(turned.limits.u, plain.limits.u, rtol=2e-2)
+    tips = [each.model.task_pose(scenario.start.config)[:3]
+            for each, scenario in zip(ocps, (plain, turned), strict=True)]
+    assert tips[0] @ [1, 0, 0] == pytest.approx(-0.2, abs=0.01)
+    assert (tips[1] - place) @ turn[:, 0] == pytest.approx(-0.2, abs=0.01)
+
+
+def test_a_surface_and_a_law_of_ones_own_run():
+    @dataclass
+    class Stiffer(uv.AncillaryLaw):
+        gain: float = 90.0
+
+        def command(self, model, now, nominal_acceleration, nominal_input):
+            error = now.inverse @ uv.pose_difference(*now.y)
+            return nominal_input() - self.gain * error - 20.0 * (now.zeta[0] - now.zeta[1])
+
+    press = uv.make_scenario(GIRONA, Ball(), force=[8.0, 0.0, 0.0], posture=POSTURE, law=Stiffer(),
+                             disturbance=0.01, distance=0.02)
+    press.duration = 2.5
+    record = uv.simulate(press)
+    assert record.force[-1, 0] == pytest.approx(8.0, abs=1.0)
+    assert record.summary()["scenario"] == "press"
+
+
+@pytest.mark.parametrize(("arguments", "expected"), [
+    ({"force": 0.0}, "force = 0.0: must be positive"),
+    ({"force": [1.0, 2.0]}, "force = [1.0, 2.0]: must be 3 finite numbers"),
+    ({"surface": Ball()}, "force = 10.0: must be a vector (3,) in Σ_I: a Ball has no `normal`"),
+    ({"surface": uv.UnilateralPlane(stiffness=-1.0)}, "surface.stiffness = -1.0: must be positive"),
+    ({"surface": uv.UnilateralPlane(normal=[0.0, 0.0, -1.0])},
+     "surface.normal = [ 0., 0., -1.]: must be within 0.35 rad of opposite to the tool"),
+    ({"posture": [0.0]}, "posture = [0.0]: must be 4 finite numbers"),
+    ({"disturbance": -0.1}, "disturbance.bound = -0.1: must be zero or positive"),
+    ({"distance": 0.0}, "distance = 0.0: must be positive"),
+    ({"robot": "submarine"}, "model = 'submarine': must be one of")])
+def test_an_argument_without_meaning_is_named(arguments, expected):
+    with pytest.raises(InvalidParameter) as caught:
+        uv.make_scenario(**{"robot": GIRONA, "force": 10.0, "posture": POSTURE} | arguments)
+    assert " ".join(str(caught.value).split()).startswith(expected)
+
+
+def test_a_disturbance_that_the_thrusters_cannot_reject_is_taken_with_a_warning(caplog):
+    uv.make_scenario(GIRONA, force=12.0, posture=POSTURE, disturbance=0.001)
+    assert caplog.text == ""
+    uv.make_scenario(GIRONA, force=12.0, posture=POSTURE, disturbance=0.05)
+    assert "limits.u of girona500_arm5e is that of an ideal wrench" in caplog.text
+    assert "along sway" in caplog.text
+
+
+@pytest.mark.slow
+def test_the_readmes_problem_certifies_and_its_plant_and_controller_press():
+    wall = uv.UnilateralPlane(stiffness=2000.0)
+    press = uv.make_scenario(GIRONA, wall, force=12.0, posture=POSTURE,
+                             law=uv.Resolved(k=20.0, sigma=5.0), disturbance=0.05)
+    certificate = uv.certify(press)
+    assert certificate.certified
+    press = certificate.applied_to(press)
+    press.duration = 6.0
+    record = uv.simulate(press, certified=True)
+    assert np.max(record.deviation_of("position")) < certificate.tube.position
+    assert record.force[-1, 0] == pytest.approx(12.0, abs=certificate.bounds["force"])

@@ -1,0 +1,83 @@
+"""The simulated robot of any scenario, with its water and its disturbance, in one Diagram."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
+from uvms_drake.plant.waves import WaterMotion
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.faults import faults_at
+from uvms_drake.station.scenario.scenario import Scenario
+
+
+def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram:
+    """Returns the simulated robot of a scenario, as a Diagram "plant", for `make_controller`.
+
+    ::
+
+        tau ──────────────────────────▶┌──────┐──▶ state, force, penetration, chi, ...
+        water ──▶ current ────────────▶│ uvms │
+        disturbance ──────────────────▶└──────┘
+
+    It is that of `make_station`: with model error, current, waves and the true surface, which the
+    controller does not know, at rest at `scenario.start`.
+
+    .. pydrake_system::
+
+        name: plant
+        input_ports:
+        - tau
+        output_ports:
+        - state
+        - force
+        - disturbance, ... (all others of make_uvms_plant)
+
+    - `tau`: τ (6+n) [N, N m], as of `make_uvms_plant`.
+    - `state`: (𝔮, ζ) (2(6+n)) [m, rad, m/s, rad/s].
+    - `force`: 𝔉 (6) on the surface [N, N m].
+
+    Args:
+        scenario: Robot, start, surface, water, model error and disturbance.
+        model: The controller's model; loaded if left out.
+
+    Raises:
+        InvalidParameter: A value of the scenario cannot be used; also a disturbance that is aimed
+            by the tube's errors, which only a station has.
+    """
+    motion, model = motion_of(scenario), model or load_model(scenario)
+    motion.check(scenario)
+    require(motion.has_forces, "motion", scenario.motion, "dynamic, for a plant moved by forces")
+    builder = DiagramBuilder()
+    with within("start"):
+        start = np.concatenate([vector("eta", scenario.start.eta, 6),
+                                vector("q", scenario.start.q, model.num_joints)])
+    uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
+    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+    for name in ("current", "current_acceleration"):
+        builder.Connect(water.GetOutputPort(name), uvms.GetInputPort(name))
+    disturbance = applied_disturbance(scenario)
+    require(isinstance(disturbance, OpenLoopDisturbance), "disturbance", type(disturbance).__name__,
+            "a function of time alone, or in a station, which has the errors that aim it")
+    with within("disturbance"):
+        source = disturbance.add_to(builder, model, scenario.seed, {})
+    builder.Connect(source, uvms.GetInputPort("disturbance"))
+    builder.ExportInput(uvms.GetInputPort("tau"), "tau")
+    for i in range(uvms.num_output_ports()):
+        port = uvms.get_output_port(i)
+        builder.ExportOutput(port, port.get_name())
+    diagram = builder.Build()
+    diagram.set_name("plant")
+    return diagram
+
+
+def applied_disturbance(scenario: Scenario) -> Disturbance:
+    """Returns the disturbance, reduced by `model_error.share` or in excess of its bound."""
+    disturbance, left = scenario.disturbance, 1.0 - scenario.model_error.share
+    excess = math.prod(fault.factor for fault in faults_at("disturbance", scenario.faults).values())
+    return replace(disturbance, bound=excess * left * disturbance.bound)
