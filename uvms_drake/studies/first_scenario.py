@@ -183,8 +183,8 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choi
     u = u_eq + np.where(np.isfinite(margin) & ~short, np.minimum(margin, most), needed)
     # The start: in front of the wall, a little off the task.
     limits = np.array([world.q_lower, world.q_upper])
-    aside = rotation_matrix(np.array([0.0, 0.0, heading])) @ np.array([0.0, -0.02, -0.02])
-    start = config[:6] + np.concatenate([aside - distance * into, [0.0, 0.0, 0.02]])
+    across = rotation_matrix(np.array([0.0, 0.0, heading])) @ np.array([0.0, -0.02, -0.02])
+    start = config[:6] + np.concatenate([across - distance * into, [0.0, 0.0, 0.02]])
     return FirstScenario(
         force=force * into, frame=frame, pose=pose, posture=posture, dexterity=dexterity,
         eta=start, q_limits=np.clip([posture - HALF_RANGE, posture + HALF_RANGE], *limits),
