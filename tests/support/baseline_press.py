@@ -58,7 +58,7 @@ def run(laws: dict[str, Law], gains: RobotGains, *, seconds: float, stiffness: f
         geometry=Plane(point=np.zeros(3), normal=np.array([-1.0, 0.0, 0.0])),
         law=Linear(stiffness=stiffness), dissipation=0.5, friction=0.0))
     builder = DiagramBuilder()
-    uvms = builder.AddNamedSystem("uvms", make_uvms_plant(model=ROBOT, surface=wall, start=start))
+    uvms = builder.AddNamedSystem("uvms", make_uvms_plant(ROBOT, wall, start=start))
     baseline = builder.AddNamedSystem("baseline", make_baseline(model, pressed, laws, gains))
     builder.Connect(uvms.GetOutputPort("state"), baseline.GetInputPort("state"))
     builder.Connect(uvms.GetOutputPort("force"), baseline.GetInputPort("force_measured"))
