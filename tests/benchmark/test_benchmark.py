@@ -65,6 +65,20 @@ def test_a_file_without_the_function_and_unknown_names_are_refused(tmp_path, cap
         assert message in capsys.readouterr().err
 
 
+def test_finished_runs_alone_are_shown(tmp_path, capsys):
+    out, (run, _) = tmp_path / "out", runs_of(["impedance"], ["girona500_arm5e"],
+                                              ["thrusters", "soft"], 1, 1)
+    command = ["benchmark", "--finished", "--quiet", "--output", str(out)]
+    assert main(command) == 2
+    assert "none of these runs" in capsys.readouterr().err
+    (out / "runs").mkdir(parents=True, exist_ok=True)
+    (out / "runs" / run.file).write_text(json.dumps(result(
+        "impedance", 0, 0.25)), encoding="utf-8")
+    assert main(command) == 0
+    text = capsys.readouterr().out
+    assert "1 runs" in text and "0.25 / 21 / 0.25" in text
+
+
 def test_a_controller_is_found_by_its_file(tmp_path):
     own = tmp_path / "my_law.py"
     own.write_text(OWN, encoding="utf-8")
@@ -75,9 +89,9 @@ def test_a_controller_is_found_by_its_file(tmp_path):
 def result(controller: str, index: int, rms: float | None, **other) -> dict:
     return {"controller": controller, "robot": "girona500_arm5e", "case": "thrusters", "seed": 1,
             "index": index, "error": None, "ended": None if rms is not None else "force",
-            "force_rms": rms, "peak": 21.0, "settling": rms, "lateral": 0.001, "lost": 0,
-            "limits": {"q": 0.1 * index}, "saturated": 0.0, "chatter": 1.0, "energy": 5.0,
-            "step_ms": 0.2, "worst_step_ms": 0.3, **other}
+            "force_rms": rms, "peak": 21.0, "settling": rms, "touch": 4.0, "lateral": 0.001,
+            "lost": 0, "limits": {"q": 0.1 * index}, "saturated": 0.0, "chatter": 1.0,
+            "energy": 5.0, "step_ms": 0.2, "worst_step_ms": 0.3, **other}
 
 
 def test_medians_worst_and_lost_rows_are_those_of_the_runs():

@@ -36,7 +36,7 @@ class Admittance(Law):
     ẋ_r is k_f (f_d − f) along n in contact, and ẋ_d + k_x (x_d − x) otherwise.
     """
 
-    declared = ("direction", "inertia of the arm, in its servos")
+    declared = ("direction", "inertia of the arm (servos)")
 
     def __init__(self, gains: AdmittanceGains, num_joints: int):
         self._gains, self.memory = gains, num_joints

@@ -37,7 +37,7 @@ class Impedance(Law):
     """
 
     memory = 1
-    declared = ("direction", "inertia of the arm, for the posture")
+    declared = ("direction", "inertia of the arm (posture)")
 
     def __init__(self, gains: ImpedanceGains):
         self._gains = gains

@@ -90,11 +90,19 @@ def run_one(run: Run) -> dict[str, Any]:
 
 
 def run_all(runs: Sequence[Run], folder: Path, processes: int,
-            progress: Callable[[str, float], None]) -> list[dict[str, Any]]:
+            progress: Callable[[str, float], None], *, finished: bool = False
+            ) -> list[dict[str, Any]]:
     """Computes the runs that a folder lacks, and returns the results of all.
 
+    Args:
+        runs: The runs, of one seed.
+        folder: Folder of the results.
+        processes: Number of processes.
+        progress: Progress callback.
+        finished: Whether to compute nothing, and return the results that are there.
+
     Raises:
-        InvalidParameter: The folder has runs of another seed.
+        InvalidParameter: The folder has runs of another seed, or none of those that are finished.
     """
     path = folder / RUNS_FOLDER
     path.mkdir(parents=True, exist_ok=True)
@@ -102,7 +110,9 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
     for result in found.values():
         require(result is None or result["seed"] == runs[0].seed, "--output", str(folder),
                 "a folder without runs of another seed")
-    missing = [run for run in runs if found[run] is None]
+    missing = [run for run in runs if found[run] is None and not finished]
+    require(not finished or any(found.values()), "--finished", str(folder),
+            "left out: the folder has none of these runs")
     pool = local_pool(processes)
     batch, done = pool.runs or len(missing), 0
     for first in range(0, len(missing), batch):

@@ -74,8 +74,8 @@ class Case:
 
 
 CASES = {case.name: case for case in (
-    Case("ideal", "ideal wrench, continuous, a sinusoidal disturbance", ideal=True),
-    Case("thrusters", "thrusters of 0.05 to 0.15 s lag, 50 Hz, noise: so are all below"),
+    Case("ideal", "exact wrench and state, continuous, disturbed", ideal=True),
+    Case("thrusters", "lag of 0.05 to 0.15 s, 50 Hz, noise: so are all below"),
     Case("wall_off", "the wall 5 cm deeper", ("surface_error.shift=[0.05, 0.0, 0.0]",),
          further=8.0),
     Case("soft", "stiffness × 0.2", ("surface_error.stiffness=0.2",), further=10.0),

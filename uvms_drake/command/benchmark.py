@@ -34,6 +34,8 @@ def add_benchmark(commands: argparse._SubParsersAction) -> None:
                                 "(default: %(default)s)")
     benchmark.add_argument("--processes", type=int, default=1, metavar="P",
                            help="processes of this machine (default: %(default)s)")
+    benchmark.add_argument("--finished", action="store_true",
+                           help="compute nothing: tables and figures of the runs in the folder")
     take_quiet(benchmark)
 
 
@@ -52,7 +54,8 @@ def run_benchmark(args: argparse.Namespace) -> int:
     try:
         with output_folder(args.output, own) as output:
             with closing(Bar("running", stream_of(args))) as progress:
-                results = run_all(runs, args.output, args.processes, progress)
+                results = run_all(runs, args.output, args.processes, progress,
+                                  finished=args.finished)
             summary = summarise(results)
             text = format_benchmark(summary)
             (output.folder / JSON_FILE).write_text(json.dumps(
