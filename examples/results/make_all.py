@@ -9,6 +9,7 @@ import datetime
 import json
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -94,8 +95,32 @@ def bench() -> str:
     return f"# Step times\n\n`uvms-drake bench`\n\n```\n{text.strip()}\n```"
 
 
+def benchmark() -> str:
+    """Returns the page of the benchmark of controllers; its runs are kept in out/benchmark."""
+    print("benchmark", file=sys.stderr)
+    folder, command = Path("out") / "benchmark", ["benchmark", "--output", "out/benchmark"]
+    if FINISHED in sys.argv:
+        command.append(FINISHED)
+    text = uvms_drake(*command).strip()
+    figures = sorted(folder.glob("benchmark_*.png"))
+    for figure in figures:
+        shutil.copy(figure, FOLDER)
+    pictures = "\n\n".join(f"![force of every case]({figure.name})" for figure in figures)
+    return "\n\n".join((
+        "# Controllers of the field in the same cases", f"`uvms-drake {' '.join(command)}`",
+        READING.strip(), text, "## Force since the touch, first draw", pictures,
+        "A controller of one's own: "
+        "[uvms_drake/benchmark](../../uvms_drake/benchmark#a-controller-of-ones-own)."))
+
+
+FINISHED = "--finished"
+"""Option with which the page of the benchmark has the runs that are finished, and runs nothing."""
+READING = """Empty cells are runs that were not made.
+"""
+"""Reading of the page of the benchmark."""
 PAGES: dict[str, Callable[[], str]] = {
-    "scenarios": scenarios, "campaigns": campaigns, "bench": bench}
+    "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
+    "benchmark": benchmark}
 IMPORT, PRINTED = "robot_import", ("holds", "unknowns")
 """Pages with a script of their own; those of the second kind print it."""
 
@@ -105,6 +130,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     names = [*PAGES, IMPORT, *PRINTED]
     parser.add_argument("--only", choices=names, nargs="+", default=names)
+    parser.add_argument(FINISHED, action="store_true",
+                        help="benchmark: the finished runs in out/benchmark alone")
     for name in parser.parse_args().only:
         if name == IMPORT:
             subprocess.run([sys.executable, FOLDER / f"{IMPORT}.py"], check=True)

@@ -16,15 +16,15 @@ from uvms_drake.report.figure_style import (
     DESIRED,
     GREEN,
     ORANGE,
-    PURPLE,
     STYLE,
     VERMILION,
     legend_above,
 )
 
 COLUMNS = 3
+GREY = "#777777"
 LINES = [(color, style) for style in ("-", (0, (2, 1)))
-         for color in (ORANGE, GREEN, VERMILION, PURPLE)]
+         for color in (ORANGE, GREEN, VERMILION, GREY)]
 """Colour and line style of the controllers but the tube MPC, which is blue and in front."""
 
 
@@ -72,6 +72,7 @@ def draw(results: Sequence[dict[str, Any]]) -> Figure:
         axis.set_title(CASES[case].text.split(":")[0], fontsize=6.5)
         axis.set_ylim(0.0, 2.0 * desired)
         axis.set_xlim(-1.0, 14.0)
+        axis.set_xticks([0.0, 5.0, 10.0])
     for axis in axes[len(cases):]:
         axis.set_axis_off()
     for axis in axes[max(len(cases) - COLUMNS, 0): len(cases)]:
