@@ -115,7 +115,14 @@ def benchmark() -> str:
 
 FINISHED = "--finished"
 """Option with which the page of the benchmark has the runs that are finished, and runs nothing."""
-READING = """Empty cells are runs that were not made.
+READING = """
+An empty cell is a run that was not made. All cases but `ideal` are of the robot with thrusters, a
+sampled loop and navigation. The gains of the baselines are from a linear model of that loop, not
+tuned on these cases; only the form of the prescribed performance was chosen, on a wall that is
+none of them. The tube MPC runs with its declared tube, uncertified, and has gains of its own for
+the ideal loop. The laws after Barbalata et al. and Heshmati-alamdari et al. follow their
+abstracts: equations and gains of the papers could not be read, so a row is no verdict on the
+papers.
 """
 """Reading of the page of the benchmark."""
 PAGES: dict[str, Callable[[], str]] = {
