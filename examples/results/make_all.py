@@ -128,7 +128,7 @@ papers.
 PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
     "benchmark": benchmark}
-IMPORT, PRINTED = "robot_import", ("holds", "unknowns")
+IMPORT, PRINTED = "robot_import", ("holds", "unknowns", "adversaries")
 """Pages with a script of their own; those of the second kind print it."""
 
 
