@@ -442,7 +442,8 @@ def test_the_log_holds_no_nan(smoke):
 def quick_bench(monkeypatch):
     """Lets `bench` measure very little."""
     little = bench.Effort(warm_up=0, steps=2, first_plans=1, instants=2, rounds=1, simulated=0.1,
-                          horizons=(2, 3), horizon_steps=1)
+                          horizons=(2, 3), horizon_steps=1, solver_horizon=2, solver_steps=1,
+                          solvers=("structured", "clarabel"))
     monkeypatch.setattr(bench, "measure", partial(bench.measure, effort=little))
 
 

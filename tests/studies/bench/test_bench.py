@@ -43,7 +43,8 @@ from uvms_drake.studies.bench.bench_table import format_bench
 from uvms_drake.studies.bench.stopwatch import Effort, Stopwatch, Timing, stopwatch
 
 LITTLE = Effort(warm_up=1, steps=4, first_plans=2, instants=3, rounds=2, simulated=3.0,
-                horizons=(3, 6), horizon_steps=2)
+                horizons=(3, 6), horizon_steps=2, solvers=("structured", "clarabel", "snopt"),
+                solver_horizon=3, solver_steps=2)
 SHORT = ["mpc.horizon=6"]
 
 
@@ -235,8 +236,21 @@ def test_the_growth_takes_one_step_at_least(scenario, model):
     assert [row.steps for row in rows] == [1, 1]
 
 
+def test_each_solver_is_measured_from_the_same_plans(measured):
+    first, *others = measured[0].solvers
+    assert (first.solver, first.ratio) == ("structured", 1.0)
+    assert [row.solver for row in others] == ["clarabel", "snopt"]
+    for row in measured[0].solvers:
+        assert (row.horizon, row.steps, row.failures) == (3, 2, 0)
+        assert row.ratio == row.step.p50 / first.step.p50
+        assert_ordered(row.step)
+    table = format_bench(measured[0])
+    assert re.search(r"step by solver, N = 3 .*ratio", table)
+    assert re.search(r"\n  snopt +[\d.]+ ", table)
+
+
 def test_what_is_measured_next_is_said(measured):
-    assert len(measured[1]) == len(set(measured[1])) == 5
+    assert len(measured[1]) == len(set(measured[1])) == 6
 
 
 @pytest.mark.parametrize(("name", "overrides"), [

@@ -14,17 +14,18 @@ from uvms_drake.control.ocp.ocp_program import OcpProgram
 from uvms_drake.control.ocp.solver import Solution, Solver
 from uvms_drake.control.plan.plan import P
 
-TOLERANCE = 1e-8
-"""Violation of the scaled constraints, and optimality, at which SNOPT and IPOPT stop."""
+FEASIBILITY, OPTIMALITY = 1e-8, 1e-7
+"""Violation of the constraints at which SNOPT and IPOPT stop, and of the conditions of optimality:
+IPOPT at ten times that, because it has no second derivatives."""
 
 
 def tight_options() -> SolverOptions:
     """Returns options by which a plan keeps its limits to well within `Ocp.tolerance`."""
     options = SolverOptions()
-    for name in ("Major feasibility tolerance", "Major optimality tolerance"):
-        options.SetOption(SnoptSolver.id(), name, TOLERANCE)
-    for name in ("tol", "constr_viol_tol"):
-        options.SetOption(IpoptSolver.id(), name, TOLERANCE)
+    options.SetOption(SnoptSolver.id(), "Major feasibility tolerance", FEASIBILITY)
+    options.SetOption(SnoptSolver.id(), "Major optimality tolerance", OPTIMALITY)
+    options.SetOption(IpoptSolver.id(), "constr_viol_tol", FEASIBILITY)
+    options.SetOption(IpoptSolver.id(), "tol", 10.0 * OPTIMALITY)
     return options
 
 
@@ -49,7 +50,7 @@ class NonlinearSolver(Solver[P]):
         """Returns the same solver for another problem."""
         return NonlinearSolver(ocp, self._solver, self._options, self._extend)
 
-    def solve(self, guess: P, iterations: int = 1, tolerance: float = TOLERANCE) -> Solution[P]:
+    def solve(self, guess: P, iterations: int = 1, tolerance: float = OPTIMALITY) -> Solution[P]:
         """Returns the solution of the program that starts at the guess's first knot.
 
         Where the program is the problem's own, a plan that is worse than the guess is not returned,

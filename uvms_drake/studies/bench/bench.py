@@ -25,8 +25,10 @@ from uvms_drake.station.step_size import with_step
 from uvms_drake.studies.bench.bench_controller import (
     ControllerTimes,
     HorizonTimes,
+    SolverTimes,
     measure_controller,
     measure_growth,
+    measure_solvers,
 )
 from uvms_drake.studies.bench.bench_feedback import FeedbackTimes, measure_feedback
 from uvms_drake.studies.bench.bench_plant import DerivativeTimes, measure_derivative
@@ -67,6 +69,8 @@ class Bench:
     """Times of the feedback's command; None if a velocity is the input."""
     simulation: SimulationTime
     """Time of a simulation."""
+    solvers: list[SolverTimes]
+    """Times of the controller's step by solver."""
     growth: list[HorizonTimes]
     """Times of the controller's step by horizon."""
 
@@ -90,7 +94,7 @@ def measure(scenario: Scenario, effort: Effort | None = None,
 
     Args:
         scenario: Scenario to measure.
-        effort: Numbers of repetitions; the default takes 10 s.
+        effort: Numbers of repetitions; the default takes half a minute.
         progress: Called before every measurement.
 
     Raises:
@@ -110,14 +114,16 @@ def measure(scenario: Scenario, effort: Effort | None = None,
     derivative = measure_derivative(scenario, model, effort)
     progress("the feedback's command", 0.7)
     feedback = measure_feedback(scenario, model, effort)
-    progress("the growth with the horizon", 0.75)
+    progress("the controller's step by solver", 0.72)
+    solvers = measure_solvers(scenario, model, effort)
+    progress("the growth with the horizon", 0.85)
     growth = measure_growth(scenario, model, effort)
     cpu_share = (time.process_time() - cpu) / (time.perf_counter() - wall)
     machine = {"cpus": available_cpus(), "load_average": load, "cpu_share": cpu_share}
     versions = {"uvms_drake": VERSION, "drake": version("drake"),
                 "numpy": version("numpy"), "python": platform.python_version()}
     return Bench(scenario.name, versions, machine, controller, derivative, feedback, simulation,
-                 growth)
+                 solvers, growth)
 
 
 def load_average() -> list[float] | None:

@@ -1,4 +1,4 @@
-"""Measures step times of the nominal MPC, and their growth with the horizon."""
+"""Measures step times of the nominal MPC, by solver, and their growth with the horizon."""
 
 import time
 from collections import Counter
@@ -14,6 +14,7 @@ from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import scp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solver import Solution
+from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions.motions import make_ocp
@@ -76,6 +77,24 @@ class HorizonTimes:
     """`per_interval` over that of the first horizon: above one, the time grows faster than N."""
 
 
+@dataclass(frozen=True)
+class SolverTimes:
+    """A step of the nominal MPC by one of its solvers."""
+
+    solver: str
+    """Name, see `MpcConfig.solver`."""
+    horizon: int
+    """Number of intervals N, the same for all of them."""
+    step: Timing
+    """Time of a step."""
+    steps: int
+    """Number of measured steps."""
+    failures: int
+    """Steps at which the solver found no plan."""
+    ratio: float
+    """Ratio of the medians, of this solver's over that of the first."""
+
+
 class NominalLoop:
     """The nominal MPC in a closed loop with its own model, as `NominalMpc` has it.
 
@@ -86,7 +105,7 @@ class NominalLoop:
 
     def __init__(self, scenario: Scenario, model: ContactModel):
         self.ocp: Ocp = make_ocp(scenario, model)
-        self._solver: scp.SequentialConvexSolver = scp.SequentialConvexSolver(self.ocp)
+        self._solver = make_solver(self.ocp)
         self._start = start_state(scenario, self.ocp)[: self.ocp.state_size]
         self.plan: Plan = self.ocp.resting_plan(0.0, self._start)
         self.solution: Solution | None = None
@@ -156,6 +175,37 @@ def measure_controller(scenario: Scenario, model: ContactModel, effort: Effort) 
         horizon=loop.ocp.horizon, steps=effort.steps, failures=failures, total=total, parts=parts,
         conic_programs=dict(sorted(Counter(counts).items())), first_plan=Timing.of(firsts),
         first_iterations=iterations)
+
+
+def measure_solvers(scenario: Scenario, model: ContactModel, effort: Effort) -> list[SolverTimes]:
+    """Returns the times of a step by solver, at one horizon; all solvers start from the same plans.
+
+    The plans are those of the first solver, from the scenario's start.
+
+    Raises:
+        InvalidParameter: One of the solvers cannot be used.
+    """
+    mpc = replace(scenario.mpc, horizon=effort.solver_horizon, solver=effort.solvers[0])
+    loop = NominalLoop(replace(scenario, mpc=mpc), model)
+    solvers = {name: make_solver(loop.ocp, name) for name in effort.solvers}
+    seconds: dict[str, list[float]] = {name: [] for name in solvers}
+    failures = dict.fromkeys(solvers, 0)
+    loop.first()
+    end = time.perf_counter() + effort.solver_seconds
+    steps = 0
+    while steps < effort.solver_steps and (steps < 1 or time.perf_counter() < end):
+        guess = loop.ocp.continued(loop.plan)
+        for name, solver in solvers.items():
+            begin = time.perf_counter()
+            solution = solver.solve(guess, loop.ocp.iterations)
+            seconds[name].append(time.perf_counter() - begin)
+            failures[name] += solution.plan is None
+        loop.step()
+        steps += 1
+    timings = {name: Timing.of(each) for name, each in seconds.items()}
+    first = timings[effort.solvers[0]].p50
+    return [SolverTimes(name, effort.solver_horizon, timing, steps, failures[name],
+                        timing.p50 / first) for name, timing in timings.items()]
 
 
 def measure_growth(scenario: Scenario, model: ContactModel, effort: Effort) -> list[HorizonTimes]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from uvms_drake.studies.bench.bench import Bench
-from uvms_drake.studies.bench.bench_controller import ControllerTimes, HorizonTimes
+from uvms_drake.studies.bench.bench_controller import ControllerTimes, HorizonTimes, SolverTimes
 from uvms_drake.studies.bench.bench_feedback import FeedbackTimes
 from uvms_drake.studies.bench.bench_plant import DerivativeTimes
 from uvms_drake.studies.bench.stopwatch import Timing
@@ -23,6 +23,7 @@ def format_bench(bench: Bench) -> str:
         *_feedback_rows(bench.feedback),
         "", f"simulation  {simulation.simulated_s:g} s in {simulation.wall_s:.2f} s, "
         f"{simulation.real_time_factor:.2f} times real time",
+        "", *_solver_rows(bench.solvers),
         "", *_growth_rows(bench.growth)])
 
 
@@ -61,6 +62,15 @@ def _part_rows(title: str, total: Timing, parts: Mapping[str, Timing]) -> list[s
 
 def _numbers(timing: Timing) -> str:
     return "".join(f"{value:>9.3f}" for value in vars(timing).values())
+
+
+def _solver_rows(solvers: Sequence[SolverTimes]) -> list[str]:
+    head = "".join(f"{name:>9}" for name in ("min", "p50", "max", "ratio"))
+    title = f"controller step by solver, N = {solvers[0].horizon} [ms]"
+    return [f"{title:<42}{head}{'steps':>9}", *(
+        f"  {row.solver:<40}{row.step.min:>9.1f}{row.step.p50:>9.1f}{row.step.max:>9.1f}"
+        f"{row.ratio:>9.1f}{row.steps:>9}" + (
+            f"  {row.failures} failures" if row.failures else "") for row in solvers)]
 
 
 def _growth_rows(growth: Sequence[HorizonTimes]) -> list[str]:

@@ -136,3 +136,11 @@ class Effort:
     """Largest number of steps at each of the horizons."""
     horizon_seconds: float = 20.0
     """Wall time after which no further step at the horizons is begun [s]."""
+    solvers: tuple[str, ...] = ("structured", "clarabel", "snopt", "ipopt")
+    """Solvers that are compared, each with the first of them."""
+    solver_horizon: int = 5
+    """Number of intervals N for that comparison; a nonlinear solver takes seconds at 15."""
+    solver_steps: int = 5
+    """Largest number of steps of that comparison."""
+    solver_seconds: float = 10.0
+    """Wall time after which no further step of that comparison is begun [s]."""
