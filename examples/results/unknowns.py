@@ -34,8 +34,9 @@ BASE, STEPS, RUNS, DURATION = "girona500_contact", 8, 100, 11.0
 """Scenario, most certificates on the way to one that holds, runs of a campaign and their longest
 duration [s]."""
 ADVICE = re.compile(r"--set (\S+)")
-PARTS = (1.0, 0.97, 0.94, 0.91, 0.85, 0.75)
-"""Fractions of the tolerance that are tried, until one is certified."""
+PARTS, LONG = (0.98, 0.95, 0.91, 0.8), "mpc.horizon=35"
+"""Fractions of the tolerance that are tried until one is certified, and the horizon with which:
+little of the inputs is left."""
 HEAD = """# Declared unknowns, each alone
 
 {provenance} Command: `python examples/results/unknowns.py`.
@@ -44,7 +45,7 @@ HEAD = """# Declared unknowns, each alone
 other. *Hold* is the certified band of the press of 20 N; *exits* of the tube and *off*, the largest
 force error in the hold, are of a run of {duration} s. *Tolerance* is the largest size of
 `certify --tolerances`, *largest certified* the largest tried fraction of it that has a certificate;
-tried are {parts}.
+tried are {parts}, with `{longer}`.
 
 {rows}
 
@@ -96,14 +97,13 @@ CASES = {
 CAMPAIGNS = tuple(CASES)[:2]
 
 
-def followed(declared: list[str], given: list[str]) -> tuple[list[str], Certificate]:
+def followed(declared: list[str]) -> tuple[list[str], Certificate]:
     """Returns the settings at which the advice of certificates ends, and the last certificate.
 
     Args:
         declared: Settings that declare an unknown.
-        given: Further settings to begin with.
     """
-    settings = {each.partition("=")[0]: each for each in given}
+    settings: dict[str, str] = {}
     for _ in range(STEPS):
         certificate = certified_once(uv.load_scenario(BASE, [*declared, *settings.values()]))
         advised = {found.partition("=")[0]: found for condition in certificate.conditions
@@ -138,8 +138,8 @@ def largest_of(case: Case, study: Study, duration: str) -> Largest:
         size = float(f"{part * margin.largest:.4g}")
         scenario, _ = study.fitted(
             unknown.declared(study.scenario, size), declared_sources, SearchMemo())
-        _, certificate = followed([*case.settings(size), duration],
-                                  ADVICE.findall(settings_of(scenario)))
+        certificate = certified_once(uv.load_scenario(BASE, [
+            *case.settings(size), duration, LONG, *ADVICE.findall(settings_of(scenario))]))
         print(f"  {size:g}: {failures(certificate) or 'certified'}", file=sys.stderr)
         if certificate.certified:
             return Largest(margin.largest, size, margin.ends)
@@ -178,7 +178,7 @@ def rows_of(name: str, study: Study) -> tuple[str, str, list[str]]:
     case, duration = CASES[name], f"duration={DURATION:g}"
     print(name, file=sys.stderr)
     declared = [*case.settings(case.asked), duration]
-    settings, certificate = followed(declared, [])
+    settings, certificate = followed(declared)
     found = largest_of(case, study, duration)
     ratio = "–" if not found.certified else f"{found.certified / found.tolerance:.2f}"
     asked, largest = f"| {name} | {case.asked:g} {case.unit} |", (
@@ -188,11 +188,11 @@ def rows_of(name: str, study: Study) -> tuple[str, str, list[str]]:
     run = run_of([*declared, *settings], certificate)
     exits, bands = run["tube"]["exits"], run["contact"]["force_bands"]["hold"]
     reached = "–" if bands is None else f"{bands['worst_error']:.2g}"
-    band = certificate.bounds[HOLD]
-    return (f"{asked} {len(certificate.conditions)} conditions | ± {band:.3g} | {exits} | "
-            f"{reached} | {largest}",
-            f"* {name}: `--set " + " --set ".join([*declared, *settings]) + "`",
-            [*declared, *settings])
+    row = (f"{asked} {len(certificate.conditions)} conditions | ± {certificate.bounds[HOLD]:.3g} | "
+           f"{exits} | {reached} | {largest}")
+    print(row, file=sys.stderr)
+    return row, f"* {name}: `--set " + " --set ".join([*declared, *settings]) + "`", [
+        *declared, *settings]
 
 
 def main() -> None:
@@ -207,7 +207,7 @@ def main() -> None:
     found = {name: rows_of(name, study) for name in args.unknowns}
     print(HEAD.format(
         provenance=provenance(), base=BASE, duration=f"{DURATION:g}", runs=RUNS,
-        parts=", ".join(f"{part:g}" for part in PARTS),
+        longer=LONG, parts=", ".join(f"{part:g}" for part in PARTS),
         rows="\n".join([table_head(COLUMNS), *(row for row, _, _ in found.values())]),
         settings="\n".join(line for _, line, _ in found.values() if line)))
     print(table_head(CAMPAIGN_COLUMNS))
