@@ -71,8 +71,8 @@ def write_data(record: Record, folder: Path) -> dict[str, Any]:
     A run with a mission has an `INSPECTION_FILE`.
     """
     from uvms_drake.report.log_table import format_log
+    from uvms_drake.report.mission.attempts import has_mission
     from uvms_drake.report.mission.inspection import format_inspection
-    from uvms_drake.report.mission.mission import has_mission
     from uvms_drake.report.summary import summarise
 
     summary = summarise(record)

@@ -8,13 +8,15 @@ import pytest
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.command.files import write_data
+from uvms_drake.control.limits import HoldRadii
 from uvms_drake.mission.law import DONE, FORCE_LOST, RUNNING, SKIPPED
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
 from uvms_drake.report.figure_style import STYLE
 from uvms_drake.report.figures import FIGURES, figures_of
+from uvms_drake.report.mission.attempts import attempts_of
 from uvms_drake.report.mission.inspection import COLUMNS, inspection_table, learned_normals
-from uvms_drake.report.mission.mission import attempts_of
 from uvms_drake.report.summary import format_summary, summarise
+from uvms_drake.tube.contact.hold_band import hold_band
 from uvms_drake.tube.ultimate_bounds import tip_errors
 
 MISSION = Mission(steps=[
@@ -82,6 +84,32 @@ def test_what_is_certified_of_a_step_grows_with_what_its_plans_were_short_of(rec
     ratio = contact.walls.tilt * 0.01 / 0.002
     assert beside - there == pytest.approx(ratio * (less - there))
     assert np.all(less - there >= 0.002 * contact.stiffness)
+
+
+def test_a_hold_has_the_band_of_a_plan_that_has_stood_and_what_was_held(record):
+    """The plan of the record stands throughout: after the time of the radii the band is smaller."""
+    hold = HoldRadii(time=1.5, depth=1e-4, position=2e-4, advance=0.002, standing=0.001,
+                     reading=0.5, age=0.03)
+    scenario = replace(record.scenario, tube=replace(record.scenario.tube, hold=hold))
+    state = record.nominal_state.copy()
+    state[:, state.shape[1] // 2:] = 0.0
+    known = replace(record, scenario=scenario, certified=np.array(True), nominal_state=state)
+    known = replace(known, signals=known.signals | {"target": known.chi_nominal[:, :3]})
+    first, slide = summarise(known)["mission"]["steps"][1:3]
+    late = known.time[known.signals["mission_progress"][:, 0] == 1][-1]
+    assert first["certified"] == pytest.approx(scenario.contact.band(
+        10.0, tip_errors(scenario.tube)))
+    assert first["certified_hold"] == pytest.approx(hold_band(scenario.contact, 10.0, hold))
+    assert first["certified_hold"] < first["certified"]
+    assert first["held"] == pytest.approx(np.max(np.abs(
+        1.5 * np.sin(2.0 * np.pi * known.time[(known.time >= 1.5) & (known.time <= late)]))))
+    assert slide["certified_hold"] is not None
+    shorter = replace(scenario, tube=replace(scenario.tube, hold=replace(hold, time=10.0)))
+    never = summarise(replace(known, scenario=shorter))["mission"]["steps"][1]
+    assert (never["held"], never["certified_hold"]) == (None, None)
+    (line,) = (line for line in format_summary(summarise(known)).splitlines() if " Hold " in line)
+    assert [f"{first[key]:.2f}" for key in ("certified", "held", "certified_hold")] == (
+        line.split()[7:10])
 
 
 def test_the_terminal_has_a_line_for_each_step(record):

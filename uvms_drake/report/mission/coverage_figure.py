@@ -5,8 +5,8 @@ from matplotlib.figure import Figure
 
 from uvms_drake.mission.steps import Hold, Slide
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH
+from uvms_drake.report.mission.attempts import attempts_of
 from uvms_drake.report.mission.inspection import COLUMNS, inspection_table
-from uvms_drake.report.mission.mission import attempts_of
 from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.record import Record

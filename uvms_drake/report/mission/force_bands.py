@@ -13,7 +13,7 @@ import numpy as np
 from uvms_drake.mission.steps import Slide
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.report.headline import BANDS
-from uvms_drake.report.mission.mission import attempts_of, has_mission
+from uvms_drake.report.mission.attempts import attempts_of, has_mission
 from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.motions.hold import STANDING
 from uvms_drake.station.record import Record
@@ -32,11 +32,25 @@ class ForceBands(NamedTuple):
     """Whether the band is that of a hold (T,)."""
 
 
+def desired_force(record: Record) -> np.ndarray:
+    """Returns the desired force along n (T,) [N], of a run with a sensed contact."""
+    goal: np.ndarray = (
+        record.signals["mission_force"][:, 0] if has_mission(record)
+        else record.desired_force[:, :3] @ sensed_contact(record.scenario).direction)
+    return goal
+
+
+def force_error(record: Record) -> np.ndarray:
+    """Returns the error of the real force along n (T,) [N], likewise."""
+    error: np.ndarray = (record.force[:, :3] @ sensed_contact(record.scenario).direction
+                         - desired_force(record))
+    return error
+
+
 def force_bands(record: Record) -> ForceBands:
-    """Returns the error of the force and its band, of a run with a sensed contact."""
+    """Returns the error of the force and its band, likewise."""
     contact, tube = sensed_contact(record.scenario), record.scenario.tube
-    goal = (record.signals["mission_force"][:, 0] if has_mission(record)
-            else record.desired_force[:, :3] @ contact.direction)
+    goal = desired_force(record)
     short = record.signals["target"] - record.chi_nominal[:, :3]
     lags = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
     lags = lags * record.signals["stiffness_used"][:, 0] / contact.stiffness  # ℓ counts κ̂ℓ.
@@ -51,7 +65,7 @@ def force_bands(record: Record) -> ForceBands:
         bound[i] = contact.band(goal[i], off, recedes[i], lags[i])
         if holds[i] and tube.hold is not None:
             bound[i] = min(bound[i], hold_band(contact, goal[i], tube.hold, lags[i]))
-    return ForceBands(record.force[:, :3] @ contact.direction - goal, bound, holds)
+    return ForceBands(force_error(record), bound, holds)
 
 
 def has_stood(record: Record) -> np.ndarray:

@@ -14,7 +14,8 @@ from uvms_drake.report.figure_style import (
     legend_above,
     panels,
 )
-from uvms_drake.report.mission.mission import Attempt, attempts_of, lateral_errors
+from uvms_drake.report.mission.attempts import Attempt, attempts_of
+from uvms_drake.report.mission.mission import lateral_errors
 from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.record import Record
 
