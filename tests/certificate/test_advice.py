@@ -21,7 +21,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.conditions import BEYOND, Condition
+from uvms_drake.tube.conditions import Condition
 
 IDEAL = "girona500_ideal"
 STEPS = 5
@@ -94,7 +94,8 @@ def test_a_horizon_and_a_safety_factor_are_given_as_numbers():
 
 def test_a_value_stands_before_the_advice_in_words():
     failed = Condition(
-        "first plan, distance to the terminal set", 0.2, "<=", 0.0, longer(8), theorem="t")
+        "first plan, distance to the terminal set", 0.2, "<=", 0.0, longer(8), theorem="t",
+        topic="first plan to the terminal set")
     certificate = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                               inputs="", versions={}, conditions=(failed,))
     assert verdict(certificate).endswith(
@@ -103,7 +104,7 @@ def test_a_value_stands_before_the_advice_in_words():
 
 def test_what_the_vehicle_would_need_is_no_help_but_why():
     failed = Condition("delayed actuators, spectral radius", 4.5, "<", 1.0,
-                       f"{BEYOND}it is late", theorem="t")
+                       obstacle="it is late", theorem="t", topic="delayed actuators")
     certificate = Certificate(scenario="s", law="tip-first", k=1.0, sigma=1.0, d_bound=0.1,
                               files={}, inputs="", versions={}, conditions=(failed,))
     assert verdict(certificate).endswith(

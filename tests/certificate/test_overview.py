@@ -14,14 +14,21 @@ from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.ultimate_bounds import HOLD
 
+
+def tightened(label: str, radius: float, limit: float) -> Condition:
+    """Returns the condition that the tube leaves something of a limit."""
+    return Condition(f"tube in limits.{label}", radius, "<", limit, theorem="t", kind="tightening",
+                     topic="limits.u" if label[0] == "u" else "", about=label)
+
+
 HOLDS = Certificate(
     scenario="girona500_contact", law="resolved", k=50.0, sigma=50.0, d_bound=0.1, files={},
     inputs="", versions={}, tightening=24, proven=10,
     bounds={"position": 0.002041, "orientation": 0.007, "force": 16.79},
     conditions=(Condition("fine", 1.0, ">", 0.0, theorem="t"),
-                Condition("tube in limits.q1", 0.01, "<", 0.25, theorem="t"),
-                Condition("tube in limits.u[2]", 0.56, "<", 0.7, theorem="t"),
-                Condition("tube in limits.nu1", 0.007, "<", 0.15, theorem="t")))
+                tightened("q1", 0.01, 0.25),
+                tightened("u[2]", 0.56, 0.7),
+                tightened("nu1", 0.007, 0.15)))
 
 
 @pytest.fixture
@@ -74,9 +81,9 @@ def test_a_mission_holds_with_its_hardest_step(scenario):
 
 def test_every_failed_condition_is_told_by_how_much_and_with_advice(scenario):
     failing = replace(HOLDS, conditions=(
-        *HOLDS.conditions, Condition("tube in limits.u[1]", 0.5, "<", 0.3, theorem="t"),
+        *HOLDS.conditions, tightened("u[1]", 0.5, 0.3),
         Condition("first plan, distance to the terminal set", 2.0, "<=", 1.0,
-                  "--set mpc.horizon=23", theorem="t"),
+                  "--set mpc.horizon=23", theorem="t", topic="first plan to the terminal set"),
         Condition("unheard of", np.nan, "<=", 1.0, theorem="t")))
     lines = format_overview(failing, scenario).splitlines()
     begin = lines.index("does not hold")

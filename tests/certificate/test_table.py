@@ -13,7 +13,7 @@ from uvms_drake.certificate.table import HELP, format_certificate, verdict
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.mission_legs import Leg
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants.constants import QUANTITIES, Constant
 from uvms_drake.tube.contact.tip_jerk import JERK
 from uvms_drake.tube.law_tube import WEIGHTED
@@ -27,7 +27,7 @@ EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1,
 def test_the_first_failed_condition_is_the_verdict():
     certificate = replace(EMPTY, conditions=(
         Condition("fine", 1.0, ">", 0.0, theorem="t"),
-        Condition("tube in limits.u[1]", 0.5, "<", 0.3, theorem="t"),
+        Condition("tube in limits.u[1]", 0.5, "<", 0.3, theorem="t", topic="limits.u"),
         Condition("worse", 9.0, "<", 0.0, theorem="t")))
     assert verdict(certificate).startswith(
         "not certified: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
@@ -35,8 +35,7 @@ def test_the_first_failed_condition_is_the_verdict():
 
 
 def test_a_yes_or_no_or_a_count_is_said_without_a_number():
-    broken_assumptions = Condition(
-        "faults, which the proofs do not cover", 2.0, "<=", 0.0, theorem="t")
+    broken_assumptions = assumption("faults", "which the proofs do not cover", 2.0, theorem="t")
     kept = replace(broken_assumptions, left=0.0)
     assert verdict(replace(EMPTY, conditions=(broken_assumptions,))).startswith(
         f"not certified: {broken_assumptions.name}")
@@ -96,11 +95,27 @@ def test_the_verdict_says_how_much_is_proven():
     assert rows[closest + 1].split() == ["ω", "1", "50%"]
 
 
-@pytest.mark.parametrize("beginning", HELP)
-def test_every_advice_is_given(beginning):
+@pytest.mark.parametrize("topic", HELP)
+def test_every_advice_is_given(topic):
     line = verdict(replace(EMPTY, conditions=(
-        Condition(beginning + "...", 1.0, "<", 0.0, theorem="t"),)))
-    assert line.endswith(HELP[beginning])
+        Condition("...", 1.0, "<", 0.0, theorem="t", topic=topic),)))
+    assert line.endswith(HELP[topic])
+
+
+def test_a_limit_without_an_advice_of_its_own_has_that_of_all():
+    line = verdict(replace(EMPTY, conditions=(Condition(
+        "tube in limits.q1", 1.0, "<", 0.0, theorem="t", kind="tightening", topic="limits.q"),)))
+    assert line.endswith(HELP["tightening"])
+
+
+@pytest.mark.parametrize("name", ["girona500_contact", "girona500_real_loop", "paper_kinematic"])
+def test_every_topic_of_an_assumption_has_its_advice(name):
+    """But those that have one in figures, or none that is known."""
+    for condition in assumed_conditions(load_scenario(name)):
+        assert condition.kind == "assumption"
+        assert condition.name.startswith(f"{condition.about}, ")
+        assert condition.topic in HELP or condition.about in (
+            "axes that the robot's thrusters do not drive", "contact.tangential_lag")
 
 
 def test_the_bounds_of_the_components_stand_in_the_place_of_one():

@@ -15,7 +15,7 @@ from uvms_drake.report.summary import EVENT_LINES
 from uvms_drake.station.record import LOG_FILE, save_record
 from uvms_drake.tube.conditions import Condition
 
-HOLDS = Condition("tube in limits.nu1", 0.1, "<", 0.3, theorem="t")
+HOLDS = Condition("tube in limits.nu1", 0.1, "<", 0.3, theorem="t", kind="tightening", about="nu1")
 
 
 def certificate(record, **changes):

@@ -79,8 +79,8 @@ def test_every_step_has_its_leg_and_the_one_that_is_void_says_so():
     name = "mission.steps[2], tangential speed of a plan [m/s]"
     legs = legs_of(mission, CONTACT, TUBE, [
         Condition("mission.steps[1], largest force in the safe region [N]", 10.0, "<", 15.0,
-                  theorem="t"),
-        Condition(name, 0.05, "<=", 0.04, theorem="t")])
+                  theorem="t", about="mission.steps[1]"),
+        Condition(name, 0.05, "<=", 0.04, theorem="t", about="mission.steps[2]")])
     assert [leg.kind for leg in legs] == ["Approach", "Hold", "Slide", "Retreat"]
     assert [(leg.least, leg.most) for leg in legs] == [
         (0.5, 60.0), (4.0, 60.0), (10.0, 60.0), (0.0, 20.0)]

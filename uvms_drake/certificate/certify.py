@@ -53,7 +53,7 @@ from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.faults import uncovered
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.laws.tip_first import lag_is_proven
@@ -96,8 +96,8 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
         assumptions=assumptions_of(scenario, model), **fingerprint(scenario))
     motion = motion_of(scenario)
     if type(law) not in motion.tubes:
-        return draft.adding([Condition(
-            f"certificate of the law {type(law).__name__}, none is known", 1.0, "<=", 0.0,
+        return draft.adding([assumption(
+            f"certificate of the law {type(law).__name__}", "none is known", topic="law",
             theorem=GUARANTEE)])
     try:
         # Tube without contact, then the additional terms of a sensed contact.
@@ -144,9 +144,9 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             return draft
         return _with_terminal_set(draft, found, scenario, model, progress)
     except NotOffered as error:
-        return draft.adding([Condition(
-            f"certificate of the surface {error.value}, it must be {error.allowed}",
-            1.0, "<=", 0.0, theorem=GUARANTEE)])
+        return draft.adding([assumption(
+            f"certificate of the surface {error.value}", f"it must be {error.allowed}",
+            topic="surface", theorem=GUARANTEE)])
 
 
 def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) -> list[Condition]:
@@ -157,37 +157,37 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     # Axes without a thruster, model errors, options of the MPC, parts of the loop.
     mpc, model = scenario.mpc, model or load_model(scenario)
     unnamed, undriven = unnamed_axes(scenario, model), ", ".join(undriven_axes(model))
-    broken_assumptions: list[tuple[str, float]] = [
+    assumed: list[tuple[str, str, float]] = [
         *uncounted_unknowns(scenario),
-        ("surface_error, which the controller does not know", scenario.surface_error.size),
-        ("faults, which the proofs do not cover", len(uncovered(scenario.faults))),
-        ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
-        ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
-        ("mpc.terminal_set, none", not mpc.terminal_set)]
+        ("surface_error", "which the controller does not know", scenario.surface_error.size),
+        ("faults", "which the proofs do not cover", len(uncovered(scenario.faults))),
+        ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
+        ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
+        ("mpc.terminal_set", "none", not mpc.terminal_set)]
     if scenario.contact.is_sensed:
-        broken_assumptions.append(("contact.tangential_lag, delayed feedback of the friction",
-                                   sensed_contact(scenario).tangential_lag))
-    broken_assumptions += motion_of(scenario).broken_assumptions(mpc)
-    broken_assumptions += [
-        (f"mpc.terms[{i}], {type(term).__name__}, which the terminal set leaves out", 1.0)
-        for i, term in enumerate(mpc.terms)]
+        assumed.append(("contact.tangential_lag", "delayed feedback of the friction",
+                        sensed_contact(scenario).tangential_lag))
+    assumed += motion_of(scenario).assumed_settings(mpc)
+    conditions = [
+        assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
+                   + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
+                   advice=f"--set 'actuation=[!IdealWrench {{undriven: [{undriven}]}}]', for a "
+                   "robot with other thrusters" if unnamed else "", theorem=GUARANTEE),
+        *(assumption(key, reason, broken, theorem=GUARANTEE) for key, reason, broken in assumed),
+        *(assumption(f"mpc.terms[{i}]", f"{type(term).__name__}, which the terminal set leaves out",
+                     topic="mpc.terms", theorem=GUARANTEE) for i, term in enumerate(mpc.terms))]
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
-        broken_assumptions += [
-            (f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
+        conditions += [
+            assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
+                       theorem=GUARANTEE)
             for i, part in enumerate(parts) if part.assumption() is not None
             and not (scenario.contact.is_sensed and part.reading(0.0, 0.0) is not None)
             and not is_counted(scenario, part)]
-    return [
-        Condition("axes that the robot's thrusters do not drive, unnamed by an !IdealWrench"
-                  + (f": {', '.join(unnamed)}" if unnamed else ""), float(len(unnamed)), "<=", 0.0,
-                  f"--set 'actuation=[!IdealWrench {{undriven: [{undriven}]}}]', for a robot with "
-                  "other thrusters" if unnamed else "", theorem=GUARANTEE),
-        *(Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE)
-          for name, value in broken_assumptions)]
+    return conditions
 
 
-def uncounted_unknowns(scenario: Scenario) -> list[tuple[str, float]]:
-    """Returns the declared unknowns that `declared_unknowns` does not count, by name; 0 if none.
+def uncounted_unknowns(scenario: Scenario) -> list[tuple[str, str, float]]:
+    """Returns key, reason and size of the unknowns that `declared_unknowns` does not count.
 
     It counts forces on a robot whose command acts at once.
     """
@@ -195,7 +195,7 @@ def uncounted_unknowns(scenario: Scenario) -> list[tuple[str, float]]:
     counted = motion_of(scenario).has_forces and at_once
     sizes = {"current": float(np.linalg.norm(scenario.current)),
              "waves": largest_speed(scenario.waves), "model_error": scenario.model_error.size}
-    return [(f"{key}, counted only where forces move the robot at once", 0.0 if counted else size)
+    return [(key, "counted only where forces move the robot at once", 0.0 if counted else size)
             for key, size in sizes.items()]
 
 
@@ -341,12 +341,13 @@ def tightening_margins(scenario: Scenario, tube: TubeRadii, model: ContactModel)
     for limit in sorted(limits_of(scenario, model).values(),
                         key=lambda limit: limit.labels != [limit.name]):
         if limit.tube_takes(tube) is None:
-            conditions.append(Condition(
-                f"limits.{limit.name}, no tightening by the tube is defined", 1.0, "<=", 0.0,
-                theorem=TIGHTENING))
+            conditions.append(assumption(
+                f"limits.{limit.name}", "no tightening by the tube is defined",
+                topic="limit without tightening", theorem=TIGHTENING))
         else:
             conditions += [
-                Condition(f"tube in limits.{label}", radius, "<", margin, theorem=TIGHTENING)
+                Condition(f"tube in limits.{label}", radius, "<", margin, theorem=TIGHTENING,
+                          kind="tightening", topic=f"limits.{limit.name}", about=label)
                 for label, radius, margin in limit.margins(tube)]
     share = min((each.right / each.left for each in conditions if each.left > 0.0), default=1.0)
     advice = roomier(scenario, share)
@@ -387,8 +388,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
         ocp = make_ocp(draft.applied_to(scenario), model)
         start = start_state(draft.applied_to(scenario), ocp)
     except InvalidParameter as error:
-        return draft.adding([Condition(f"left by the tube, {error}", 1.0, "<=", 0.0,
-                                       theorem=TIGHTENING)])
+        return draft.adding([assumption("left by the tube", str(error), theorem=TIGHTENING)])
     radius, check = largest_radius(ocp, settings.terminal_samples, settings.seed)
     terminal = TerminalResult(radius=radius, limiting=check.limiting, margins=check.margins,
                               samples=check.samples, P=ocp.terminal.P, gain=ocp.terminal.gain)
@@ -398,9 +398,9 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
                         found.radii, model.surface, ocp.y_des[:6],
                         np.asarray(scenario.task.force, dtype=float)))
     draft = draft.adding([
-        Condition("terminal set, ε", radius, ">", 0.0, theorem=TERMINAL),
+        Condition("terminal set, ε", radius, ">", 0.0, theorem=TERMINAL, topic="terminal set"),
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0,
-                  theorem=TERMINAL)])
+                  theorem=TERMINAL, topic="terminal set")])
     if not draft.certified:
         return draft
     progress(f"4 of {STAGES}: first plan", plan)
@@ -423,17 +423,19 @@ def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition
     solution = SequentialConvexSolver(ocp).solve(
         ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
     if solution.plan is None or solution.evaluation is None:
-        return None, [Condition("first plan, none found", 1.0, "<=", 0.0, theorem=FEASIBILITY)]
+        return None, [assumption("first plan", "none found", theorem=FEASIBILITY)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
     bulge = between_knots(ocp, solution.plan)
     where = f", of limits.{bulge.label} at {bulge.time:.3g} s" if bulge.label else ""
     return solution.plan, [
         Condition("first plan, violation of a limit", violation, "<=", FEASIBLE,
-                  theorem=FEASIBILITY),
+                  theorem=FEASIBILITY, topic="first plan"),
         Condition(f"first plan, violation between its knots [rad, m]{where}", bulge.excess, "<=",
-                  FEASIBLE, bulge.advice, theorem="control/theory.md#motion-between-two-knots"),
+                  FEASIBLE, bulge.advice, theorem="control/theory.md#motion-between-two-knots",
+                  topic="first plan between knots"),
         Condition("first plan, distance to the terminal set", slack, "<=", REACHED,
-                  longer(ocp.horizon) if slack > REACHED else "", theorem=FEASIBILITY)]
+                  longer(ocp.horizon) if slack > REACHED else "", theorem=FEASIBILITY,
+                  topic="first plan to the terminal set")]
 
 
 class KnotOvershoot(NamedTuple):

@@ -204,7 +204,7 @@ def unknowns_condition(scenario: Scenario, effects: Sequence[UnknownEffect],
     parts = ", ".join(f"{each.name}: {each.takes:.3g}" for each in effects)
     found = Condition(
         f"declared unknowns, in model_error.share of disturbance.bound ({parts})", total, "<=",
-        scenario.model_error.share * bound, theorem=THEOREM)
+        scenario.model_error.share * bound, theorem=THEOREM, topic="declared unknowns")
     if found.holds:
         return [found]
     if total <= RESERVED * bound:
@@ -239,7 +239,7 @@ def payload_condition(scenario: Scenario, found: Estimate | None) -> list[Condit
         "model_error.payload.acceleration, not less than that of the payload [m/s²]",
         scenario.model_error.payload.acceleration, ">=", found.claim,
         setting(model_error__payload__acceleration=rounded_up(1.02 * found.claim, 2)),
-        theorem=READING)]
+        theorem=READING, topic="model_error")]
 
 
 def declared_sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[UnknownEffect]

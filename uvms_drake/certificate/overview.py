@@ -14,9 +14,6 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.ultimate_bounds import HOLD
 
-TIGHTENED = "tube in limits."
-"""Beginning of the names of the conditions that the tube leaves something of a limit."""
-
 
 class ForceBounds(NamedTuple):
     """Bounds of the static contact force that a certificate claims; None if it claims none [N]."""
@@ -45,7 +42,7 @@ def force_bounds(certificate: Certificate, scenario: Scenario) -> ForceBounds:
 def tightest_limit(certificate: Certificate) -> Condition | None:
     """Returns the condition of the limit of which the tube takes the largest part."""
     limits = [each for each in certificate.conditions
-              if each.name.startswith(TIGHTENED) and each.right > 0.0]
+              if each.kind == "tightening" and each.right > 0.0]
     return max(limits, key=lambda each: each.left / each.right, default=None)
 
 
@@ -85,7 +82,7 @@ def _numbers(certificate: Certificate, scenario: Scenario) -> list[str]:
         rows.append(("end-effector", f"within {1e3 * bounds['position']:.3g} mm and "
                      f"{1e3 * bounds['orientation']:.3g} mrad of the plan"))
     if tightest := tightest_limit(certificate):
-        rows.append(("tightest limit", f"{tightest.name.removeprefix(TIGHTENED)}: the tube takes "
+        rows.append(("tightest limit", f"{tightest.about}: the tube takes "
                      f"{100.0 * tightest.left / tightest.right:.3g} %, "
                      f"{tightest.margin:.3g} of {tightest.right:.3g} is left for the plan"))
     if certificate.tightening:

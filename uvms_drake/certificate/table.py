@@ -7,7 +7,7 @@ import numpy as np
 from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.control.limits import HoldRadii
-from uvms_drake.tube.conditions import BEYOND, Condition
+from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.tip_jerk import JERK
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
@@ -18,25 +18,25 @@ HELP = {
     "contact.force_error": "a larger contact.force_error or contact.delay, or a better sensor",
     "contact.clearance": "a larger contact.clearance, or a shorter tare",
     "contact.speed": "a shorter mpc.time_step, or slower limits",
-    "safe region, margin": "a softer tool (contact.stiffness), larger gains or a larger "
+    "safe region": "a softer tool (contact.stiffness), larger gains or a larger "
         "contact.force",
     "task.force": "a smaller force, a softer tool (contact.stiffness) or larger gains",
-    "hold, decay": "larger gains, a softer tool (contact.stiffness) or less contact.dissipation",
-    "mission.steps": "less force or speed of that step, a larger contact.force or speed_across, or "
+    "hold": "larger gains, a softer tool (contact.stiffness) or less contact.dissipation",
+    "mission": "less force or speed of that step, a larger contact.force or speed_across, or "
         "larger gains",
-    "tube in limits.contact_speed": "a larger contact.speed, contact.speed_across or larger gains, "
+    "limits.contact_speed": "a larger contact.speed, contact.speed_across or larger gains, "
         "or less contact.dissipation, contact.force_rate and contact.force_ripple",
-    "tube in limits.u": INPUTS,
-    "tube in limits.tau": INPUTS,
-    "tube in limits": "a smaller disturbance.bound, larger gains or a wider limit",
-    "estimates, second search": "a larger certificate.safety_factor, or more tube_samples",
+    "limits.u": INPUTS,
+    "limits.tau": INPUTS,
+    "tightening": "a smaller disturbance.bound, larger gains or a wider limit",
+    "estimates": "a larger certificate.safety_factor, or more tube_samples",
     "σ": "slower speed limits or a larger ancillary.sigma",
-    "a = ": "a larger ancillary.sigma or slower speed limits",
-    "b = ": "a larger ancillary.k",
+    "a": "a larger ancillary.sigma or slower speed limits",
+    "b": "a larger ancillary.k",
     "ab": "a larger ancillary.k",
-    "certificate of the law": "a law whose tube is known, resolved or transpose",
-    "certificate of the surface": "that method, see `Surface`",
-    "n, joints": "ancillary.joints: true, or the law resolved",
+    "law": "a law whose tube is known, resolved or transpose",
+    "surface": "that method, see `Surface`",
+    "n": "ancillary.joints: true, or the law resolved",
     "mpc.terms": "the task's cost alone",
     "mpc.initial_state": "initial_state: nominal",
     "mpc.terminal_weight": "terminal_weight: null, so that P is computed",
@@ -49,22 +49,21 @@ HELP = {
     "declared unknowns": "smaller unknowns",
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",
-    "sensing[": "leaving it out",
-    "actuation[": "leaving it out",
-    "actuation, ": "a clock and then thrusters, or leaving it out",
+    "sensing": "leaving it out",
+    "actuation": "leaving it out",
+    "actuation path": "a clock and then thrusters, or leaving it out",
     "delayed actuators": "faster clocks, a shorter lag or dead time, or slower limits",
-    "vehicle, loop": "smaller ancillary.vehicle gains or less lag",
-    "tip, loop": "smaller ancillary.tip gains or a faster clock",
+    "vehicle loop": "smaller ancillary.vehicle gains or less lag",
+    "tip loop": "smaller ancillary.tip gains or a faster clock",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
     "left by the tube": "a wider limit, a smaller disturbance.bound or larger gains",
-    "first plan, violation between": "a shorter mpc.time_step with a longer mpc.horizon, or wider "
+    "first plan between knots": "a shorter mpc.time_step with a longer mpc.horizon, or wider "
         "limits of angles and static force",
-    "first plan, violation of": "a start further inside the limits",
-    "first plan, none": "a start further inside the limits",
-    "limits.": "a method tube_takes of that limit, or going without it",
-    "first plan, distance": "a longer horizon or a closer start",
+    "first plan": "a start further inside the limits",
+    "limit without tightening": "a method tube_takes of that limit, or going without it",
+    "first plan to the terminal set": "a longer horizon or a closer start",
 }
-"""Advice on a failed condition, by the beginning of its name."""
+"""Advice on a failed condition by its `topic`, or by its `kind` if its topic has none."""
 
 UNITS = {
     "J_min": "-", "J_max": "-", "J_position_max": "-", "J_attitude_max": "-", "Jx_max": "-",
@@ -159,10 +158,10 @@ def violation(condition: Condition) -> str:
 
 def help_for(condition: Condition) -> str:
     """Returns the advice on a condition that does not hold; empty if there is none."""
-    known = [advice for beginning, advice in HELP.items() if condition.name.startswith(beginning)]
-    if condition.advice.startswith(BEYOND):
-        return f"; {condition.advice}; or {', or '.join(known[:1])}"
-    found = [condition.advice] * bool(condition.advice) + known[:1]
+    known = HELP.get(condition.topic, HELP.get(condition.kind, ""))
+    if condition.obstacle:
+        return f"; not with this vehicle, because {condition.obstacle}; or {known}"
+    found = [text for text in (condition.advice, known) if text]
     return f"; what would help: {', or '.join(found)}" if found else ""
 
 

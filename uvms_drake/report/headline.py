@@ -9,13 +9,17 @@ BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
 
 def broken(summary: dict[str, Any]) -> list[str]:
     """Returns the limits that a run has violated and, of a certified one, the bounds it left."""
-    names = [name for name, row in summary["constraints"].items() if not row["margin"] >= 0.0]
-    tube = summary["tube"]
+    names, tube = violated_limits(summary), summary["tube"]
     names += [f"the force band {BANDS[name]}" for name, row in
               summary["contact"].get("force_bands", {}).items() if row and row["exits"]]
     return names + [f"the tube, {what}" for key, what in (
         ("exits", "set-wise"), ("exits_along_the_run", "along the run"))
         if tube["certified"] and tube[key]]
+
+
+def violated_limits(summary: dict[str, Any]) -> list[str]:
+    """Returns the limits that a run has violated."""
+    return [name for name, row in summary["constraints"].items() if not row["margin"] >= 0.0]
 
 
 def headline(summary: dict[str, Any]) -> str:
@@ -24,7 +28,7 @@ def headline(summary: dict[str, Any]) -> str:
     if summary["contact"]["first_touch_s"] is not None:
         parts.append(f"at most {summary['contact']['largest_force']:.3g} N in contact")
     parts.append(used(summary["tube"]))
-    failed = [name for name in broken(summary) if not name.startswith("the ")]
+    failed = violated_limits(summary)
     parts.append(f"VIOLATED: {', '.join(failed)}" if failed else "all limits kept")
     return f"{summary['scenario']}: {'; '.join(parts)}."
 

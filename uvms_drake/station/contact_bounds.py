@@ -172,11 +172,13 @@ def mission_conditions(scenario: Scenario) -> list[Condition]:
         if step.strongest > 0.0:
             conditions.append(Condition(f"mission.steps[{i}], largest force in the safe region [N]",
                                         step.strongest, "<", largest_force(scenario),
-                                        theorem=SAFE_REGION))
+                                        theorem=SAFE_REGION, topic="mission",
+                                        about=f"mission.steps[{i}]"))
         if np.any(step.fastest > 0.0):
             conditions.append(Condition(f"mission.steps[{i}], tangential speed of a plan [m/s]",
                                         float(np.max(step.fastest)), "<=", speed,
-                                        theorem="control/theory.md#constraint-tightening"))
+                                        theorem="control/theory.md#constraint-tightening",
+                                        topic="mission", about=f"mission.steps[{i}]"))
     return conditions
 
 

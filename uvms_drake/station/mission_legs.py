@@ -54,12 +54,12 @@ def legs_of(mission: Mission, contact: SensedContact, tube: TubeRadii,
         mission: Checked mission.
         contact: Specification of the contact.
         tube: Radii of the tube.
-        conditions: Conditions of the certificate, some with the name of a step.
+        conditions: Conditions of the certificate, some about a step.
     """
     legs = []
     for i, step in enumerate(mission.steps):
         failed = next((each for each in conditions if not each.holds
-                       and each.name.startswith(f"mission.steps[{i}],")), None)
+                       and each.about == f"mission.steps[{i}]"), None)
         legs.append(Leg(
             type(step).__name__, step.strongest,
             contact.band(step.strongest, tip_errors(tube)) if isinstance(step, Hold) else None,

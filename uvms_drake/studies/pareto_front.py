@@ -86,7 +86,7 @@ def pareto_front(scenario: Scenario, model: ContactModel,
                 d_bound=at.disturbance.d_bound, k=scaled.k, sigma=scaled.sigma,
                 force=bounds["force"],
                 input_left=min((item.margin / item.right for item in margins
-                                if item.name.startswith("tube in limits.u")), default=-np.inf),
+                                if item.topic == "limits.u"), default=-np.inf),
                 emptied=next(
                     (item.name for item in (*tube.conditions, *margins) if not item.holds), "")))
     return points

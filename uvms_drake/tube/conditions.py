@@ -12,25 +12,32 @@ from typing import Literal, NamedTuple
 from uvms_drake.common.errors import require
 
 Relation = Literal["<", "<=", ">", ">="]
+Kind = Literal["bound", "tightening", "assumption"]
 LEMMA = "tube/theory.md#lemma-of-the-paper"
 """Theorem of the conditions of `paper_conditions`."""
-BEYOND = "not with this vehicle, because "
-"""Beginning of an advice where no key helps: the reason, and the needs of the vehicle."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """An inequality between two numbers."""
+    """An inequality between two numbers, or an assumption that is kept or not, see `assumption`."""
 
     name: str
     left: float
     relation: Relation
     right: float
     advice: str = ""
-    """Addition to the command line, `--set key=value`, if it is not met and a value is known; or a
-    sentence that begins with `BEYOND`."""
+    """Addition to the command line, `--set key=value`, if it is not met and a value is known."""
     theorem: str = field(kw_only=True)
     """Link, below `uvms_drake/`, to the theorem that needs it, page and heading."""
+    kind: Kind = field(default="bound", kw_only=True)
+    """`bound`, two numbers; `tightening`, the part of a limit that the tube takes; `assumption`,
+    yes or no: `left` is 0 where it is kept, else the number or size of its violations."""
+    topic: str = field(default="", kw_only=True)
+    """Key of its advice in words, `certificate.table.HELP`; empty if there is none."""
+    about: str = field(default="", kw_only=True)
+    """Key of an assumption or step of a mission, or label of a limit's value."""
+    obstacle: str = field(default="", kw_only=True)
+    """Reason why no setting helps, and the needs of the vehicle; empty if there is none."""
 
     @property
     def holds(self) -> bool:
@@ -44,15 +51,30 @@ class Condition:
 
     @property
     def is_count(self) -> bool:
-        """True if the number is a yes or no, or counts violations: the name says it."""
-        return self.relation == "<=" and self.right == 0.0 and float(self.left).is_integer()
+        """True of an assumption without a size: the name says it."""
+        return self.kind == "assumption" and float(self.left).is_integer()
 
     def __str__(self) -> str:
         if self.is_count:
-            name, _, _ = self.name.partition(",")
-            return f"{name}: as the proofs assume" if self.holds else self.name
+            return f"{self.about}: as the proofs assume" if self.holds else self.name
         return (f"{self.name}: {self.left:.4g} {self.relation} {self.right:.4g} "
                 f"{'holds' if self.holds else 'does not hold'}")
+
+
+def assumption(about: str, reason: str, broken: float = 1.0, *, topic: str = "", theorem: str,
+               advice: str = "") -> Condition:
+    """Returns the condition that the proofs' assumption about something is kept.
+
+    Args:
+        about: Its subject, such as a key of the scenario.
+        reason: Reason why it is broken, if it is.
+        broken: 0 if it is kept; else how many violations, or how large one.
+        topic: As of `Condition`; the subject if left out.
+        theorem: As of `Condition`.
+        advice: As of `Condition`.
+    """
+    return Condition(f"{about}, {reason}" if reason else about, float(broken), "<=", 0.0, advice,
+                     theorem=theorem, kind="assumption", topic=topic or about, about=about)
 
 
 @dataclass(frozen=True)
@@ -198,7 +220,7 @@ def kinematic_tubes(J_min: float, L_c: float, sigma: float, w_bound: float) -> K
         w_bound: w̃, bound of ‖w‖₂; of w̃ sin(t) in six components it is √6 times the amplitude.
     """
     condition = Condition("σJ̲, above L_c", sigma * J_min, ">", L_c,
-                          theorem="tube/theory.md#kinematic-tubes")
+                          theorem="tube/theory.md#kinematic-tubes", topic="σ")
     corrected = w_bound / (sigma * J_min - L_c) if condition.holds else math.inf
     return KinematicTubes(
         w_bound / (sigma * J_min + L_c), corrected, w_bound / sigma, condition)

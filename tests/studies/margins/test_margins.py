@@ -27,7 +27,7 @@ from uvms_drake.studies.margins import margins as study
 from uvms_drake.studies.margins.margin import FARTHEST, FINE, Margin, tube_of
 from uvms_drake.studies.margins.margins import format_margins, margins
 from uvms_drake.studies.margins.unknown_margins import Unknown, unknowns
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.search.search_memo import SearchMemo
 
 
@@ -64,8 +64,7 @@ def test_nobody_looks_beyond_what_is_far_enough(monkeypatch):
 
 
 def test_what_is_void_at_any_value_says_so_and_what_is_too_large_at_the_least_is_zero(monkeypatch):
-    void = Condition("actuation[0], the proofs take the feedback for continuous", 1.0, "<=", 0.0,
-                     theorem="t")
+    void = assumption("actuation[0]", "the proofs take the feedback for continuous", theorem="t")
     monkeypatch.setattr(study, "_worst_failed", lambda make, searches: void)
     found = study._margin(value_of(0.0, 1e-3), SearchMemo())
     assert math.isnan(found.largest)

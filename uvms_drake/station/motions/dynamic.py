@@ -116,9 +116,9 @@ class Dynamic(Motion[DynamicOcp]):
             model, logs["state"], sent_input(model, logs), logs["acceleration"],
             logs.get("force_last_valid"))}
 
-    def broken_assumptions(self, mpc: MpcConfig) -> list[tuple[str, float]]:
-        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
-        return [("mpc.input_reference, not the equilibrium's input",
+    def assumed_settings(self, mpc: MpcConfig) -> list[tuple[str, str, float]]:
+        """Returns key, reason and size of this motion's assumptions about the MPC; 0 if kept."""
+        return [("mpc.input_reference", "not the equilibrium's input",
                  mpc.input_reference != "equilibrium")]
 
     def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:

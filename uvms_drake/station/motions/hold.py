@@ -49,7 +49,7 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
                     force, STANDING, contact.walls.tilt)
     condition = Condition(
         "hold, decay of the speeds to those of the deviation alone, ratio", found.ratio, "<", 1.0,
-        theorem="tube/contact/theory.md#tube-in-a-hold")
+        theorem="tube/contact/theory.md#tube-in-a-hold", topic="hold")
     if not condition.holds:
         return None, condition
     # The reading turns with the tip, see `contact_bounds.largest_reading_error`.

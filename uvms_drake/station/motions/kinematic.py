@@ -103,10 +103,10 @@ class Kinematic(Motion[KinematicOcp]):
             "desired_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1)),
             "effective_disturbance": logs["disturbance"]}
 
-    def broken_assumptions(self, mpc: MpcConfig) -> list[tuple[str, float]]:
-        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
+    def assumed_settings(self, mpc: MpcConfig) -> list[tuple[str, str, float]]:
+        """Returns key, reason and size of this motion's assumptions about the MPC; 0 if kept."""
         free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
-        return [("joints of weight zero, which no terminal set covers", free)]
+        return [("joints of weight zero", "which no terminal set covers", free)]
 
     def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
         """Returns the names of the constants of the law `transpose`; `resolved` needs none."""

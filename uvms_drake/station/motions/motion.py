@@ -123,8 +123,8 @@ class Motion(ABC, Generic[AnyOcp]):
         return model.surface.pose_for(logs["desired_force"][-1], scenario.task.pose)
 
     @abstractmethod
-    def broken_assumptions(self, mpc: MpcConfig) -> list[tuple[str, float]]:
-        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
+    def assumed_settings(self, mpc: MpcConfig) -> list[tuple[str, str, float]]:
+        """Returns key, reason and size of this motion's assumptions about the MPC; 0 if kept."""
 
     @abstractmethod
     def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:

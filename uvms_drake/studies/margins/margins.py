@@ -32,7 +32,7 @@ from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.margins.margin import Margin, bracket, tube_of, worst_of
 from uvms_drake.studies.margins.unknown_margins import Study, unknowns
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.search.search_memo import SearchMemo, memoising
 
 LAGS = 5.0
@@ -82,8 +82,7 @@ def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Conditi
             with memoising(searches):
                 conditions = tube_of(scenario, model, basis_of(scenario, model))[1]
     except InvalidParameter as error:
-        return Condition(str(error), 1.0, "<=", 0.0,
-                         theorem="control/theory.md#closed-loop-guarantee")
+        return assumption(str(error), "", theorem="control/theory.md#closed-loop-guarantee")
     return worst_of(conditions)
 
 

@@ -46,8 +46,6 @@ WAVE = 6.0
 """Period of the waves [s]."""
 SMALLEST = 1e-3
 """Fraction of the typical value below which an error counts as zero."""
-FORCE_ERROR = "contact.force_error"
-"""Beginning of the name of the condition on the allowance of the readings."""
 SPARE = 1.02
 """Allowed acceleration of a payload over that under the last tube."""
 ROUNDS = 5
@@ -110,7 +108,7 @@ class Study:
             searches.again()
             radii, conditions = tube_of(scenario, self.model, basis)
             short = next((each for each in conditions if not each.holds
-                          and each.name.startswith(FORCE_ERROR)), None)
+                          and each.topic == "contact.force_error"), None)
             if short is not None and math.isfinite(short.right):
                 scenario = replace(scenario, contact=replace(
                     sensed_contact(scenario), force_error=rounded_up(short.right)))

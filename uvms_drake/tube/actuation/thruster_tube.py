@@ -20,7 +20,7 @@ from uvms_drake.tube.actuation.thruster_feedforward import (
     thruster_feedforward,
 )
 from uvms_drake.tube.actuation.zoh_command import ZohCommandTube
-from uvms_drake.tube.conditions import BEYOND, Condition
+from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.actuator_path import Actuators, Path
 from uvms_drake.tube.loops.row_loop import ACCELERATION, RATE, E, RowLoop, W
@@ -73,8 +73,9 @@ class ActuationTube:
         z, radius = self._least_bounds(self._rows)
         self.condition = Condition(
             "delayed actuators, spectral radius of errors by their own feedforward", radius, "<",
-            1.0, "" if radius < 1.0 else self._sufficient_delays(basis.actuators),
-            theorem="tube/actuation/theory.md#error-budget-under-thrusters")
+            1.0, theorem="tube/actuation/theory.md#error-budget-under-thrusters",
+            topic="delayed actuators",
+            obstacle="" if radius < 1.0 else self._sufficient_delays(basis.actuators))
         if not np.isfinite(z).all():  # A lower bound: the parts without any feedback of errors.
             z = np.zeros((4, 4))
         parts, into = self._parts(z, self._rows), self._feedforward.into_joints[:, None]
@@ -110,7 +111,7 @@ class ActuationTube:
             lambda z: np.sum(list(self._parts(z, rows).values()), axis=0), (4, 4))
 
     def _sufficient_delays(self, actuators: Actuators) -> str:
-        """Returns delays that suffice with these gains and this feedforward, as an advice."""
+        """Returns delays that suffice with these gains and this feedforward."""
         for halved in range(1, HALVINGS + 1):
             paths = [Path(*(0.5**halved * time for time in astuple(path)))
                      for path in (actuators.vehicle, actuators.joints)]
@@ -120,7 +121,7 @@ class ActuationTube:
                                   tip, self._feedforward, self._force)
             if self._least_bounds(rows)[1] < 1.0:
                 wrench = paths[0]
-                return (f"{BEYOND}the delay of its wrench and torques is too long for these gains; "
+                return ("the delay of its wrench and torques is too long for these gains; "
                         f"1/{2**halved} of all periods, dead times and lags would do: of the wrench"
                         f" {wrench.period:.3g}, {wrench.dead_time:.3g} and {wrench.lag:.3g} s")
         return ""

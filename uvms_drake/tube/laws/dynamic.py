@@ -124,7 +124,8 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
 
     # Radii that are searched for, besides those with a proof.
     condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega,
-                          theorem="tube/theory.md#image-of-the-tube-under-the-law-resolved")
+                          theorem="tube/theory.md#image-of-the-tube-under-the-law-resolved",
+                          topic="σ")
     estimated: tuple[str, ...] = ESTIMATED
     if np.any(basis.weights != 1.0) or np.any(sensor_effect.p):
         estimated += ("roll", "pitch")

@@ -20,7 +20,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.tube.conditions import Condition, kinematic_tubes
+from uvms_drake.tube.conditions import Condition, assumption, kinematic_tubes
 from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.constants.constants import START_RANKS
 from uvms_drake.tube.law_tube import Basis, LawTube
@@ -86,8 +86,8 @@ KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
 def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:
     """Returns the condition that the tube of the law `transpose` has all joints in it."""
     free = 0 if law.joints else model.num_joints
-    return Condition("n, joints that χ does not determine (the tube is in χ alone)",
-                     float(free), "<=", 0.0, theorem="tube/theory.md#tube-of-the-law-transpose")
+    return assumption("n", "joints that χ does not determine (the tube is in χ alone)", free,
+                      theorem="tube/theory.md#tube-of-the-law-transpose")
 
 
 def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:

@@ -27,7 +27,7 @@ from uvms_drake.tube.actuation.thruster_tube import (
     zoh_command_tube,
 )
 from uvms_drake.tube.actuation.zoh_command import ZohCommandTube, drags_of, turning_of
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
 from uvms_drake.tube.contact.sensor_error import SOURCES, MeasuredForceBounds
@@ -74,8 +74,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     conditions.append(Condition(
         "arm, smallest singular value of J_sq, estimated", arm.regular, ">", 0.0,
         theorem=THEOREM))
-    if any(not condition.holds and not condition.name.startswith("undriven")
-           for condition in conditions):
+    if any(not condition.holds and condition.topic != "undriven" for condition in conditions):
         return LawTube(TubeRadii(), tuple(conditions))
 
     # Gains of the loops; the delay of a reading is a source of its own where there is only a lag.
@@ -192,17 +191,16 @@ def _radii(sums: dict[str, np.ndarray], image: TipFirstImage, speeds: np.ndarray
 def _structural_conditions(law: TipFirst, basis: Basis, rows: np.ndarray,
                            loops: tuple[RowLoop, RowLoop]) -> list[Condition]:
     """Returns conditions that fail: a task without position, actuation without a bound."""
-    failed = [Condition(f"rows of the tip's task, {name} is not among them", 1.0, "<=", 0.0,
-                        theorem=THEOREM)
+    failed = [assumption("rows of the tip's task", f"{name} is not among them", theorem=THEOREM)
               for i, name in enumerate("xyz") if i not in rows]
-    failed += [Condition(f"undriven {name}, of which no bound is known", 1.0, "<=", 0.0,
-                         theorem=THEOREM)
+    failed += [assumption(f"undriven {name}", "of which no bound is known", topic="undriven",
+                          theorem=THEOREM)
                for name in law.undriven]
-    failed += [Condition(f"actuation, {path}, of which no bound is known", 1.0, "<=", 0.0,
-                         theorem=THEOREM)
+    failed += [assumption(f"actuation, {path}", "of which no bound is known",
+                          topic="actuation path", theorem=THEOREM)
                for path in _unknown(law, basis)]
-    failed += [Condition(f"{key}, loop that is not stable behind its actuators", 1.0, "<=", 0.0,
-                         theorem="tube/loops/theory.md#row-loop-behind-an-actuator")
+    failed += [assumption(key, "loop that is not stable behind its actuators", topic=f"{key} loop",
+                          theorem="tube/loops/theory.md#row-loop-behind-an-actuator")
                for key, loop in zip(("vehicle", "tip"), loops, strict=True) if not loop.stable]
     return failed
 

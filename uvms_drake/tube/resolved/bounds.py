@@ -153,11 +153,11 @@ def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: f
     b = k - c.L_2 - sigma * J**2
     G = c.L_1 + sigma * (c.L_2 * J + c.L_c * J + c.J_dot) + sigma**2 * J**3
     return Tube(a, J, G, b, d_bound, (
-        Condition("a = σJ̲ − L_c", a, ">", 0.0, theorem=TRANSPOSE),
-        Condition("b = k − L₂ − σJ̄²", b, ">", 0.0, theorem=TRANSPOSE),
+        Condition("a = σJ̲ − L_c", a, ">", 0.0, theorem=TRANSPOSE, topic="a"),
+        Condition("b = k − L₂ − σJ̄²", b, ">", 0.0, theorem=TRANSPOSE, topic="b"),
         # The product of two negative numbers does not count.
         Condition("ab, above J̄G", a * b if min(a, b) > 0.0 else -abs(a * b), ">", J * G,
-                  theorem=TRANSPOSE)))
+                  theorem=TRANSPOSE, topic="ab")))
 
 
 def transpose_velocity_radius(tube: Tube, sigma: float) -> float:

@@ -63,4 +63,5 @@ def unrefuted(estimates: tuple[Estimate, ...]) -> tuple[Condition, ...]:
         return ()
     worst = max(estimates, key=lambda estimate: estimate.ratio)
     return (Condition(f"estimates, second search over claim ({worst.name})", worst.ratio, "<=",
-                      1.0, theorem="tube/theory.md#estimates-and-second-searches"),)
+                      1.0, theorem="tube/theory.md#estimates-and-second-searches",
+                      topic="estimates"),)
