@@ -51,9 +51,10 @@ def _tube_mpc(scenario: Scenario, model: ContactModel) -> System:
 
 
 def _nominal_mpc(scenario: Scenario, model: ContactModel) -> System:
-    """Makes the nominal MPC alone: plans from the measured state, and u = ū, without feedback.
+    """Makes the nominal MPC alone: plans from the measured state, without feedback between them.
 
-    The measured force stays in its law, so that ū is the input that moves the robot as planned.
+    Its law has the measured force and the drift at the measured state in it, u = ζ̄̇ − f: the robot
+    has the acceleration of the plan, as far as the model is right.
     """
     alone = Resolved(k=NO_FEEDBACK, sigma=NO_FEEDBACK)
     return _tube_mpc(replace(scenario, ancillary=alone, mpc=replace(
