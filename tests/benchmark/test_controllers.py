@@ -11,7 +11,7 @@ from uvms_drake.station.problem import load_model
 
 
 def test_the_nominal_mpc_sends_its_plan_from_the_measured_state():
-    """u = ζ̄̇ − f, whatever the deviation; the plan is solved, without a violated limit."""
+    """The command is ζ̄̇ − f, whatever the deviation; the plan is solved and violates no limit."""
     scenario, _ = drawn_case("girona500_arm5e", CASES["ideal"], 1, 0)
     model = load_model(scenario)
     controller = CONTROLLERS["nominal_mpc"](scenario, model)
