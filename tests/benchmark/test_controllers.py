@@ -1,4 +1,4 @@
-"""The nominal MPC of the benchmark is the plan alone, and data declared to controllers are listed."""
+"""The nominal MPC of the benchmark is the plan alone; data declared to controllers are listed."""
 
 import numpy as np
 import pytest
