@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.mission.steps import Approach, Hold, Mission, Pressing, Retreat, Slide
+from uvms_drake.mission.steps import ROUNDING, Mission
 
 RUNNING, DONE, SKIPPED, RETREATED = range(4)
 """Outcomes of a mission; of a step `DONE`, or `SKIPPED` if it failed or was left out."""
@@ -33,8 +33,6 @@ TIME_OUT, CONTACT_LOST, FORCE_LOST, STOPPED, STATE_LOST = range(1, 6)
 """Reasons of a failed step."""
 REASONS = {TIME_OUT: "time-out", CONTACT_LOST: "contact lost", FORCE_LOST: "force lost",
            STOPPED: "stopped", STATE_LOST: "state lost"}
-ROUNDING = 1e-9
-"""Largest difference of two sums of periods [s]."""
 
 
 class Measured(NamedTuple):
@@ -117,13 +115,8 @@ def due_at(mission: Mission, state: State, t: float) -> Due:
     if state.outcome != RUNNING:
         return Due(0.0, state.place, state.deepest)
     step, spent = mission.steps[state.step], t - state.since
-    force, place = 0.0, state.place
-    if isinstance(step, Slide):
-        force = step.force + step.amplitude * math.sin(math.tau * step.frequency * spent)
-        place = place + step.along * min(spent / step.time, 1.0)
-    elif isinstance(step, Hold) or (isinstance(step, Approach) and state.searching):
-        force = step.force
-    return Due(force, place, state.deepest)
+    return Due(step.desired_force(spent, state.searching), state.place + step.displacement(spent),
+               state.deepest)
 
 
 def advance(mission: Mission, state: State, measured: Measured, t: float
@@ -147,7 +140,7 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
         return state
     step = mission.steps[state.step]
     state = _seen(mission, state, measured, t)
-    if isinstance(step, Retreat):
+    if step.role == "retreat":
         if measured.stop:
             state = state._replace(after=len(mission.steps), home=True, reason=STOPPED)
         if _there(mission, state):
@@ -160,8 +153,9 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
         return _failed(mission, state, reason, t)
     if _done(mission, state, t):
         return _entered(mission, _marked(state, DONE), state.step + 1, t)
-    if isinstance(step, Approach) and not state.searching and _there(mission, state):
-        return state._replace(searching=True, deepest=float(state.tip[0]) + step.within)
+    depth = None if state.searching else step.search_depth(state.tip)
+    if depth is not None and _there(mission, state):
+        return state._replace(searching=True, deepest=depth)
     return state
 
 
@@ -174,30 +168,21 @@ def _seen(mission: Mission, state: State, measured: Measured, t: float) -> State
             tip=measured.tip, deepest=float(measured.tip[0]) if first else state.deepest)
     in_contact = measured.touched and not measured.lost
     asked = due_at(mission, state, t).force
-    good = (in_contact and isinstance(step, Pressing) and asked > 0.0
-            and abs(measured.force - asked) <= step.tolerance)
+    good = in_contact and step.is_pressed(measured.force, asked)
     since = (t if math.isnan(state.in_band) else state.in_band) if good else np.nan
     return state._replace(in_band=since, touch=t if in_contact else state.touch)
 
 
 def _there(mission: Mission, state: State) -> bool:
     """Returns whether the tip is at the step's destination: back, a place, the end of a line."""
-    step = mission.steps[state.step]
-    if isinstance(step, Retreat):
-        return bool(state.tip[0] <= state.deepest + mission.reached)
-    end = state.place + (step.along if isinstance(step, Slide) else 0.0)
-    return bool(np.linalg.norm(state.tip[1:] - end) <= mission.reached)
+    return mission.steps[state.step].is_there(
+        state.tip, state.place, state.deepest, mission.reached)
 
 
 def _done(mission: Mission, state: State, t: float) -> bool:
     """Returns whether a step that is not a retreat is done."""
-    step, steady = mission.steps[state.step], t - state.in_band + ROUNDING
-    if isinstance(step, Slide):
-        return t - state.since >= step.time - ROUNDING and _there(mission, state)
-    if isinstance(step, Hold):
-        return bool(steady >= step.seconds)
-    assert isinstance(step, Approach)
-    return state.searching and bool(steady >= step.settle)
+    return mission.steps[state.step].is_done(
+        t - state.since, t - state.in_band, _there(mission, state), state.searching)
 
 
 def _failure(mission: Mission, state: State, measured: Measured, t: float) -> int:
@@ -216,11 +201,10 @@ def _failure(mission: Mission, state: State, measured: Measured, t: float) -> in
 
 def _failed(mission: Mission, state: State, reason: int, t: float) -> State:
     """Returns the state in the retreat of the spot at which the current step has failed."""
-    step = mission.steps[state.step]
-    assert isinstance(step, Pressing)
+    choice = mission.steps[state.step].choice
     first, last = mission.spot(state.step)
-    again = step.on_failure == "retry" and state.tries < mission.retries and reason != STOPPED
-    home = step.on_failure == "home" or reason == STOPPED
+    again = choice == "retry" and state.tries < mission.retries and reason != STOPPED
+    home = choice == "home" or reason == STOPPED
     after = len(mission.steps) if home else first if again else last + 1
     outcomes = tuple(SKIPPED if state.step <= i < last else outcome
                      for i, outcome in enumerate(state.outcomes))
@@ -244,15 +228,11 @@ def _entered(mission: Mission, state: State, i: int, t: float) -> State:
                          for j, outcome in enumerate(state.outcomes))
         state = state._replace(outcomes=outcomes)
     step, before = mission.steps[i], mission.steps[min(state.step, i)]
-    place, deepest, tries = state.place, state.deepest, state.tries
-    if isinstance(step, Approach):
-        place, tries = step.at, tries if i <= state.step else 0
-    elif isinstance(step, Retreat):
-        place, deepest = state.tip[1:], min(deepest, float(state.tip[0]) - step.distance)
-    elif isinstance(before, Slide):
-        place = place + before.along
-    return state._replace(step=i, since=t, place=place, deepest=deepest, searching=False,
-                          in_band=np.nan, touch=t, after=i + 1, tries=tries)
+    tries = 0 if step.role == "approach" and i > state.step else state.tries
+    return state._replace(
+        step=i, since=t, place=step.first_place(state.place + before.end, state.tip),
+        deepest=step.first_depth(state.deepest, state.tip), searching=False, in_band=np.nan,
+        touch=t, after=i + 1, tries=tries)
 
 
 def _over(state: State) -> State:

@@ -8,8 +8,10 @@ known only in the run, see `report.mission.mission`. The static force is at most
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.mission.steps import Approach, Hold, Mission, Slide, Step
+from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface import SensedContact
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold_band import hold_band
@@ -26,24 +28,13 @@ class Leg:
     band: float | None
     """Bound b(0) of the force error of a hold [N]."""
     least: float
-    """Shortest duration without a failure [s]."""
+    """Shortest duration without a failure [s]; zero if unknown."""
     most: float
     """Time-out [s]."""
     unmet: str
     """Condition that fails; empty if none."""
     hold_band: float | None = None
     """Bound b(0) of a hold in which the plan has stood, see `HoldRadii` [N]."""
-
-
-def least_time(step: Step) -> float:
-    """Returns the shortest duration of a step without a failure [s]; zero if unknown.
-
-    The duration of an approach, of a wall or of a place off it, is unknown.
-    """
-    if isinstance(step, Slide):
-        return step.time
-    return step.settle if isinstance(step, Approach) else step.seconds if isinstance(step, Hold) \
-        else 0.0
 
 
 def legs_of(mission: Mission, contact: SensedContact, tube: TubeRadii,
@@ -60,11 +51,12 @@ def legs_of(mission: Mission, contact: SensedContact, tube: TubeRadii,
     for i, step in enumerate(mission.steps):
         failed = next((each for each in conditions if not each.holds
                        and each.about == f"mission.steps[{i}]"), None)
+        is_hold = step.touches and not np.any(step.fastest)
         legs.append(Leg(
             type(step).__name__, step.strongest,
-            contact.band(step.strongest, tip_errors(tube)) if isinstance(step, Hold) else None,
-            least_time(step), step.timeout,
+            contact.band(step.strongest, tip_errors(tube)) if is_hold else None,
+            step.least_time, step.timeout,
             "" if failed is None else str(failed),
-            None if tube.hold is None or not isinstance(step, Hold)
+            None if tube.hold is None or not is_hold
             else hold_band(contact, step.strongest, tube.hold)))
     return legs

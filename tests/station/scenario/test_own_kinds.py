@@ -15,6 +15,7 @@ from uvms_drake.common import kinds
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.kinds import kinds_of, register
 from uvms_drake.common.schema import load_typed, parse_yaml
+from uvms_drake.mission.law import DONE, RUNNING, Measured, advance, begin, due_at
 from uvms_drake.station.scenario.scenario import dump_scenario
 
 CLOSE = "start: {eta: [-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]}"
@@ -133,6 +134,39 @@ def test_a_file_names_a_kind_of_ones_own_runs_with_it_and_is_dumped_and_loaded_a
     again.parent.mkdir()
     again.write_text(dump_scenario(record.scenario), encoding="utf-8")
     assert dump_scenario(uv.load_scenario(str(again))) == dump_scenario(record.scenario)
+
+
+def test_a_mission_takes_a_step_of_ones_own(tmp_path):
+    (tmp_path / "my_step.py").write_text(HEAD + """
+@uv.register
+@dataclass
+class Tap(uv.mission.Pressing):
+    touches = True
+    times: int = 3
+
+    def desired_force(self, spent, searching):
+        return self.force if int(2.0 * spent) % 2 == 0 else 0.5 * self.force
+
+    def is_done(self, spent, steady, there, searching):
+        return spent >= self.times
+""", encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: girona500_inspection\nmodules: [my_step.py]\nmission: {steps: ["
+                    "!Approach {force: 8}, !Tap {force: 8, times: 2}, !Retreat {}]}\n",
+                    encoding="utf-8")
+    mission = uv.load_scenario(str(path)).mission.checked()
+    state, forces = begin(mission, np.array([-0.1, 0.0, 0.0]), 0.0), []
+    due = due_at(mission, state, 0.0)
+    for t in np.arange(0.0, 20.0, 0.05):
+        # A robot that follows its references at once, and a wall at the depth 0.
+        depth = min(0.0 if due.force > 0.0 else due.deepest, due.deepest)
+        state, due = advance(mission, state, Measured(
+            np.array([depth, *due.place]), due.force, touched=depth >= 0.0), float(t))
+        if state.outcome == RUNNING and type(mission.steps[state.step]).__name__ == "Tap":
+            forces.append(due.force)
+    assert state.outcomes == (DONE, DONE, DONE)
+    assert set(forces) == {8.0, 4.0}
+    assert 0.05 * len(forces) == pytest.approx(2.0, abs=0.1)
 
 
 def test_the_command_line_takes_a_kind_of_ones_own(tmp_path, capsys):

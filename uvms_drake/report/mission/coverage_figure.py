@@ -3,7 +3,6 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from uvms_drake.mission.steps import Hold, Slide
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH
 from uvms_drake.report.mission.attempts import attempts_of
 from uvms_drake.report.mission.inspection import COLUMNS, inspection_table
@@ -27,12 +26,12 @@ def draw_coverage(record: Record) -> Figure:
     axis = figure.subplots()
     for attempt in attempts_of(record):
         step = mission.steps[attempt.step]
-        if isinstance(step, Hold | Slide):
+        if step.touches:
             begin = 1e3 * (record.signals["mission_place"][attempt.when.start] - origin) @ across.T
-            end = begin + (1e3 * step.along if isinstance(step, Slide) else 0.0)
+            end = begin + 1e3 * step.end
             axis.plot(*np.array([begin, end])[:, ::-1].T, "o-", color=BLACK, linewidth=5.0,
                       markersize=9.0, markerfacecolor="none", markeredgewidth=0.7, alpha=0.15
-                      if isinstance(step, Slide) else 1.0)
+                      if np.any(step.end) else 1.0)
     strongest = max(step.strongest for step in mission.steps)
     drawn = axis.scatter(place[:, 1], place[:, 0], s=4.0, c=table[:, columns["force_N"]],
                          cmap="viridis", vmin=0.0, vmax=PAINTED * strongest, linewidths=0.0)

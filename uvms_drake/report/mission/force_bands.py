@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uvms_drake.mission.steps import Slide
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.report.headline import BANDS
 from uvms_drake.report.mission.attempts import attempts_of, has_mission
@@ -59,7 +58,7 @@ def force_bands(record: Record) -> ForceBands:
     recedes = np.zeros(len(goal))
     for attempt in attempts_of(record) if has_mission(record) else ():
         step = record.scenario.mission.steps[attempt.step]
-        recedes[attempt.when] = step.speed if isinstance(step, Slide) else 0.0
+        recedes[attempt.when] = step.line_speed
     bound, off = np.full(len(goal), np.nan), tip_errors(tube)
     for i in np.flatnonzero(touched):
         bound[i] = contact.band(goal[i], off, recedes[i], lags[i])

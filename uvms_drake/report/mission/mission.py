@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.mission.law import DONE, RETREATED, RUNNING, SKIPPED
-from uvms_drake.mission.steps import Hold, Pressing, Slide, Step
+from uvms_drake.mission.steps import Step
 from uvms_drake.report.mission.attempts import attempts_of, has_mission, progress_of
 from uvms_drake.report.mission.force_bands import ForceBands, force_bands, force_error
 from uvms_drake.station.contact_bounds import sensed_contact
@@ -28,9 +28,9 @@ def lateral_errors(record: Record, step: Step, when: slice) -> tuple[np.ndarray,
     axes = sensed_contact(record.scenario).walls.axes[1:]
     place = record.signals["mission_place"][when] @ axes.T
     tip = record.chi[when, :3] @ axes.T
-    if not isinstance(step, Slide):
+    if not np.any(step.end):
         return np.linalg.norm(tip - place, axis=1), np.zeros(len(tip))
-    along = np.asarray(step.along) / step.length
+    along = np.asarray(step.end) / np.linalg.norm(step.end)
     off = (tip - place) @ np.array([-along[1], along[0]])
     return np.abs(off), (place - tip) @ along
 
@@ -80,14 +80,14 @@ def summarise_mission(record: Record) -> dict[str, Any]:
             "step": attempt.step, "kind": type(step).__name__, "ended": attempt.ended,
             "begin_s": record.time[when.start],
             "seconds": record.time[last] - record.time[when.start]}
-        if isinstance(step, Hold | Slide):
+        if step.touches:
             off, behind = lateral_errors(record, step, when)
             n = sensed_contact(record.scenario).direction
             row |= {"mean_force": np.mean(record.force[when, :3] @ n),
                     "force_rms": np.sqrt(np.mean(error[when]**2)),
                     "force_worst": np.max(np.abs(error[when])),
                     **certified_errors(bands, when),
-                    "within": np.mean(np.abs(error[when]) <= step.tolerance),
+                    "within": np.mean(np.abs(error[when]) <= step.largest_error),
                     "off_rms": np.sqrt(np.mean(off**2)), "off_worst": np.max(off),
                     "behind": np.max(behind)}
         rows.append(row)
@@ -126,6 +126,6 @@ def format_mission(mission: dict[str, Any]) -> list[str]:
 def pressing_samples(record: Record) -> np.ndarray:
     """Returns whether a pressing step is active and the last measurement was a contact (T,)."""
     steps, progress = record.scenario.mission.steps, progress_of(record)
-    presses = np.array([*(isinstance(step, Pressing) for step in steps), False])
+    presses = np.array([*(step.strongest > 0.0 for step in steps), False])
     return ((progress["outcome"] == RUNNING) & presses[progress["step"]]
             & (record.signals["touched"][:, 0] > 0.0))

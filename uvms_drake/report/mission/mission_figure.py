@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uvms_drake.mission.steps import Hold, Slide
 from uvms_drake.report.figure_style import (
     BLUE,
     DESIRED,
@@ -24,7 +23,7 @@ def draw_mission(record: Record) -> Figure:
     """Draws the force along n over time and along the lines, with the bands of the steps."""
     steps = record.scenario.mission.checked().steps
     attempts = attempts_of(record)
-    slides = [each for each in attempts if isinstance(steps[each.step], Slide)]
+    slides = [each for each in attempts if np.any(steps[each.step].end)]
     rows = 1 + 2 * bool(slides)
     figure, axes = panels(rows, 1.0 + 1.45 * rows, sharex=False)
     n = sensed_contact(record.scenario).direction
@@ -36,8 +35,8 @@ def draw_mission(record: Record) -> Figure:
     axes[0].plot(record.time, goal, **DESIRED)
     for each in attempts:
         step = steps[each.step]
-        if isinstance(step, Hold | Slide):
-            _band(axes[0], record.time[each.when], goal[each.when], step.tolerance)
+        if step.touches:
+            _band(axes[0], record.time[each.when], goal[each.when], step.largest_error)
         _name(axes[0], record, each, type(step).__name__.lower())
     axes[0].set_xlim(record.time[0], record.time[-1])
     axes[0].set_ylim(top=1.3 * max(axes[0].get_ylim()[1], 0.0))  # Space for the names.
@@ -55,14 +54,13 @@ def _draw_lines(forces: Axes, places: Axes, record: Record, slides: list[Attempt
     contact, steps = sensed_contact(record.scenario), record.scenario.mission.checked().steps
     for each in slides:
         step, when = steps[each.step], each.when
-        assert isinstance(step, Slide)
         tip = record.chi[when, :3] @ contact.walls.axes[1:].T
         begin = record.signals["mission_place"][when.start] @ contact.walls.axes[1:].T
-        path = 1e3 * (tip - begin) @ np.asarray(step.along) / step.length
+        path = 1e3 * (tip - begin) @ step.end / np.linalg.norm(step.end)
         forces.plot(path, measured[when], color=VERMILION, linewidth=0.5, alpha=0.7)
         forces.plot(path, real[when], **REAL)
         forces.plot(path, goal[when], **DESIRED)
-        _band(forces, path, goal[when], step.tolerance)
+        _band(forces, path, goal[when], step.largest_error)
         off, _ = lateral_errors(record, step, when)
         places.plot(path, 1e3 * off, color=BLUE)
     forces.set_ylabel("force along $n$ [N]")
