@@ -108,6 +108,13 @@ def test_the_force_settles_with_a_user_defined_part_and_a_missing_certificate_ha
     assert reason is None or reason in text
 
 
+def test_the_program_takes_a_cost_and_a_constraint_by_drake_s_own_calls(run):
+    text = run("own_program.py", 3.0)
+    without, limited, looped = map(float, re.findall(r"up to ([\d.]+) rad/s", text))
+    assert without > 0.1 > 0.0501 > max(limited, looped)
+    assert last_numbers(text)[0] > 10.0, "it presses"
+
+
 def test_behind_thrusters_that_lag_only_the_law_tip_first_holds_the_tip(run):
     tips = re.findall(r"the tip is off by up to (\S+) mm", run("tip_first.py", 1.2))
     *others, tip_first = map(float, tips)

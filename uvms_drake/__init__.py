@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from uvms_drake.control.laws.law import Pair as Pair
     from uvms_drake.control.laws.resolved import Resolved as Resolved
     from uvms_drake.control.limits.limit import Limit as Limit
+    from uvms_drake.control.ocp.ocp_program import OcpProgram as OcpProgram
+    from uvms_drake.control.ocp.solvers import make_solver as make_solver
     from uvms_drake.control.plan.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
     from uvms_drake.model import surface as surfaces  # noqa: F401  a namespace
@@ -103,9 +105,11 @@ _HOME = {
     "make_ocp": "station.motions.motions",
     "make_plant": "station.motions.plant",
     "make_scenario": "studies.make_scenario",
+    "make_solver": "control.ocp.solvers",
     "make_station": "station.diagram",
     "make_tube_mpc": "control.tube_mpc",
     "make_uvms_plant": "plant.uvms_plant",
+    "OcpProgram": "control.ocp.ocp_program",
     "open_meshcat": "visual.server",
     "OpenLoopDisturbance": "plant.disturbance",
     "Pair": "control.laws.law",

@@ -458,7 +458,7 @@ def test_bench_prints_and_writes_what_it_measures(quick_bench, capsys, tmp_path,
     assert "controller step, N = 4 [ms]" in out
     *lines, last = err.splitlines()
     assert lines[0] == "measuring: a simulation"
-    assert [line.split(": ")[0] for line in lines] == ["measuring"] * 4
+    assert [line.split(": ")[0] for line in lines] == ["measuring"] * 5
     assert last == "written to out/girona500_bilateral: bench.json"
     assert written(folder) == {"bench.json", "log.npz"}
     stored = json.loads((folder / "bench.json").read_text(encoding="utf-8"))

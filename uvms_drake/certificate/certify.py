@@ -39,7 +39,7 @@ from uvms_drake.control.limits import (
 )
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
-from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.plan.plan import P, Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
@@ -420,7 +420,9 @@ def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition
         ocp: Problem with the tightened limits.
         start: (𝔮, ζ) (2(6+n),).
     """
-    solution = SequentialConvexSolver(ocp).solve(
+    with within("mpc"):
+        solver = make_solver(ocp)
+    solution = solver.solve(
         ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
     if solution.plan is None or solution.evaluation is None:
         return None, [assumption("first plan", "none found", theorem=FEASIBILITY)]

@@ -53,8 +53,8 @@ class NonlinearSolver(Solver[P]):
     def solve(self, guess: P, iterations: int = 1, tolerance: float = OPTIMALITY) -> Solution[P]:
         """Returns the solution of the program that starts at the guess's first knot.
 
-        Where the program is the problem's own, a plan that is worse than the guess is not returned,
-        but the guess. A solver that stops early has a solution if that is sound and better.
+        The guess in its place if that is better, and the last point of a solver that stops early if
+        it is sound and better; neither if the program has more than the problem.
 
         Args:
             guess: Plan to start from.
@@ -70,10 +70,10 @@ class NonlinearSolver(Solver[P]):
             value = self.ocp.evaluate(plan)
         except np.linalg.LinAlgError:
             return Solution(None, None, 1, converged=False)
-        converged = bool(result.is_success())
-        better = self.ocp.improves(value, self.ocp.evaluate(guess))
+        converged, before = bool(result.is_success()), self.ocp.evaluate(guess)
+        better = self._extend is None and self.ocp.improves(value, before)
         if not converged and not (better and self.ocp.is_sound(value)):
             return Solution(None, None, 1, converged=False)
         if not better and self._extend is None:
-            return Solution(guess, self.ocp.evaluate(guess), 1, converged)
+            return Solution(guess, before, 1, converged)
         return Solution(plan, value, 1, converged)
