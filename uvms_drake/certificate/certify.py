@@ -76,19 +76,21 @@ UNLIMITED = 1.0
 """‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
 
 
-def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
+def certify(scenario: Scenario, progress: Progress = silent,
+            model: ContactModel | None = None) -> Certificate:
     """Returns the certificate of a scenario, certified or not.
 
     Args:
         scenario: Scenario to certify.
         progress: Called at the beginning of every stage.
+        model: The controller's model; loaded if left out.
 
     Raises:
         InvalidParameter: A value of the scenario has no meaning.
     """
     assert active_memo() is None, "a certificate searches for itself"
     # Inputs, and a law without a tube, for which there is nothing to compute.
-    model = check_inputs(scenario)
+    model = check_inputs(scenario, model)
     law, weights = scenario.ancillary, weights_of(scenario, model)
     draft = Certificate(
         scenario=scenario.name, motion=scenario.motion, law=scenario.law, k=law.k, sigma=law.sigma,
@@ -182,7 +184,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
                        theorem=GUARANTEE)
             for i, part in enumerate(parts) if part.assumption() is not None
             and not (scenario.contact.is_sensed and part.reading(0.0, 0.0) is not None)
-            and not is_counted(scenario, part)]
+            and not is_counted(scenario, part, model)]
     return conditions
 
 
@@ -199,7 +201,7 @@ def uncounted_unknowns(scenario: Scenario) -> list[tuple[str, str, float]]:
             for key, size in sizes.items()]
 
 
-def is_counted(scenario: Scenario, part: Component) -> bool:
+def is_counted(scenario: Scenario, part: Component, model: ContactModel) -> bool:
     """Returns whether the tube includes the effect of a part on the command, if it is the only one.
 
     A clock, see `tube.actuation.zoh_command`, where a condition of the tube names an effect without
@@ -211,20 +213,23 @@ def is_counted(scenario: Scenario, part: Component) -> bool:
         return False
     if not isinstance(part, LaggedWrench):
         return isinstance(part, SampledCommand)
-    model = load_model(scenario)
     actuators = actuators_of(command_paths(scenario, model), actuation_delay_of(scenario, model))
     return lag_is_proven(law, actuators, scenario.mpc.time_step)
 
 
-def check_inputs(scenario: Scenario) -> ContactModel:
+def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
     """Returns the controller's model, if the scenario would have a meaning without any tube.
+
+    Args:
+        scenario: The scenario.
+        model: The model, if it is loaded already.
 
     Raises:
         InvalidParameter: It would not.
     """
     with within("certificate"):
         check_settings(scenario.certificate)
-    model = load_model(scenario)
+    model = model or load_model(scenario)
     motion_of(scenario).check(scenario)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     dynamic = motion_of(scenario).has_forces
@@ -245,15 +250,17 @@ def weights_of(scenario: Scenario, model: ContactModel) -> np.ndarray:
             motion_of(scenario).disturbance_size(model.size))
 
 
-def certified_once(scenario: Scenario, progress: Progress = silent) -> Certificate:
+def certified_once(scenario: Scenario, progress: Progress = silent,
+                   model: ContactModel | None = None) -> Certificate:
     """Returns the certificate of a scenario, from the cache if nothing has changed since.
 
     Args:
         scenario: Scenario to certify.
         progress: As of `certify`; not called if the certificate is in the cache.
+        model: As of `certify`.
     """
     def compute() -> dict:
-        return certify(scenario, progress).to_data()
+        return certify(scenario, progress, model).to_data()
 
     data = cached({"certificate": fingerprint(scenario)}, compute)
     return replace(Certificate.from_data(data), scenario=scenario.name)

@@ -81,7 +81,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
             note(scenario)
             started = time.perf_counter()
             with closing(Bar(CERTIFYING, stream_of(args), is_steady=False)) as progress:
-                certificate = certified_once(scenario, progress)
+                certificate = certified_once(scenario, progress, model)
             seconds = time.perf_counter() - started
             if args.paper:
                 certificate = with_paper(certificate, scenario, model)

@@ -121,15 +121,17 @@ def run_scenario(args: argparse.Namespace) -> int:
     path = args.output if args.output is not None else Path("out") / scenario.name
     # The certificate that `certify` or a former run has left, if it fits.
     certificate = None
+    with reported_in(source):
+        model = load_model(scenario)
     if not args.uncertified:
         again = shlex.join([PROGRAM, "certify", args.scenario, *set_options(overrides),
                             "--output", str(path)])
-        certificate = _committed(scenario, source, path / CERTIFICATE_FILE, again)
+        certificate = _committed(scenario, model, source, path / CERTIFICATE_FILE, again)
     own = (*DATA_FILES, *picture_files(), *([] if certificate else [CERTIFICATE_FILE]))
     with output_folder(path, own, replaces=True) as output:
         if not args.uncertified:
             if certificate is None:
-                certificate = _new_certificate(scenario, source, stream_of(args))
+                certificate = _new_certificate(scenario, model, source, stream_of(args))
                 write_certificate(certificate, output.folder)
             scenario = certificate.applied_to(scenario)
             for line in scope(certificate):
@@ -137,7 +139,6 @@ def run_scenario(args: argparse.Namespace) -> int:
             print(f"certified: {certificate.force_sentence}", file=sys.stderr)
         # The run itself, and its files; an interrupted run is kept, too.
         with reported_in(source):
-            model = load_model(scenario)
             scenario = with_step(scenario, model)
             note(scenario)
         show = _open_meshcat(args) if args.meshcat else None
@@ -199,7 +200,8 @@ def _named(args: argparse.Namespace) -> list[tuple[str, str]]:
     return [(key, value) for key, value in named if value is not None]
 
 
-def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certificate | None:
+def _committed(scenario: Scenario, model: ContactModel, source: str, path: Path, again: str
+               ) -> Certificate | None:
     """Returns the certificate in a run's folder if it fits, or None if a new one is needed.
 
     One that `certify` has written is a commitment: if it no longer fits, the run is refused, with
@@ -208,7 +210,7 @@ def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certi
     from uvms_drake.certificate.certify import check_inputs
 
     with reported_in(source):
-        check_inputs(scenario)
+        check_inputs(scenario, model)
     if not path.is_file():
         return None
     certificate = read_certificate(path)
@@ -220,11 +222,12 @@ def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certi
     return sound(certificate, source)
 
 
-def _new_certificate(scenario: Scenario, source: str, stream: TextIO) -> Certificate:
+def _new_certificate(scenario: Scenario, model: ContactModel, source: str, stream: TextIO
+                     ) -> Certificate:
     from uvms_drake.certificate.certify import certified_once
 
     with reported_in(source), closing(Bar(CERTIFYING, stream, is_steady=False)) as progress:
-        certificate = certified_once(scenario, progress)
+        certificate = certified_once(scenario, progress, model)
     return sound(replace(certificate, made_by="run"), source)
 
 

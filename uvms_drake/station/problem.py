@@ -12,6 +12,7 @@ from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.robot_loading import sound_robot
@@ -20,8 +21,12 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
 
 
-def load_model(scenario: Scenario) -> ContactModel:
+def load_model(scenario: Scenario, robot: Robot | None = None) -> ContactModel:
     """Returns the controller's model of robot and surface.
+
+    Args:
+        scenario: Robot, surface, contact and frame of the task.
+        robot: The robot, if it is loaded and sound already.
 
     Raises:
         InvalidParameter: The surface has no meaning, or the robot is none; see `sound_robot`.
@@ -34,7 +39,8 @@ def load_model(scenario: Scenario) -> ContactModel:
         frame = vector("frame", scenario.task.frame, 3)
         require(not (np.any(frame) and isinstance(surface, BilateralSpring)), "frame", frame,
                 "zero: the Euler angles of the paper's spring are about Σ_I")
-    return ContactModel(sound_robot(scenario.model).uvms, controller_surface, frame)
+    robot = robot or sound_robot(scenario.model)
+    return ContactModel(robot.uvms, controller_surface, frame)
 
 
 def true_surface(scenario: Scenario) -> Surface:

@@ -17,6 +17,7 @@ from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.robot_loading import sound_robot
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario, check_scenario, typed_scenario
 from uvms_drake.station.scenario.scenario_file import with_base
 from uvms_drake.station.step_size import with_step
@@ -99,7 +100,7 @@ def make_scenario(
     if type(scenario.surface).static_force_rows is Surface.static_force_rows:
         scenario.limits.static_force = None
     check_scenario(scenario)
-    return with_step(scenario, check_inputs(scenario))
+    return with_step(scenario, check_inputs(scenario, load_model(scenario, robot)))
 
 
 def _direction(force: float | Sequence[float] | np.ndarray, surface: Surface | None

@@ -76,9 +76,9 @@ def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Conditi
     searches.again()
     try:
         scenario = make()
-        conditions = assumed_conditions(scenario)
+        model = load_model(scenario)
+        conditions = assumed_conditions(scenario, model)
         if all(condition.holds for condition in conditions):
-            model = load_model(scenario)
             with memoising(searches):
                 conditions = tube_of(scenario, model, basis_of(scenario, model))[1]
     except InvalidParameter as error:
