@@ -80,6 +80,35 @@ def end_of(program: StagedProgram, w: np.ndarray) -> np.ndarray:
     return x
 
 
+def test_multipliers_of_named_limits_belong_to_the_limits_that_are_reached():
+    """Complementary slackness, and the sum of the soft ones where they are relaxed."""
+    reached, relaxed = 0, 0
+    for seed in range(8):
+        staged = random_program(seed, 0.3)
+        program = staged.mathematical_program()
+        result = ClarabelSolver().Solve(program)
+        if not result.is_success():
+            continue
+        soft = 0.0
+        for binding in program.linear_constraints():
+            assert binding.evaluator().get_description().startswith("limits[")
+            rows, A = binding.evaluator(), binding.evaluator().GetDenseA()
+            value = A @ result.GetSolution(binding.variables())
+            dual = result.GetDualSolution(binding)
+            room = np.where(dual < 0.0, rows.upper_bound() - value, value - rows.lower_bound())
+            active = np.abs(dual) > 1e-6
+            assert np.all(np.abs(dual * room)[active] < 1e-5)
+            reached += np.count_nonzero(active)
+            by_v = [v.get_id() == program.v[0].get_id() for v in binding.variables()]
+            soft += np.sum(np.abs(dual)[:, None] * np.abs(A[:, by_v]))
+        v = result.GetSolution(program.v)[0]
+        if v > 1e-4:
+            relaxed += 1
+            assert soft == pytest.approx(staged.excess_penalty, rel=1e-4)
+    assert reached > 5
+    assert relaxed > 0
+
+
 KINDS = ("free", "by rows", "by cones", "infeasible")
 
 

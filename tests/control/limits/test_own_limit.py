@@ -107,6 +107,7 @@ def test_a_name_that_is_there_already_and_inputs_of_kinematic_motion_are_refused
                     accelerations=False)
 
 
+@pytest.mark.slow
 def test_fast_solver_and_reference_agree_where_they_are_active(scenario):
     """With 7/10 of the speed, the way and the turn that a plan without them takes."""
     ocp = make_ocp(with_own(scenario))
