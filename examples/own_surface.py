@@ -25,9 +25,6 @@ class Buoy(uv.Surface):
     def anchor(self) -> np.ndarray:
         return self.center - np.array([self.radius, 0.0, 0.0])
 
-    def checked(self) -> "Buoy":
-        return self
-
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         inward = self.center - chi[..., :3]
         distance = np.sqrt(np.sum(inward**2, axis=-1, keepdims=True))  # For complex numbers.
@@ -37,18 +34,8 @@ class Buoy(uv.Surface):
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         return np.maximum(self.radius - np.linalg.norm(chi[..., :3] - self.center, axis=-1), 0.0)
 
-    def pose_for(self, force: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        size = np.linalg.norm(force[:3])
-        depth = size / self.stiffness + 0.5 * self.skin
-        return np.append(self.center - (self.radius - depth) * force[:3] / size, pose[3:])
-
     def force_jacobian(self) -> np.ndarray:
         return self.stiffness * np.eye(3, 6)
-
-    def sample_contact(self, chi, force_max: float, rng: np.random.Generator) -> np.ndarray:
-        outward = rng.normal(size=(len(chi), 3))
-        distance = self.radius - rng.uniform(-0.01, force_max / self.stiffness, (len(chi), 1))
-        return self.center + distance * outward / np.linalg.norm(outward, axis=1, keepdims=True)
 
 
 if __name__ == "__main__":

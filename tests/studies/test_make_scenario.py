@@ -26,9 +26,6 @@ class Ball(uv.Surface):
     def anchor(self) -> np.ndarray:
         return np.array([-0.3, 0.0, 0.0])
 
-    def checked(self) -> "Ball":
-        return self
-
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         distance = np.sqrt(np.sum(chi[..., :3]**2, axis=-1, keepdims=True))
         load = self.stiffness * uv.surfaces.plane_load(0.3 - distance, 0.002)
@@ -37,17 +34,8 @@ class Ball(uv.Surface):
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         return np.maximum(0.3 - np.linalg.norm(chi[..., :3], axis=-1), 0.0)
 
-    def pose_for(self, force: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        size = np.linalg.norm(force[:3])
-        return np.append(-(0.299 - size / self.stiffness) * force[:3] / size, pose[3:])
-
     def force_jacobian(self) -> np.ndarray:
         return self.stiffness * np.eye(3, 6)
-
-    def sample_contact(self, chi, force_max: float, rng: np.random.Generator) -> np.ndarray:
-        outward = rng.normal(size=(len(chi), 3))
-        distance = 0.3 - rng.uniform(-0.01, force_max / self.stiffness, (len(chi), 1))
-        return distance * outward / np.linalg.norm(outward, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize("robot", ["bluerov2_alpha5", "box_uvms"])
@@ -80,6 +68,20 @@ def test_with_a_wall_that_is_turned_the_start_turns_and_the_input_at_rest_stays(
             for each, scenario in zip(ocps, (plain, turned), strict=True)]
     assert tips[0] @ [1, 0, 0] == pytest.approx(-0.2, abs=0.01)
     assert (tips[1] - place) @ turn[:, 0] == pytest.approx(-0.2, abs=0.01)
+
+
+def test_the_default_pose_of_a_surface_is_where_it_gives_the_force():
+    chi = Ball().pose_for(np.array([8.0, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array(
+        [-0.31, 0.0, 0.0, 0.0, 0.2, 0.0]))
+    np.testing.assert_allclose(chi, [-0.299 + 8.0 / 500.0, 0.0, 0.0, 0.0, 0.2, 0.0], atol=1e-9)
+    with pytest.raises(InvalidParameter, match="one that the surface gives along its direction"):
+        Ball().pose_for(np.array([0.0, 8.0, 0.0, 0.0, 0.0, 0.0]), chi)
+    rng = np.random.default_rng(0)
+    attitudes = np.zeros((50, 6))
+    attitudes[:, :3] = Ball().sample_contact(attitudes, 2.0, rng)
+    forces = Ball().static_force(attitudes)
+    assert np.max(forces) <= 2.0
+    assert np.count_nonzero(forces) > 10
 
 
 def test_a_surface_and_a_law_of_ones_own_run():

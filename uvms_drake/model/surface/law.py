@@ -24,6 +24,10 @@ TRIALS = 32
 """Poses at which `check_surface` compares derivatives; half of them at rest."""
 TRIAL_FORCE = 10.0
 """Largest static force of the trials, if the surface can be touched that softly [N]."""
+NEARBY = 0.01
+"""Distance of random tips from the anchor along each axis, by default [m]."""
+FIRST_DEPTH, FARTHEST, HALVINGS = 1e-3, 1.0, 60
+"""First and last depth at which a force is sought [m], and the number of halvings between."""
 DIFFERENCE = 1e-7
 """Half the step of the difference [m, rad, m/s, rad/s]."""
 AGREEMENT = 1e-3
@@ -69,8 +73,8 @@ class Surface(ABC):
     """A surface that the end-effector presses on; the dataclass of its YAML settings.
 
     The plant needs the abstract methods; a model and a controller that know the surface need
-    `pose_for` and `force_jacobian`, too. The others serve a certificate, a limit on the force or a
-    campaign; missing ones raise `NotOffered`. A shape alone may be a `Geometry` of a
+    `force_jacobian`, too. The others serve a certificate, a limit on the force or a campaign; they
+    have a default, or raise `NotOffered`. A shape alone may be a `Geometry` of a
     `ShapedSurface`, which adds the static force by the depth, damping and friction.
     """
 
@@ -87,9 +91,9 @@ class Surface(ABC):
     def anchor(self) -> np.ndarray:
         """Point of the undeformed surface (3,) in Σ_I [m]."""
 
-    @abstractmethod
     def checked(self) -> Self:
-        """Returns the surface with its parameters as arrays, or raises."""
+        """Returns the surface with its parameters as arrays, or raises; by default itself."""
+        return self
 
     @abstractmethod
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
@@ -100,20 +104,52 @@ class Surface(ABC):
         """Returns the penetration of the end-effector (...) [m]."""
 
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
-        """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes the free coordinates."""
-        raise self._lacks("pose_for")
+        """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes the free coordinates.
+
+        By default it moves `pose` along the force to where the surface gives that force.
+        """
+        size = float(np.linalg.norm(force[:3]))
+        if pose is None:
+            raise InvalidParameter("pose", pose, "given: the surface leaves coordinates free")
+        require(size > 0.0, "force", force, "not zero")
+        start, along = pose, np.concatenate([force[:3] / size, np.zeros(3)])
+
+        def excess(depth: float) -> float:
+            return float(self.static_force(start + depth * along)) - size
+
+        low, high = -FIRST_DEPTH, FIRST_DEPTH
+        while excess(low) > 0.0 and low > -FARTHEST:
+            low *= 2.0
+        while excess(high) < 0.0 and high < FARTHEST:
+            high *= 2.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if excess(middle) > 0.0 else (middle, high)
+        chi: np.ndarray = start + low * along
+        given = self.force(chi, np.zeros(6))
+        require(bool(np.allclose(given, force, rtol=0.0, atol=1e-3 * size)), "force", force,
+                f"one that the surface gives along its direction from the pose; it gives {given}")
+        return chi
 
     def force_jacobian(self) -> np.ndarray:
         """Returns G (m, 6) [N/m, N/rad]: at rest the force changes by at most ‖G dχ‖₂ with χ."""
         raise self._lacks("force_jacobian")
 
-    @abstractmethod
     def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator
                        ) -> np.ndarray:
         """Returns random positions (m, 3) of a tip with the attitudes of χ (m, 6) in contact.
 
-        Or close to it. The static force is at most `force_max` [N].
+        Or close to it. The static force is at most `force_max` [N]. By default they are near
+        `anchor`.
         """
+        many = np.tile(chi, (TRIALS, 1))
+        many[:, :3] = self.anchor + rng.uniform(-NEARBY, NEARBY, (len(many), 3))
+        soft = self.static_force(many) <= force_max
+        # Of the trials of each tip the first one that is soft enough; the anchor if none is.
+        first = np.argmax(soft.reshape(TRIALS, -1), axis=0)
+        found: np.ndarray = many.reshape(TRIALS, -1, 6)[first, np.arange(len(chi)), :3]
+        found[~soft.reshape(TRIALS, -1).any(axis=0)] = self.anchor
+        return found
 
     def static_force(self, chi: np.ndarray) -> np.ndarray:
         """Returns ‖force part of 𝔉‖₂ (...) [N] at the pose χ (..., 6), not moving."""
