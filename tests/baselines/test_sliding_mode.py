@@ -10,7 +10,9 @@ from uvms_drake.baselines.gains import read_gains
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "stiffness"), [
-    ("sliding_decoupled", 1000.0), ("sliding_decoupled", 5000.0), ("sliding_coupled", 1000.0)])
+    ("sliding_decoupled", 1000.0),
+    pytest.param("sliding_decoupled", 5000.0, marks=pytest.mark.long),
+    pytest.param("sliding_coupled", 1000.0, marks=pytest.mark.long)])
 def test_sliding_is_reached_and_the_force_is_exact(name, stiffness):
     gains = read_gains(ROBOT)
     if name == "sliding_coupled":  # Here no thruster lags: the gains of the decoupled law.
