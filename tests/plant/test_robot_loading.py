@@ -18,6 +18,7 @@ from uvms_drake.plant.model_check import model_complaints
 from uvms_drake.plant.robot_loading import complaints_about, sound_robot
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.studies.make_scenario import make_scenario
 
 TIP = '<frame name="tip" attached_to="forearm">'
 END = "</model>"
@@ -160,6 +161,8 @@ def test_the_robot_is_checked_wherever_a_scenario_is_run_or_certified(tmp_path):
     robot = altered(tmp_path, *BROKEN["tip on a middle link"][0])
     with pytest.raises(InvalidParameter, match="frame tip = 'upper_arm'"):
         load_model(load_scenario("paper_dynamic", [f"model={robot}"]))
+    with pytest.raises(InvalidParameter, match="frame tip = 'upper_arm'"):
+        make_scenario(Robot.load(robot), force=5.0)
 
 
 @pytest.mark.parametrize(("change", "seen"), [

@@ -103,6 +103,10 @@ def test_a_surface_and_a_law_of_ones_own_run():
 
 @pytest.mark.parametrize(("arguments", "expected"), [
     ({"force": 0.0}, "force = 0.0: must be positive"),
+    ({"force": "hard"}, "force = 'hard': must be 3 finite numbers"),
+    ({"law": 3}, "law = 3: must be of the type AncillaryLaw"),
+    ({"surface": "wall"}, "surface = 'wall': must be of the type Surface"),
+    ({"disturbance": "calm"}, "disturbance = 'calm': must be of the type Disturbance"),
     ({"force": [1.0, 2.0]}, "force = [1.0, 2.0]: must be 3 finite numbers"),
     ({"surface": Ball()}, "force = 10.0: must be a vector (3,) in Σ_I: a Ball has no `normal`"),
     ({"surface": uv.UnilateralPlane(stiffness=-1.0)}, "surface.stiffness = -1.0: must be positive"),

@@ -11,13 +11,13 @@ def complaints_about(robot: Robot) -> list[InvalidParameter]:
     return robot_complaints(robot) or model_complaints(robot.uvms)
 
 
-def sound_robot(model: str) -> Robot:
-    """Returns a shipped robot by its name, or a robot by its folder.
+def sound_robot(model: Robot | str) -> Robot:
+    """Returns a robot, given itself, the name of a shipped one, or its folder.
 
     Raises:
         InvalidParameter: Its files cannot be used, or a certificate of it would be worth nothing.
     """
-    robot = Robot.load(model)
+    robot = model if isinstance(model, Robot) else Robot.load(model)
     if complaints := complaints_about(robot):
         raise InvalidFile([str(complaint) for complaint in complaints])
     return robot

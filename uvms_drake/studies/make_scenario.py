@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Real
 
 import numpy as np
 
@@ -63,11 +64,15 @@ def make_scenario(
         InvalidParameter: An argument has no meaning, or does not go with the robot.
         RunFailed: The robot is too weak; the message has advice.
     """
-    robot = robot if isinstance(robot, Robot) else sound_robot(robot)
+    robot = sound_robot(robot)
     size = 6 + len(robot.uvms.joints)
     require(0.0 < distance < np.inf, "distance", distance, "positive")
     if isinstance(disturbance, float | int):
         disturbance = SinusoidalDisturbance(bound=float(disturbance))
+    for key, value, base in (("surface", surface, Surface), ("law", law, AncillaryLaw),
+                             ("disturbance", disturbance, Disturbance)):
+        require(value is None or isinstance(value, base), key, value,
+                f"of the type {base.__name__}")
     if surface is not None:
         with within("surface"):
             surface = check_surface(surface)
@@ -107,8 +112,8 @@ def _direction(force: float | Sequence[float] | np.ndarray, surface: Surface | N
                ) -> tuple[np.ndarray | None, float]:
     """Returns the direction into the surface (3,), None if free, and the size of the force [N]."""
     normal = UnilateralPlane().normal if surface is None else surface.normal
-    if np.ndim(force) == 0:
-        size = float(np.asarray(force, dtype=float))
+    if isinstance(force, Real):
+        size = float(force)
         require(0.0 < size < np.inf, "force", force, "positive")
         require(normal is not None, "force", force,
                 f"a vector (3,) in Σ_I: a {type(surface).__name__} has no `normal`")
