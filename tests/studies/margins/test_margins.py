@@ -9,10 +9,11 @@ import pytest
 from support.quick import FEW, search_less
 
 from uvms_drake.certificate.certificate import Certificate, fingerprint
-from uvms_drake.certificate.certify import basis_of
+from uvms_drake.certificate.certify import basis_of, certify
 from uvms_drake.certificate.declared_unknowns import (
     RESERVED,
     UnknownEffect,
+    declared_sources,
     has_unknowns,
     unknown_effects,
 )
@@ -26,7 +27,7 @@ from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.margins import margins as study
 from uvms_drake.studies.margins.margin import FARTHEST, FINE, Margin, tube_of
 from uvms_drake.studies.margins.margins import format_margins, margins
-from uvms_drake.studies.margins.unknown_margins import Unknown, unknowns
+from uvms_drake.studies.margins.unknown_margins import Study, Unknown, unknowns
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.search.search_memo import SearchMemo
 
@@ -199,6 +200,22 @@ def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatc
     assert main(command) == 1
     assert "no tolerances: the scenario is not certified" in capsys.readouterr().out
     assert not (tmp_path / "out" / "tolerances.json").exists(), "those of another certificate"
+
+
+@pytest.mark.slow
+def test_a_current_of_nearly_its_tolerance_is_certified_with_the_settings_of_that(
+        felt, monkeypatch):
+    """The study and the certificate fit the same disturbance; 8 % less is certified."""
+    search_less(monkeypatch)
+    study, searches = Study(felt, load_model(felt)), SearchMemo()
+    current = next(each for each in unknowns() if each.name == "current")
+    scenarios, failed = zip(*(study.fitted(
+        current.declared(study.scenario, size), declared_sources, searches)
+        for size in (0.115, 0.125, 0.135)), strict=True)
+    assert [each is None for each in failed] == [True, True, False]
+    certificate = certify(replace(scenarios[0], mpc=replace(scenarios[0].mpc, horizon=35)))
+    assert certificate.certified, [str(each) for each in certificate.conditions if not each.holds]
+    assert [each.name for each in certificate.unknowns] == ["a current of 0.115 m/s"]
 
 
 @pytest.mark.long

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from uvms_drake.certificate.certify import tightening_margins
+import numpy as np
+
+from uvms_drake.certificate.certify import TERMINAL, tightening_margins
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.motions.motions import make_ocp, motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
@@ -43,10 +45,31 @@ def tube_of(scenario: Scenario, model: ContactModel, basis: Basis
     """Returns the tube of a scenario, and the conditions on it and on the margin of every limit."""
     motion, law = motion_of(scenario), scenario.ancillary
     found = motion.tubes[type(law)](law, basis)
-    if all(condition.holds for condition in found.conditions):
-        found = motion.in_contact(found, scenario, basis)
-        return found.radii, [*found.conditions, *tightening_margins(scenario, found.radii, model)]
-    return found.radii, list(found.conditions)
+    if not all(condition.holds for condition in found.conditions):
+        return found.radii, list(found.conditions)
+    found = motion.in_contact(found, scenario, basis)
+    tightened = tightening_margins(scenario, found.radii, model)
+    if all(condition.holds for condition in tightened):
+        tightened += inputs_at_the_task(replace(scenario, tube=found.radii), model)
+    return found.radii, [*found.conditions, *tightened]
+
+
+def inputs_at_the_task(scenario: Scenario, model: ContactModel) -> list[Condition]:
+    """Returns the conditions that the inputs of the task are within the tightened limits.
+
+    Without them there is no terminal set of any size: in a sensed contact every force has to be
+    pressed at the task, too.
+
+    Args:
+        scenario: Scenario with the tube.
+        model: The controller's model.
+    """
+    ocp = make_ocp(scenario, model)
+    _, _, at_rest, _ = ocp.move(np.zeros(ocp.state_size), np.zeros(model.size))
+    return [Condition(f"{part} at the task, over its tightened limit", float(used), "<", 1.0,
+                      theorem=TERMINAL)
+            for limit in ocp.lasting_limits.values() if limit.about == "input"
+            for part, used in zip(limit.parts, limit.used(at_rest), strict=True)]
 
 
 def worst_of(conditions: Sequence[Condition]) -> Condition | None:
