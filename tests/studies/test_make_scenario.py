@@ -38,7 +38,7 @@ class Ball(uv.Surface):
         return self.stiffness * np.eye(3, 6)
 
 
-@pytest.mark.parametrize("robot", ["bluerov2_alpha5", "box_uvms"])
+@pytest.mark.parametrize("robot", ["box_uvms"])
 def test_it_is_the_scenario_of_the_file_that_the_command_writes(robot, tmp_path):
     file = tmp_path / "press.yaml"
     assert main(["scenario", "--new", str(file), "--robot", robot, "--force", "6"]) == 0
@@ -99,6 +99,18 @@ def test_a_surface_and_a_law_of_ones_own_run():
     record = uv.simulate(press)
     assert record.force[-1, 0] == pytest.approx(8.0, abs=1.0)
     assert record.summary()["scenario"] == "press"
+
+
+def test_a_robot_is_loaded_once_from_the_objects_to_the_summary(monkeypatch):
+    """But for the plant, which parses the robot's files into one of its own."""
+    loads, load = [], uv.Robot.load
+    monkeypatch.setattr(uv.Robot, "load", staticmethod(
+        lambda model: loads.append(model) or load(model)))
+    press = uv.make_scenario(uv.Robot.load(GIRONA), force=12.0, posture=POSTURE, disturbance=0.001)
+    assert loads == [GIRONA]
+    press.duration = 0.1
+    assert uv.simulate(press).summary()["scenario"] == "press"
+    assert loads == [GIRONA, GIRONA]
 
 
 @pytest.mark.parametrize(("arguments", "expected"), [

@@ -160,5 +160,7 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
     }
     known = {f.name for f in fields(Record)}
     signals = {name: logs[name] for name in logs if name not in known}
-    return Record(scenario=scenario, wall_time_s=wall_time, signals=signals,
-                  **{name: value for name, value in arrays.items() if name in known})
+    record = Record(scenario=scenario, wall_time_s=wall_time, signals=signals,
+                    **{name: value for name, value in arrays.items() if name in known})
+    vars(record)["model"] = model  # Loaded already: the cached property of that name.
+    return record
