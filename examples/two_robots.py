@@ -28,23 +28,20 @@ def main() -> None:
                        force=np.array([FORCES[name], 0.0, 0.0, 0.0, 0.0, 0.0]))
         start = replace(main_scenario.start, eta=main_scenario.start.eta + offset)
         scenario = replace(main_scenario, task=task, start=start)
-        ocp = uv.make_ocp(scenario)
 
         # Plant and controller, connected.
-        robots[name] = uvms = builder.AddNamedSystem(f"{name} uvms", uv.make_uvms_plant(
-            scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
-            start=scenario.start.config))
-        controller = builder.AddNamedSystem(
-            f"{name} tube_mpc", uv.make_tube_mpc(ocp, scenario.ancillary))
-        builder.Connect(uvms.GetOutputPort("state"), controller.GetInputPort("state"))
-        builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))
+        robots[name] = plant = builder.AddNamedSystem(f"{name} plant", uv.make_plant(scenario))
+        controller = builder.AddNamedSystem(f"{name} controller", uv.make_controller(scenario))
+        for signal in ("state", "force"):
+            builder.Connect(plant.GetOutputPort(signal), controller.GetInputPort(signal))
+        builder.Connect(controller.GetOutputPort("tau"), plant.GetInputPort("tau"))
 
     simulator = Simulator(builder.Build())
     ApplySimulatorConfig(uv.with_step(main_scenario).simulator, simulator)
     simulator.AdvanceTo(arguments.duration)
-    for name, uvms in robots.items():
-        context = uvms.GetMyContextFromRoot(simulator.get_context())
-        force = uvms.GetOutputPort("force").Eval(context)[0]
+    for name, plant in robots.items():
+        context = plant.GetMyContextFromRoot(simulator.get_context())
+        force = plant.GetOutputPort("force").Eval(context)[0]
         print(f"{name}: {force:.2f} N, desired {FORCES[name]:.2f} N")
 
 
