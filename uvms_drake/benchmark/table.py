@@ -25,7 +25,8 @@ WHY = {
     "force_rms":
         "The tube MPC holds the tip at a planned depth with the gains of a stiff arm, so that "
         "errors of the navigation become force; a compliant law lets them pass. Lower gains along "
-        "the normal would mend it, for a wider tube. Where the force has not settled, see below.",
+        "the normal would mend it, for a wider tube. A wall stiffer than declared is outside of "
+        "its class, where the force may not settle: a larger declared stiffness mends that.",
     "peak":
         "The speed of a plan at the touch is bounded for the declared stiffness; on a stiffer wall "
         "it makes a larger peak. A larger declared stiffness would mend it, for a slower approach.",
@@ -132,7 +133,7 @@ def format_benchmark(summary: dict[str, Any]) -> str:
         lines += _table(["case", *controllers], [
             [f"{case}: {CASES[case].text}", *(_force(cells[case][name]) for name in controllers)]
             for case in cases])
-        lines += ["Over all of these cases: the median, and the worst in brackets.", ""]
+        lines += ["Over each controller's own cases: the median, and the worst in brackets.", ""]
         lines += _table(["", *controllers], [
             [text, *(_over(cells, cases, name, metric, scale) for name in controllers)]
             for text, metric, scale in OVERALL] + [
