@@ -58,8 +58,8 @@ class MpcConfig:
     """Sequential convex iterations per sample; the first solve iterates to convergence."""
     solver: str = STRUCTURED
     """Solver: `structured`, which knows the stages of the program; or one of Drake's: of the convex
-    programs (`clarabel`, `gurobi`, `mosek`, `osqp`, `scs`) or of the whole nonlinear program at
-    once, to the end (`ipopt`, `nlopt`, `snopt`). The closed loop is the same; the time is not."""
+    programs (`clarabel`, `gurobi`, `mosek`, `osqp`, `scs`), with the same plans; or of the whole
+    nonlinear program (`ipopt`, `nlopt`, `snopt`), to its optimum, whatever `iterations` is."""
     weight_y: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Diagonal of Q for y − y_des, y = (𝔭, 𝔬, q)."""
     weight_zeta: np.ndarray = field(default_factory=lambda: np.zeros(0))
