@@ -128,6 +128,10 @@ class GrippingSurface(uv.ShapedSurface):
         direction = gradient + self.friction * self.grip.now * np.asarray(self.tangent)
         return np.concatenate([load[..., None] * direction, np.zeros_like(direction)], axis=-1)
 
+    def slip_damping(self, force: float) -> float:
+        """Returns zero: the friction is not of the velocity."""
+        return 0.0
+
     def static_force(self, chi: np.ndarray) -> np.ndarray:
         """Returns φ (...) [N]."""
         return self.law.force(self.geometry.depth(chi[..., :3]))
