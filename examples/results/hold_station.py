@@ -18,8 +18,10 @@ from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.simulation import make_record
 
-PATIENCE = 30.0
+PATIENCE = 50.0
 """Longest time that a plan may take to stand [s]."""
+DRIFTS = 0.5
+"""Drift over its bound, so that it is in it for twice the scenario's duration."""
 NOTHING = np.zeros(6)
 GRIP = 0.9
 """Rate of the friction over the largest one in a hold; the rest is left to changes of the force."""
@@ -50,7 +52,8 @@ class ScriptedSensor(ForceSensor):
         largest = self.noise_multiple * np.asarray(self.noise, dtype=float)
         # Such that the tare is rounded by half a step, in the sense of its noise.
         step = np.asarray(self.resolution, dtype=float)
-        bias = self.drifts * largest + (0.5 - 1e-3 * self.drifts) * step
+        sign = np.sign(self.drifts)
+        bias = sign * largest + (0.5 - 1e-3 * sign) * step
         return Imperfection(bias, self.drifts * np.asarray(self.drift, dtype=float),
                             lambda index: largest * np.clip(self.script(index), -1.0, 1.0))
 
@@ -168,7 +171,7 @@ class HoldStation:
 
     def __init__(self, scenario: uv.Scenario, sign: float, duration: float):
         shipped, = scenario.sensing
-        self.sensor = ScriptedSensor(**vars(shipped), drifts=sign)
+        self.sensor = ScriptedSensor(**vars(shipped), drifts=DRIFTS * sign)
         self.interval = scenario.mpc.time_step / PARTS
         self.duration, self.intervals = duration, round(duration / self.interval)
         declared = scenario.disturbance

@@ -115,7 +115,7 @@ def test_a_run_goes_on_from_the_hold_and_can_be_repeated(modules, held):
     np.testing.assert_allclose(declared.norm(first.disturbance[after]), declared.d_bound)
     assert not np.any(first.mpc_status)
     # The error over the band is that of the sensor, and the run was of the class.
-    outcome = adversaries.outcome_of(first)
+    outcome = adversaries.outcome_of(first, begin)
     assert outcome.departures == ()
     assert 0.2 < outcome.ratio < 1.0
     assert outcome.error == pytest.approx(1.6, abs=0.6)
