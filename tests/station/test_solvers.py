@@ -148,6 +148,6 @@ def test_the_closed_loop_does_not_depend_on_the_solver(name, solver, overrides):
 
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "overrides"), [
-    ("girona500_ideal", ["duration=6"]), ("girona500_contact", ["duration=8", *NEAR])])
+    ("girona500_ideal", ["duration=6"]), ("girona500_contact", ["duration=3.6", *NEAR])])
 def test_nor_over_longer_with_a_nonlinear_solver(name, overrides):
     same_loop(name, "snopt", overrides)
