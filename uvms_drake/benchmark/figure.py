@@ -1,6 +1,7 @@
 """Small multiples of the benchmark: the force over time, a panel for each case."""
 
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uvms_drake.benchmark.cases import CASES
-from uvms_drake.benchmark.controllers import TUBE
+from uvms_drake.benchmark.controllers import CONTROLLERS, TUBE
 from uvms_drake.report.figure_style import (
     BLACK,
     BLUE,
@@ -25,7 +26,8 @@ COLUMNS = 3
 GREY = "#777777"
 LINES = [(color, style) for style in ("-", (0, (2, 1)))
          for color in (ORANGE, GREEN, VERMILION, GREY)]
-"""Colour and line style of the controllers but the tube MPC, which is blue and in front."""
+"""Colours and line styles of the controllers but the tube MPC, which is blue and in front; those
+of this package have the same in every figure."""
 
 
 def figure_name(robot: str) -> str:
@@ -53,8 +55,8 @@ def draw(results: Sequence[dict[str, Any]]) -> Figure:
     figure = Figure(figsize=(7.0, 0.5 + 1.35 * rows), layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)).reshape(-1)
     # One panel for each case, the tube MPC in front.
-    others = dict(zip([name for name in names if name != TUBE],
-                      LINES * (1 + len(names) // len(LINES)), strict=False))
+    known = [name for name in dict.fromkeys([*CONTROLLERS, *names]) if name != TUBE]
+    others = dict(zip(known, cycle(LINES), strict=False))
     for axis, case in zip(axes, cases, strict=False):
         drawn = {result["controller"]: result for result in results
                  if result["case"] == case and result["index"] == 0}
