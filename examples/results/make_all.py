@@ -127,15 +127,15 @@ papers.
 Reading of the runs below, of one draw each: too few for a verdict on small differences. On the
 Girona 500, behind the thrusters, an impedance with an integral of the force has the smaller rms
 error than the tube MPC in all cases but the deeper wall, needs a hundredth of the time for a
-step, and presses as well on walls five and twenty times stiffer than named, as all baselines do,
-on which the tube MPC, outside of its declared class, does not settle and presses too hard. At the
-end of a run it has been in contact some seconds longer than the tube MPC, which approaches
-slowly. On every wall of its class the tube MPC has the smaller peak and breaks no limit, and but
-for the slide, which its plan follows from behind, the smaller lateral error. On the BlueROV2,
-whose arm is heavy along the normal, most baselines swing the arm beyond its limits or do not
-settle, and the tube MPC is the one that settles soon. Without a model of weight and buoyancy the
-prescribed performance does not hold the arm up; without feedback between plans the nominal MPC
-does not hold the force.
+step, and presses as well on walls five and twenty times stiffer than named, as do all baselines
+but the prescribed performance, on which the tube MPC, outside of its declared class, does not
+settle and presses too hard. At the end of a run it has been in contact some seconds longer than
+the tube MPC, which approaches slowly. On every wall of its class the tube MPC has the smaller
+peak and breaks no limit, and but for the slide, which its plan follows from behind, the smaller
+lateral error. On the BlueROV2, whose arm is heavy along the normal, most baselines swing the arm
+beyond its limits or do not settle, and the tube MPC is the one that settles soon. Without a model
+of weight and buoyancy the prescribed performance does not hold the arm up; without feedback
+between plans the nominal MPC does not hold the force.
 """
 """Reading of the page of the benchmark."""
 PAGES: dict[str, Callable[[], str]] = {
