@@ -30,9 +30,10 @@ from uvms_drake.studies.margins.unknown_margins import Study, settings_of, unkno
 from uvms_drake.tube.search.search_memo import SearchMemo
 from uvms_drake.tube.ultimate_bounds import HOLD
 
-BASE, STEPS, RUNS, DURATION = "girona500_contact", 8, 100, 11.0
-"""Scenario, most certificates on the way to one that holds, runs of a campaign and their longest
-duration [s]."""
+BASE, STEPS, DURATION = "girona500_contact", 8, 20.0
+"""Scenario, most certificates on the way to one that holds, and duration of a run [s]."""
+RUNS, LONGEST = 100, 11.0
+"""Runs of a campaign, and their longest duration [s]."""
 ADVICE = re.compile(r"--set (\S+)")
 PARTS, LONG = (0.95, 0.91, 0.8), "mpc.horizon=35"
 """Fractions of the tolerance that are tried until one is certified, and the horizon with which:
@@ -55,7 +56,7 @@ Settings:
 
 ## Campaigns
 
-{runs} runs each with seed 1, of at most {duration} s, on walls of the class. The unknown is drawn
+{runs} runs each with seed 1, of at most {longest} s, on walls of the class. The unknown is drawn
 up to its declared size, in a quarter of the runs at it; adversaries have the rest of d.
 """
 """Beginning of the page."""
@@ -158,8 +159,10 @@ def run_of(settings: list[str], certificate: Certificate) -> dict[str, Any]:
 
 def campaign_of(settings: list[str], folder: Path) -> dict[str, Any]:
     """Returns the statistics of a campaign; one that is complete in the folder is taken."""
+    settings = [each for each in settings if not each.startswith("duration")]
     if not (folder / CAMPAIGN_FILE).exists():
         uvms_drake("campaign", BASE, "--runs", str(RUNS), "--seed", "1", "--workers", "1",
+                   "--set", f"duration={LONGEST:g}",
                    *(part for each in settings for part in ("--set", each)),
                    "--output", str(folder))
     statistics: dict[str, Any] = json.loads((folder / CAMPAIGN_FILE).read_text("utf-8"))
@@ -215,6 +218,7 @@ def main() -> None:
     found = {name: rows_of(name, study, known) for name in args.unknowns}
     print(HEAD.format(
         provenance=provenance(), base=BASE, duration=f"{DURATION:g}", runs=RUNS,
+        longest=f"{LONGEST:g}",
         longer=LONG, parts=", ".join(f"{part:g}" for part in PARTS),
         rows="\n".join([table_head(COLUMNS), *(row for row, _, _ in found.values())]),
         settings="\n".join(line for _, line, _ in found.values() if line)))
