@@ -121,9 +121,9 @@ sampled loop and navigation. The gains of the baselines are from a linear model 
 tuned on these cases, with two exceptions for the prescribed performance: its plain form was taken
 after the gradient form diverged in `thrusters`, and the force fed forward to it after a look at
 `ideal`; its gains are from a wall that is none of these. The tube MPC runs with its declared
-tube, uncertified, and has gains of its own for the ideal loop. The laws after Barbalata et al. and Heshmati-alamdari et al. follow their
-abstracts: equations and gains of the papers could not be read, so a row is no verdict on the
-papers.
+tube, uncertified, and has gains of its own for the ideal loop. The laws after Barbalata et al. and
+Heshmati-alamdari et al. follow their abstracts: equations and gains of the papers could not be
+read, so a row is no verdict on the papers.
 
 Reading of the runs below, of one draw each: too few for a verdict on small differences. On the
 Girona 500, behind the thrusters, an impedance with an integral of the force has the smaller rms
