@@ -45,10 +45,13 @@ def is_theorem(link: str) -> bool:
 
 
 def conditions_of(path: Path) -> Iterator[ast.Call]:
-    """Yields the calls that make a condition, but for one from data."""
+    """Yields the calls that make a condition, but for those from data or from arguments."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if (isinstance(node, ast.Call) and getattr(node.func, "id", None) == "Condition"
-                and all(keyword.arg is not None for keyword in node.keywords)):
+        if (isinstance(node, ast.Call)
+                and getattr(node.func, "id", None) in ("Condition", "assumption")
+                and all(keyword.arg is not None for keyword in node.keywords)
+                and not any(keyword.arg == getattr(keyword.value, "id", None) == "theorem"
+                            for keyword in node.keywords)):
             yield node
 
 

@@ -103,7 +103,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     well, never = all_well(summary), summary["counts"]["never_settled"]
     print(("all guarantees kept" if well else "GUARANTEES BROKEN, or too many runs do not count")
           + (f"; the force never settled in {never} of {args.runs} runs" if never else ""))
-    return 0 if well else 1
+    return 0 if well else BROKEN
 
 
 def folder_of(args: argparse.Namespace, scenario: Scenario) -> Path:
