@@ -18,13 +18,13 @@ from make_all import provenance
 
 import uvms_drake as uv
 from uvms_drake.certificate.certify import certified_once
+from uvms_drake.common.wiring import release
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Bilinear, Linear
 from uvms_drake.plant.disturbance import unit_vector
 from uvms_drake.report.mission.force_bands import force_bands
 from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.simulation import release
 
 RUNS = {"girona500_contact": (200, 2.6), "bluerov2_contact": (20, 2.0),
         "girona500_tip_first": (20, 2.6), "girona500_sampled": (20, 2.0),

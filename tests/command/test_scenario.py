@@ -68,3 +68,14 @@ def test_places_of_a_mission_are_told_by_the_compass():
         "mission.steps[1], Slide.along: 0.3 m west"]
     assert compass(np.array([-1.0, 0.0, 2e-12])) == "1 m south"
     assert compass(np.zeros(3)) == "no offset"
+
+
+def test_a_scenario_that_a_run_refuses_is_refused_with_the_file_of_its_error(tmp_path, capsys):
+    stuck = "base: girona500_ideal\nfaults: [!StuckJoint {joint: 9}]"
+    for text, expected in ((stuck, "joint"), ("base: [a", "line 1"), ("base: mine.yaml", "base")):
+        assert main(["scenario", "--check", written(tmp_path, text)]) == 2
+        out, err = capsys.readouterr()
+        assert expected in err
+        assert "(mine.yaml" in err
+        assert err.count("\n") == 1
+        assert "a valid scenario" not in out

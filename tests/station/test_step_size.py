@@ -80,6 +80,22 @@ def test_a_step_that_no_rate_is_known_for_has_to_be_given(monkeypatch):
     assert with_step(given, load_model(given)) is given
 
 
+@pytest.mark.parametrize(("settings", "expected"), [
+    ("{integration_scheme: runge_kutta2, use_error_control: true}", "simulator.use_error_control"),
+    ("{integration_scheme: explicit_euler, use_error_control: true}",
+     "simulator.use_error_control")])
+def test_a_scheme_without_an_estimate_cannot_control_its_error(settings, expected):
+    with pytest.raises(InvalidParameter, match=expected):
+        with_step(load_scenario("girona500_ideal", [f"simulator={settings}"]))
+
+
+def test_a_semi_explicit_scheme_has_its_step_chosen_as_an_explicit_one():
+    steps = [with_step(load_scenario("girona500_ideal", [
+        "ancillary.k=300", f"simulator={{integration_scheme: {scheme}, max_step_size: 0.0}}"]))
+        .simulator.max_step_size for scheme in ("explicit_euler", "semi_explicit_euler")]
+    assert steps[0] == steps[1] < 0.01
+
+
 def test_a_chosen_step_follows_the_gains():
     for k, step in ((20.0, 0.02), (100.0, 0.01), (200.0, 0.005)):
         scenario = load_scenario("girona500_ideal", [f"ancillary.k={k}", f"ancillary.sigma={k}"])

@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import Adder, LogVectorOutput
 
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import output_of, release
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH, Signals
 from uvms_drake.plant.waves import WaterMotion
@@ -33,7 +33,6 @@ from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.series_connection import add_chain, keyed
 from uvms_drake.station.signals import LOGGED_AS
-from uvms_drake.station.simulation import release
 
 LOGGED = ("state", "chi", "force", "penetration")
 """Signals of the plant in a `Trace`."""

@@ -32,7 +32,7 @@ from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, wr
 from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
 from uvms_drake.command.progress import Bar, stream_of
-from uvms_drake.command.run import note, sound
+from uvms_drake.command.run import BROKEN, note, sound
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.common.progress import part_of

@@ -45,7 +45,9 @@ def check_scenario(file: str) -> int:
     """Prints each difference of a scenario from its base; raises if it cannot be simulated."""
     from uvms_drake.certificate.certify import check_inputs
     from uvms_drake.common.schema import read_yaml
+    from uvms_drake.common.wiring import release
     from uvms_drake.report.compare import differing_keys
+    from uvms_drake.station.diagram import make_station
     from uvms_drake.station.scenario.remarks import remarks
     from uvms_drake.station.scenario.scenario import load_scenario
     from uvms_drake.station.scenario.scenario_file import (
@@ -58,12 +60,15 @@ def check_scenario(file: str) -> int:
 
     # Keys that a tag has replaced come first: they explain many a refusal below.
     path = scenario_path(file)
-    for key, lost in not_inherited(file).items():
+    with reported_in(path.name):
+        replaced = not_inherited(file)
+    for key, lost in replaced.items():
         print(f"{key}: its tag replaces the base's mapping; not inherited, so at the default or "
               f"absent: {', '.join(lost) or 'nothing'}")
     scenario = load_scenario(file)
     with reported_in(path.name):
-        with_step(scenario, check_inputs(scenario))
+        known = check_inputs(scenario)
+        release(make_station(with_step(scenario, known), model=known))
     if (base := base_of(read_yaml(path), path)) is not None:
         for key, (before, now) in differing_keys([load_scenario(str(base)), scenario]).items():
             print(f"{key}: {now} (base: {before})")
@@ -98,11 +103,11 @@ def compass(offset: np.ndarray) -> str:
 def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall, and which a run takes."""
     from uvms_drake.certificate.certify import check_inputs
+    from uvms_drake.common.wiring import release
     from uvms_drake.plant.robot_loading import sound_robot
     from uvms_drake.station.diagram import make_station
     from uvms_drake.station.scenario.scenario import load_scenario
     from uvms_drake.station.scenario.scenario_file import reported_in
-    from uvms_drake.station.simulation import release
     from uvms_drake.station.step_size import with_step
     from uvms_drake.studies.first_scenario import first_scenario
     from uvms_drake.studies.first_scenario_text import format_first_scenario

@@ -1,4 +1,4 @@
-"""Wiring of a system in a Diagram, and declaration of the functions of its Context."""
+"""Wiring of a system in a Diagram, declaration of the functions of its Context, and its release."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -8,6 +8,7 @@ from pydrake.systems.framework import (
     CacheEntry,
     Context,
     DependencyTicket,
+    Diagram,
     DiagramBuilder,
     LeafSystem,
     OutputPort,
@@ -50,3 +51,16 @@ def output_of(system: LeafSystem, name: str, size: int, calc: Callable[[Context]
     system.DeclareVectorOutputPort(
         name, size, lambda context, output: output.SetFromVector(calc(context)),
         set(prerequisites))
+
+
+def release(system: System) -> None:
+    """Clears the attributes of a system that is no longer used, and of its subsystems.
+
+    Drake's Python bindings never free a LeafSystem that is written in Python, because its callbacks
+    refer to it; so at least its attributes are freed: models, workspaces, solvers, and references
+    of the bindings to other systems and to the Simulator.
+    """
+    if isinstance(system, Diagram):
+        for part in system.GetSystems():
+            release(part)
+    vars(system).clear()

@@ -7,10 +7,11 @@ from dataclasses import fields, replace
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import Context, Diagram, EventStatus, System
+from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.progress import Progress, silent
+from uvms_drake.common.wiring import release
 from uvms_drake.control.limits import joint_limits
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station, read_logs
@@ -72,19 +73,6 @@ def simulate(
         release(station)
     require_finite(logs)
     return make_record(scenario, model, logs, wall_time, certified)
-
-
-def release(system: System) -> None:
-    """Clears the attributes of a system that is no longer used, and of its subsystems.
-
-    Drake's Python bindings never free a LeafSystem that is written in Python, because its callbacks
-    refer to it; so at least its attributes are freed: models, workspaces, solvers, and references
-    of the bindings to other systems and to the Simulator.
-    """
-    if isinstance(system, Diagram):
-        for part in system.GetSystems():
-            release(part)
-    vars(system).clear()
 
 
 def require_finite(logs: dict[str, np.ndarray]) -> None:

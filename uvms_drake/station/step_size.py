@@ -16,6 +16,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.common.wiring import release
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
@@ -25,10 +26,14 @@ from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.cost_check import check_cost
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
-ORDERS = {"explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3, "bogacki_shampine3": 3,
-          "runge_kutta5": 5}
+ORDERS = {"explicit_euler": 1, "semi_explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3,
+          "bogacki_shampine3": 3, "runge_kutta5": 5}
 """Orders of the explicit schemes: R is the Taylor polynomial of exp of this degree; Drake's fifth
-order adds a term of no weight where R is accurate. An implicit scheme is always stable."""
+order adds a term of no weight where R is accurate."""
+IMPLICIT = ("implicit_euler", "radau1", "radau3", "velocity_implicit_euler")
+"""Implicit schemes, which are stable with every step."""
+WITHOUT_ESTIMATE = ("explicit_euler", "semi_explicit_euler", "runge_kutta2")
+"""Schemes without an estimate of the error: Drake takes fixed steps even if it is to control it."""
 ACCURACY = 0.05
 """Largest |R(hλ) − exp(hλ)|: the relative error of a deviation in a step."""
 DIFFERENCE = 1e-6
@@ -117,6 +122,11 @@ def with_step(scenario: Scenario, model: ContactModel | None = None) -> Scenario
         InvalidParameter: A given step is too long for the loop, or none could be chosen.
     """
     settings, model = scenario.simulator, model or load_model(scenario)
+    scheme = settings.integration_scheme
+    require(scheme in ORDERS or scheme in IMPLICIT, "simulator.integration_scheme", scheme,
+            f"one of {', '.join((*ORDERS, *IMPLICIT))}")
+    require(not settings.use_error_control or scheme not in WITHOUT_ESTIMATE,
+            "simulator.use_error_control", True, f"false with {scheme}, which estimates no error")
     given, longest = settings.max_step_size > 0.0, step_of(scenario)
     if settings.use_error_control or settings.integration_scheme not in ORDERS:
         return scenario if given else _stepping(scenario, longest)
@@ -159,10 +169,12 @@ def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
     try:
         simulator.Initialize()
         simulator.AdvancePendingEvents()  # Sampled signals are constant from here on.
+        rates = loop_rates(station, simulator.get_mutable_context())
     except RunFailed:
         return np.empty(0)
-    return np.append(loop_rates(station, simulator.get_mutable_context()),
-                     -friction_rate(scenario, model, config))
+    finally:
+        release(station)
+    return np.append(rates, -friction_rate(scenario, model, config))
 
 
 def fastest_part(scenario: Scenario, rates: np.ndarray) -> str:
