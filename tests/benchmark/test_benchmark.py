@@ -1,15 +1,19 @@
 """The command: one's own law by one file and one flag, continued runs, and messages."""
 
 import json
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from uvms_drake.benchmark.benchmark import run_all, runs_of
-from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named
+from uvms_drake.benchmark import benchmark
+from uvms_drake.benchmark.benchmark import Run, run_all, runs_of
+from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, versions_of
 from uvms_drake.benchmark.table import format_benchmark, summarise
+from uvms_drake.campaign.pool import Pool
 from uvms_drake.command.main import main
+from uvms_drake.common.errors import InvalidParameter
 
 OWN = '''
 import numpy as np
@@ -86,9 +90,18 @@ def test_a_controller_is_found_by_its_file(tmp_path):
     assert controller_named("impedance") is CONTROLLERS["impedance"]
 
 
+def test_a_file_with_postponed_annotations_and_a_dataclass_is_loaded(tmp_path):
+    own = tmp_path / "law_with_data.py"
+    own.write_text("from __future__ import annotations\n\nfrom dataclasses import dataclass\n\n\n"
+                   "@dataclass\nclass Gains:\n    k: float = 2.0\n\n\n"
+                   "def make_controller(scenario, model):\n    return Gains().k\n", "utf-8")
+    assert controller_named(str(own))(None, None) == 2.0
+
+
 def result(controller: str, index: int, rms: float | None, **other) -> dict:
     return {"controller": controller, "robot": "girona500_arm5e", "case": "thrusters", "seed": 1,
-            "index": index, "error": None, "ended": None if rms is not None else "force",
+            "index": index, "versions": versions_of(controller), "error": None,
+            "ended": None if rms is not None else "force",
             "force_rms": rms, "peak": 21.0, "settling": rms, "touch": 4.0, "lateral": 0.001,
             "lost": 0, "limits": {"q": 0.1 * index}, "saturated": 0.0, "chatter": 1.0,
             "energy": 5.0, "step_ms": 0.2, "worst_step_ms": 0.3, **other}
@@ -120,6 +133,49 @@ def test_a_damaged_file_of_a_run_is_repeated(tmp_path, monkeypatch):
     (run,) = runs_of(["impedance"], ["girona500_arm5e"], ["soft"], 1, 1)
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / run.file).write_text('{"controller": ', encoding="utf-8")
+    computed = computing(monkeypatch, {**result("impedance", 0, 0.1), "case": "soft"})
+    (found,) = run_all([run], tmp_path, 1, lambda text, done: None)
+    assert computed == [run] and found["case"] == "soft"
+    assert run_all([run], tmp_path, 1, lambda text, done: None) == [found]
+    assert computed == [run]
+
+
+def test_an_error_another_version_and_a_changed_file_are_computed_again(tmp_path, monkeypatch):
+    own = tmp_path / "my_law.py"
+    own.write_text(OWN, encoding="utf-8")
+    (run,) = runs_of([str(own)], ["girona500_arm5e"], ["soft"], 1, 1)
+    failed = {**result(str(own), 0, None), "error": "RuntimeError: broken"}
+    computed = computing(monkeypatch, failed)
+
+    def go_on(finished: bool = False):
+        return run_all([run], tmp_path, 1, lambda text, done: None, finished=finished)
+
+    assert go_on() == go_on() == [failed]
+    assert len(computed) == 2
+    computed = computing(monkeypatch, result(str(own), 0, 0.1))
+    (found,) = go_on()
+    assert go_on() == [found] and len(computed) == 1
+    own.write_text(OWN.replace("No force", "Still no force"), encoding="utf-8")
+    with pytest.raises(InvalidParameter, match="none of these runs"):
+        go_on(finished=True)
+    computed = computing(monkeypatch, result(str(own), 0, 0.2))
+    assert go_on()[0]["force_rms"] == 0.2 and len(computed) == 1
+    monkeypatch.setattr("uvms_drake.benchmark.controllers.VERSION", "later")
+    go_on()
+    assert len(computed) == 2
+
+
+def test_files_of_ones_own_controllers_do_not_collide():
+    names = ("a/b.py", "a_b.py", "a_b.py:make", "a_b.py_make", "é.py", "è.py", f"{'a' * 300}.py")
+    files = [Run(name, "girona500_arm5e", "soft", 1, 0).file for name in names]
+    assert len(set(files)) == len(names)
+    assert all("/" not in file and len(file.encode()) < 200 for file in files)
+    assert Run("impedance", "girona500_arm5e", "soft", 1, 0).file == (
+        "girona500_arm5e.soft.impedance.0.json")
+
+
+def computing(monkeypatch, found: dict) -> list[Run]:
+    """Makes `run_all` find a result for every run; returns the list of runs that it computes."""
     computed = []
 
     class Now:
@@ -129,19 +185,11 @@ def test_a_damaged_file_of_a_run_is_repeated(tmp_path, monkeypatch):
         def __exit__(self, *_):
             return None
 
-    from uvms_drake.benchmark import benchmark
-    from uvms_drake.campaign.pool import Pool
+        def submit(self, function, which):
+            future = Future()
+            computed.append(which)
+            future.set_result(found)
+            return future
+
     monkeypatch.setattr(benchmark, "local_pool", lambda processes: Pool(Now, 1))
-    from concurrent.futures import Future
-
-    def submit(self, function, which):
-        future = Future()
-        computed.append(which)
-        future.set_result({**result("impedance", 0, 0.1), "case": "soft"})
-        return future
-
-    Now.submit = submit
-    (found,) = run_all([run], tmp_path, 1, lambda text, done: None)
-    assert computed == [run] and found["case"] == "soft"
-    assert run_all([run], tmp_path, 1, lambda text, done: None) == [found]
-    assert computed == [run]
+    return computed

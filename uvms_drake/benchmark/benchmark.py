@@ -1,5 +1,6 @@
 """Runs of the benchmark in processes, one file for each; a folder with some is continued."""
 
+import hashlib
 import json
 import logging
 import os
@@ -14,7 +15,7 @@ import numpy as np
 
 from uvms_drake.baselines.gains import read_gains, robots_with_gains
 from uvms_drake.benchmark.cases import CASES, ROBOTS, drawn_case
-from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named
+from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, versions_of
 from uvms_drake.benchmark.loop import run_loop
 from uvms_drake.benchmark.metrics import measure
 from uvms_drake.campaign.pool import local_pool
@@ -26,6 +27,8 @@ from uvms_drake.station.problem import load_model
 RUNS_FOLDER = "runs"
 SAMPLES = 200
 """Samples of the force that a run keeps, for the figure."""
+LONGEST, HASH = 100, 12
+"""Largest number of characters of a controller's name, and of its hash, in the name of a file."""
 EXITS = "prescribed_performance"
 """Beginning of the names of controllers whose memory begins with a number of exits."""
 
@@ -42,8 +45,11 @@ class Run:
 
     @property
     def file(self) -> str:
-        """Name of its file."""
-        name = re.sub(r"[^\w.-]", "_", self.controller)
+        """Name of its file, with a hash that tells controllers `a/b.py` from `a_b.py`."""
+        name = self.controller
+        if name not in CONTROLLERS:
+            digest = hashlib.sha256(name.encode()).hexdigest()[:HASH]
+            name = f"{re.sub(r'[^A-Za-z0-9_.-]', '_', name)[-LONGEST:]}-{digest}"
         return f"{self.robot}.{self.case}.{name}.{self.index}.json"
 
 
@@ -71,7 +77,8 @@ def runs_of(controllers: Sequence[str], robots: Sequence[str], cases: Sequence[s
 def run_one(run: Run) -> dict[str, Any]:
     """Returns the result of a run; an error of the controller is a result too, under `error`."""
     LOGGER.setLevel(logging.ERROR)
-    result: dict[str, Any] = {**asdict(run), "error": None}
+    result: dict[str, Any] = {**asdict(run), "versions": versions_of(run.controller),
+                              "error": None}
     try:
         scenario, events = drawn_case(run.robot, CASES[run.case], run.seed, run.index)
         model = load_model(scenario)
@@ -94,6 +101,9 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
             ) -> list[dict[str, Any]]:
     """Computes the runs that a folder lacks, and returns the results of all.
 
+    A result of another version of the package or of the controller's file is as none; one with an
+    error is computed again.
+
     Args:
         runs: The runs, of one seed.
         folder: Folder of the results.
@@ -106,12 +116,15 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
     """
     path = folder / RUNS_FOLDER
     path.mkdir(parents=True, exist_ok=True)
-    found = {run: _read(path / run.file) for run in runs}
-    for result in found.values():
+    stored = {run: _read(path / run.file) for run in runs}
+    for result in stored.values():
         require(result is None or result["seed"] == runs[0].seed, "--output", str(folder),
                 "a folder without runs of another seed")
-    missing = [run for run in runs if found[run] is None and not finished]
-    require(not finished or any(found.values()), "--finished", str(folder),
+    found = {run: result for run, result in stored.items()
+             if result is not None and result.get("versions") == versions_of(run.controller)}
+    missing = [] if finished else [
+        run for run in runs if run not in found or found[run]["error"] is not None]
+    require(not finished or bool(found), "--finished", str(folder),
             "left out: the folder has none of these runs")
     pool = local_pool(processes)
     batch, done = pool.runs or len(missing), 0
@@ -126,7 +139,7 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
                 found[run] = result
                 done += 1
                 progress(f"{done} of {len(missing)} runs", done / len(missing))
-    return [result for result in found.values() if result is not None]
+    return [found[run] for run in runs if run in found]
 
 
 def _read(path: Path) -> dict[str, Any] | None:

@@ -1,6 +1,6 @@
 """Controllers of the benchmark by name, and those of one's own by file."""
 
-import importlib.util
+import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +12,12 @@ from uvms_drake.baselines.baseline import BASELINES, make_baseline
 from uvms_drake.baselines.gains import read_gains
 from uvms_drake.baselines.measured import PressTask
 from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.program import VERSION
 from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
 from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.scenario.modules import import_file
 from uvms_drake.station.scenario.scenario import Scenario
 
 Factory = Callable[[Scenario, ContactModel], System]
@@ -74,22 +76,34 @@ def controller_named(name: str) -> Factory:
     """
     if name in CONTROLLERS:
         return CONTROLLERS[name]
-    file, _, function = name.partition(":")
-    path = Path(file)
+    path, function = _file_of(name)
     require(path.suffix == ".py" and path.is_file(), "--controllers", name,
             f"of {', '.join(CONTROLLERS)}, or FILE.py:FUNCTION of a controller of one's own")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        module = import_file(path.resolve())
     except Exception as error:
         raise InvalidParameter("--controllers", name,
                                f"a file that can be loaded ({type(error).__name__}: {error})"
                                ) from None
-    made = getattr(module, function or FACTORY, None)
-    require(callable(made), "--controllers", name, f"a file with a function {function or FACTORY}")
+    made = getattr(module, function, None)
+    require(callable(made), "--controllers", name, f"a file with a function {function}")
     return made  # type: ignore[return-value]
+
+
+def versions_of(name: str) -> dict[str, str | None]:
+    """Returns the version of this package, and the SHA-256 of the file of a controller.
+
+    The hash is None for a controller of this package. Modules that the file imports do not count.
+    """
+    digest = None if name in CONTROLLERS else hashlib.sha256(
+        _file_of(name)[0].read_bytes()).hexdigest()
+    return {"uvms_drake": VERSION, "controller": digest}
+
+
+def _file_of(name: str) -> tuple[Path, str]:
+    """Returns file and function of the name of a controller of one's own."""
+    file, _, function = name.partition(":")
+    return Path(file), function or FACTORY
 
 
 def declared_to(name: str, gains_of: str) -> list[str]:

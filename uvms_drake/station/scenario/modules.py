@@ -5,6 +5,7 @@ import importlib.util
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 
 from uvms_drake.common.errors import InvalidParameter, require
 
@@ -41,7 +42,7 @@ def _imported(key: str, name: str) -> str:
     require(not _is_file(name) or path.is_file(), key, name, "a Python file that exists")
     try:
         if _is_file(name):
-            _run_once(path)
+            import_file(path)
         else:
             importlib.import_module(name)
     except Exception as error:  # Whatever a user's module raises.
@@ -50,11 +51,16 @@ def _imported(key: str, name: str) -> str:
     return str(path) if _is_file(name) else name
 
 
-def _run_once(path: Path) -> None:
-    """Imports a file, unless a module of the process, such as the running script, is this file."""
-    files = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
-    if any(file is not None and Path(file).resolve() == path for file in files):
-        return
+def import_file(path: Path) -> ModuleType:
+    """Imports a file, unless a module of the process, such as the running script, is this file.
+
+    Args:
+        path: Path of the file, resolved.
+    """
+    for module in list(sys.modules.values()):
+        file = getattr(module, "__file__", None)
+        if file is not None and Path(file).resolve() == path:
+            return module
     name = path.stem if path.stem not in sys.modules else str(path)
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
@@ -65,3 +71,4 @@ def _run_once(path: Path) -> None:
     except BaseException:
         del sys.modules[name]
         raise
+    return module
