@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 from support.baseline_press import ROBOT, task
 
-from uvms_drake.baselines.approach import ApproachGains, moved_reference
+from uvms_drake.baselines.approach import Approach, ApproachGains, moved_reference
 from uvms_drake.baselines.baseline import BASELINES, TorqueLimit, make_baseline
 from uvms_drake.baselines.gains import read_gains, robots_with_gains
 from uvms_drake.baselines.law import PERIOD, integrated
@@ -24,6 +25,28 @@ def test_the_reference_waits_advances_and_follows_the_touched_tip():
     x, v = moved_reference(gains, X, np.zeros(3), tip, np.zeros(3), True, 2.0)
     assert v == pytest.approx(0.2 / 4.0 * X)
     assert x == pytest.approx(PERIOD * v)
+
+
+def test_a_clone_of_a_context_keeps_its_touch():
+    model, pressed = UvmsModel(read_uvms(ROBOT)), task()
+    approach = Approach(model, pressed, ApproachGains(wait=0.0, touch=1.0))
+    simulator = Simulator(approach)
+    context = simulator.get_mutable_context()
+    config = model.configuration(np.concatenate([[0.1], np.zeros(5), pressed.posture]))
+    approach.GetInputPort("state").FixValue(
+        context, np.concatenate([config, np.zeros(model.size)]))
+    force = np.concatenate([5.0 * X, np.zeros(3)])
+    approach.GetInputPort("force_measured").FixValue(context, force)
+    simulator.Initialize()
+    begun = approach.GetOutputPort("reference").Eval(context)
+    assert begun == pytest.approx([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0], abs=1e-9)
+    simulator.AdvanceTo(0.5)
+    reference = approach.GetOutputPort("reference").Eval(context)
+    assert reference[7] == 1.0
+    again = Simulator(approach, context.Clone())
+    again.Initialize()
+    assert np.array_equal(
+        approach.GetOutputPort("reference").Eval(again.get_context()), reference)
 
 
 def test_a_place_that_jumps_is_reached_at_the_speed_across_and_not_passed():
@@ -63,9 +86,11 @@ def test_every_law_holds_either_robot_at_rest(robot):
     driven = gains.largest > 0.0
     for name, laws in BASELINES.items():
         baseline = make_baseline(model, at, laws(gains, model.size), gains)
-        context = baseline.CreateDefaultContext()
+        simulator = Simulator(baseline)
+        context = simulator.get_mutable_context()
         baseline.GetInputPort("state").FixValue(context, np.concatenate([config, still]))
         baseline.GetInputPort("force_measured").FixValue(context, np.zeros(6))
+        simulator.Initialize()
         tau = baseline.GetOutputPort("tau").Eval(context)
         due = 0.0 * rest if name == "prescribed_performance" else np.clip(
             rest, -gains.largest, gains.largest)

@@ -85,7 +85,7 @@ class Approach(LeafSystem):
     - `reference` (9): see `Reference`.
 
     The discrete state is x_d, ẋ_d, the smoothed force along n, whether the tip touches, and since
-    when (9). It starts at the measured tip.
+    when (9). The first initialisation sets x_d to the measured tip; it is NaN before.
 
     Args:
         model: Supplies the position of the tip.
@@ -100,7 +100,7 @@ class Approach(LeafSystem):
         self._force_port = self.DeclareVectorInputPort("force_measured", 6)
         desired = self._desired_port = self.DeclareVectorInputPort("desired_force", 6)
         self._place_port = self.DeclareVectorInputPort("place", 3)
-        self.DeclareDiscreteState(9)
+        self.DeclareDiscreteState(np.concatenate([np.full(3, np.nan), np.zeros(6)]))
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._step)
         output_of(self, "reference", 9, self._reference, {self.xd_ticket(), desired.ticket()})
@@ -109,7 +109,8 @@ class Approach(LeafSystem):
         return self._model.task_pose(self._state_port.Eval(context)[: self._model.size])[:3]
 
     def _begin(self, context: Context, state: DiscreteValues) -> None:
-        state.set_value(np.concatenate([self._tip(context), np.zeros(6)]))
+        if np.isnan(context.get_discrete_state_vector().value()[0]):
+            state.set_value(np.concatenate([self._tip(context), np.zeros(6)]))
 
     def _step(self, context: Context, state: DiscreteValues) -> None:
         old, n, time = context.get_discrete_state_vector().value(), self._task.direction, (
