@@ -63,6 +63,9 @@ def test_units_are_in_the_names_and_a_sliding_joint_has_its_own():
     assert column_names("tau", 8, [False, True])[-2:] == ["tau/q1_Nm", "tau/q2_N"]
     assert column_names("u", 8, [False, True], True)[0] == "u/u_m_s"
     assert column_names("disturbance", 6, [False, True], True)[5] == "disturbance/yaw_rad_s"
+    assert column_names("thruster_command", 2, [True]) == [
+        "thruster_command/t1", "thruster_command/t2"]
+    assert column_names("thruster_force", 1, [True]) == ["thruster_force/t1_N"]
     assert len(set(IN_NAMES.values())) == len(IN_NAMES)
 
 

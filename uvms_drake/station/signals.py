@@ -28,11 +28,13 @@ IN_NAMES = {"m": "m", "rad": "rad", "s": "s", "N": "N", "m/s": "m_s", "rad/s": "
             "m/s²": "m_s2", "rad/s²": "rad_s2", "N m": "Nm", "N/m": "N_m", "m, rad": "m_rad",
             "m/s, rad/s": "m_s_rad_s", "-": ""}
 """Units as in the names of columns."""
-JOINTS, SPEEDS, RATES, TORQUES, THRUSTERS = "joints", "speeds", "rates", "torques", "thrusters"
-"""Blocks whose size depends on the robot."""
+JOINTS, SPEEDS, RATES, TORQUES = "joints", "speeds", "rates", "torques"
+"""Blocks with a component for each joint."""
+THRUSTERS, DRIVERS = "thrusters", "drivers"
+"""Blocks with a component for each thruster: forces, and commands of the drivers."""
 BLOCKS = {JOINTS: ("q{}", "rad", "m"), SPEEDS: ("qdot{}", "rad/s", "m/s"),
           RATES: ("qddot{}", "rad/s²", "m/s²"), TORQUES: ("q{}", "N m", "N"),
-          THRUSTERS: ("t{}", "N", "N")}
+          THRUSTERS: ("t{}", "N", "N"), DRIVERS: ("t{}", "-", "-")}
 """Name of a component, and its unit for a joint that turns and for one that slides."""
 FLAG = (("", "-"),)
 
@@ -69,7 +71,7 @@ SIGNALS: dict[str, Signal] = {
         INPUT, BODY, "residual ζ̇ − f(𝔮, ζ) − 𝔲: d and all model errors; derived, no port"),
     "force": Signal(WRENCH, "Σ_I", "plant: 𝔉 on the surface"),
     "desired_force": Signal(WRENCH, "Σ_I", "nominal MPC: 𝔉_des of the plan"),
-    "force_raw": Signal(WRENCH, "Σ_E", "force sensor: its own wrench"),
+    "force_raw": Signal(WRENCH, "Σ_S (sensor)", "force sensor: its own wrench"),
     "force_measured": Signal(WRENCH, "Σ_I", "force sensor: 𝔉_s; nan in a gap"),
     "force_last_valid": Signal(WRENCH, "Σ_I", "force sensor: last valid 𝔉_s, zero while released"),
     "force_filtered": Signal(WRENCH, "Σ_I", "tangential filter: input of the law"),
@@ -92,7 +94,8 @@ SIGNALS: dict[str, Signal] = {
     "mission_progress": Signal(
         tuple((name, "-") for name in ("step", "outcome", "reason", "failures", "tries")), "",
         "mission: its state"),
-    "thruster_command": Signal((THRUSTERS,), "", "allocation: command of each thruster"),
+    "thruster_command": Signal(
+        (DRIVERS,), "", "allocation: command of each thruster in its driver's unit (µs or −1…1)"),
     "thruster_force": Signal((THRUSTERS,), "", "thrusters: force of each"),
     "vehicle_wrench": Signal(BODY_WRENCH, BODY, "thrusters: their wrench, by the model"),
     "wrench_shortfall": Signal(BODY_WRENCH, BODY, "allocation: commanded wrench less the exerted"),
@@ -152,8 +155,9 @@ def column_names(name: str, size: int, slides: Sequence[bool], kinematic: bool =
 def _block(word: str, size: int, slides: Sequence[bool]) -> list[Component]:
     """Returns the components of a block of joints or thrusters."""
     name, turning, sliding = BLOCKS[word]
-    count = size if word == THRUSTERS else len(slides)
-    return [(name.format(i + 1), sliding if word != THRUSTERS and slides[i] else turning)
+    of_thrusters = word in (THRUSTERS, DRIVERS)
+    count = size if of_thrusters else len(slides)
+    return [(name.format(i + 1), sliding if not of_thrusters and slides[i] else turning)
             for i in range(count)]
 
 
@@ -190,7 +194,7 @@ def _parts(signal: Signal) -> str:
         if isinstance(component, tuple):
             words.append(component[0] or "–")
         else:
-            last = "m" if component == THRUSTERS else "n"
+            last = "m" if component in (THRUSTERS, DRIVERS) else "n"
             name = BLOCKS[component][0]
             words.append(f"{name.format(1)}…{name.format(last)}")
     return ", ".join(words)
