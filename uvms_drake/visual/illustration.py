@@ -32,14 +32,14 @@ class Illustration(LeafSystem):
         - plan
         - force (optional)
         - desired_force (optional)
-        - force_last_valid, safe_depth, contact_depth, slope (optional)
+        - force_last_valid, safe_depth, contact_depth, stiffness_estimate (optional)
 
     - `state`, `nominal_state` (2(6+n)), `u`, `nominal_input` (6+n): as from a station.
     - `plan`: the current `Plan` (abstract).
     - `force` (6) [N, N m]: 𝔉; unconnected means the force of the surface's law at the pose at rest.
     - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
-    - `force_last_valid` (6), `safe_depth`, `contact_depth`, `slope` (1): the estimate of an unknown
-      surface, see `ContactKnowledge`; empty unless all of them are connected.
+    - `force_last_valid` (6), `safe_depth`, `contact_depth`, `stiffness_estimate` (1): the estimate
+      of an unknown surface, see `ContactKnowledge`; empty unless all of them are connected.
 
     A picture is drawn after the first step of the simulation in each period of the rate: an event
     with a period would end an integration step, and so change the run. The Context has no state;

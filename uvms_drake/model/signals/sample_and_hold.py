@@ -74,7 +74,7 @@ class SampledVector(LeafSystem):
         input_ports:
         - vector
         output_ports:
-        - held
+        - hold
 
     - `vector`, `hold` (size).
 
