@@ -1,5 +1,7 @@
 """The sub-command `robot`."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.robots import TEMPLATE, altered
@@ -20,6 +22,20 @@ def test_a_new_robot_is_sound_and_has_the_name_of_its_folder(tmp_path, capsys):
     assert not any(TEMPLATE in path.read_text(encoding="utf-8") for path in robot.iterdir())
     assert main(["robot", str(robot)]) == 0
     assert capsys.readouterr().out.startswith("my_robot: 2 joints, no thrusters.yaml\nmass  ")
+
+
+def test_a_new_robot_that_cannot_be_written_whole_leaves_nothing(tmp_path, monkeypatch, capsys):
+    write = Path.write_bytes
+
+    def full(path: Path, content: bytes) -> int:
+        if path.suffix == ".xml":
+            raise OSError(28, "No space left on device")
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert main(["robot", "--new", str(tmp_path / "my_robot")]) == 2
+    assert "a path that can be written to (No space left" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("args", "expected"), [

@@ -1,12 +1,13 @@
 """The sub-command `robot`: shows and checks a robot's folder, or writes a new one."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
 from uvms_drake.command.files import folder, new_at
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.command.robot_from import write_robot
+from uvms_drake.command.robot_from import write_robot, write_robot_folder
 from uvms_drake.common.errors import InvalidFile, require, vector
 from uvms_drake.common.output import output_folder
 from uvms_drake.model.description.robot_folder import model_dir
@@ -97,9 +98,9 @@ def write_template(robot: Path) -> None:
     name, source = robot.name, model_dir(TEMPLATE)
     require(name.isidentifier() and name.isascii(), "--new", str(robot),
             "a folder by the name of the robot: letters, digits and _")
-    require(not robot.exists(), "--new", str(robot), "a folder that is not there yet")
+    require(not os.path.lexists(robot), "--new", str(robot), "a folder that is not there yet")
     with new_at(robot):
-        robot.mkdir(parents=True)
-        for file in sorted(source.iterdir()):
-            text = file.read_text(encoding="utf-8").replace(TEMPLATE, name)
-            (robot / file.name.replace(TEMPLATE, name)).write_text(text, encoding="utf-8")
+        write_robot_folder({
+            file.name.replace(TEMPLATE, name):
+                file.read_text(encoding="utf-8").replace(TEMPLATE, name).encode()
+            for file in sorted(source.iterdir())}, robot)

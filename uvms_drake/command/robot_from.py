@@ -29,7 +29,7 @@ def write_robot(file: Path, robot: Path) -> int:
     require(not os.path.lexists(robot), "--from", str(robot), "a folder that is not there yet")
     imported = import_robot(file, name)
     try:
-        _write(imported.files, robot)
+        write_robot_folder(imported.files, robot)
     except OSError as error:
         raise InvalidParameter("--from", str(robot),
                                f"a path that can be written to ({error.strerror})") from None
@@ -38,7 +38,7 @@ def write_robot(file: Path, robot: Path) -> int:
     return 0
 
 
-def _write(files: dict[str, bytes], robot: Path) -> None:
+def write_robot_folder(files: dict[str, bytes], robot: Path) -> None:
     """Writes files into a folder that appears when all of them are there."""
     robot.parent.mkdir(parents=True, exist_ok=True)
     staging = Path(tempfile.mkdtemp(prefix=f".{robot.name}-", dir=robot.parent))
