@@ -55,6 +55,28 @@ def test_of_a_known_surface_it_is_the_controller_of_the_station():
         station.GetOutputPort("tau").Eval(simulator.get_context()), rtol=1e-9, atol=1e-9)
 
 
+def test_its_force_sensor_measures_the_payload_of_the_plant_as_that_of_the_station():
+    scenario = load_scenario("girona500_contact", [
+        "disturbance.bound=0", "model_error={payload: {mass: 2.0}}",
+        "sensing=[!ForceSensor {tare: 0.0}]"])
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(uv.make_plant(scenario))
+    controller = builder.AddSystem(uv.make_controller(scenario))
+    for port in ("state", "force", "payload", "payload_at_rest"):
+        builder.Connect(plant.GetOutputPort(port), controller.GetInputPort(port))
+    builder.Connect(controller.GetOutputPort("tau"), plant.GetInputPort("tau"))
+    loop, station = builder.Build(), uv.make_station(scenario)
+    read = []
+    for system, part in ((loop, controller), (station, station)):
+        simulator = Simulator(system)
+        ApplySimulatorConfig(uv.with_step(scenario).simulator, simulator)
+        simulator.AdvanceTo(0.02)
+        context = part.GetMyContextFromRoot(simulator.get_context())
+        read.append(part.GetOutputPort("force_raw").Eval(context))
+    np.testing.assert_allclose(*read, rtol=1e-9, atol=1e-9)
+    assert np.linalg.norm(read[0]) > 10.0
+
+
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_it_is_made_for_every_shipped_scenario_with_the_ports_of_its_docstring(name):
     scenario = load_scenario(name)
@@ -66,6 +88,8 @@ def test_it_is_made_for_every_shipped_scenario_with_the_ports_of_its_docstring(n
     assert controller.HasOutputPort("plan")
     asked = scenario.contact.is_sensed and not scenario.mission.steps
     assert controller.HasInputPort("place") == asked
+    assert controller.HasInputPort("stop") == bool(scenario.mission.steps)
+    assert controller.HasInputPort("payload") == scenario.model_error.payload.present
 
 
 def test_a_problem_that_it_cannot_serve_is_refused():

@@ -4,7 +4,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
+from uvms_drake.model.signals.sensor_actuator import (
+    PAYLOAD,
+    PAYLOAD_AT_REST,
+    VEHICLE_WRENCH,
+    Signals,
+)
 from uvms_drake.sensing.tip_pose import TipPose
 from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.mission import add_mission
@@ -33,7 +38,9 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
         input_ports:
         - state (configuration, if the motion is kinematic)
         - force (with dynamic motion)
+        - payload, payload_at_rest (optional, if the hand holds one)
         - desired_force, place, deepest (optional, as of make_station)
+        - stop (optional, of a mission, in place of these three)
         output_ports:
         - tau (zeta, if the motion is kinematic)
         - nominal_state, u, ... (each signal)
@@ -42,6 +49,9 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
 
     - `state`: true (𝔮, ζ) (2(6+n)); `configuration`: 𝔮 (6+n).
     - `force`: true wrench 𝔉 (6) on the surface [N, N m], for the force sensor; read with one only.
+    - `payload`, `payload_at_rest` (6) [N, N m]: by which the hand holds what `scenario.model_error`
+      gives it, from a plant with the same, for the force sensor; zero if unconnected.
+    - `stop` (1): above zero, it ends the mission.
     - `tau`: τ (6+n) behind the actuators [N, N m].
 
     Args:
@@ -64,11 +74,14 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     builder.ExportInput(state.get_input_port(), motion.measured)
     signals[motion.measured] = true
     if motion.has_forces:
-        force = builder.AddNamedSystem("force", PassThrough(6))
-        builder.ExportInput(force.get_input_port(), "force")
+        held = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
+        for name in ("force", *held):
+            source = builder.AddNamedSystem(name, PassThrough(6))
+            builder.ExportInput(source.get_input_port(), name)
+            signals[name] = source.get_output_port()
         tip = builder.AddNamedSystem("tip", TipPose(model))
         builder.Connect(true, tip.get_input_port())
-        signals["force"], signals["chi"] = force.get_output_port(), tip.get_output_port()
+        signals["chi"] = tip.get_output_port()
     given = set(signals)
 
     # Sensing, the mission or the ports in its place, and actuation.
