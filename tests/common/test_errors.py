@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from uvms_drake.common.errors import InvalidParameter, require, symmetric_matrix, vector, within
+from uvms_drake.common.errors import (
+    InvalidParameter,
+    require,
+    symmetric_matrix,
+    unit_vector,
+    vector,
+    within,
+)
 
 
 def test_the_message_names_key_value_and_what_is_allowed():
@@ -89,3 +96,10 @@ def test_symmetric_matrix_tolerates_rounding_and_removes_it():
     returned = symmetric_matrix("K", K, 2, definite=True)
     np.testing.assert_array_equal(returned, returned.T)
     np.testing.assert_allclose(returned, K, rtol=1e-12)
+
+
+def test_a_unit_vector_has_three_components_and_length_one():
+    np.testing.assert_array_equal(unit_vector("n", [0.6, 0.0, -0.8]), [0.6, 0.0, -0.8])
+    for value in ([2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.6, 0.8], [np.nan, 0.0, 1.0]):
+        with pytest.raises(InvalidParameter, match=r"^n = \["):
+            unit_vector("n", value)

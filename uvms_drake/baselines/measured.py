@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.common.wiring import added
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
@@ -29,8 +29,7 @@ class PressTask:
     """Desired force along n [N]."""
 
     def __post_init__(self) -> None:
-        n = vector("direction", self.direction, 3)
-        require(bool(abs(np.linalg.norm(n) - 1.0) < 1e-6), "direction", n, "a unit vector")
+        unit_vector("direction", self.direction)
         require(0.0 < self.force < np.inf, "force", self.force, "a positive force")
 
 

@@ -78,6 +78,13 @@ def vector(key: str, value: object, size: int) -> np.ndarray:
     return _array(key, value, (size,), f"{size} finite numbers")
 
 
+def unit_vector(key: str, value: object) -> np.ndarray:
+    """Returns `value` as a vector (3,) of length 1, to 1e-6, or raises."""
+    direction = vector(key, value, 3)
+    require(bool(abs(np.linalg.norm(direction) - 1.0) < 1e-6), key, direction, "a unit vector")
+    return direction
+
+
 def _array(key: str, value: object, shape: tuple[int, ...], allowed: str) -> np.ndarray:
     try:
         array = np.array(value, dtype=float)

@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.alarm import warn
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.common.wiring import added
 
 GIVEN, CUT, ACROSS, LOST = range(4)
@@ -67,7 +67,7 @@ class DesiredForce(LeafSystem):
 
     def __init__(self, direction: np.ndarray, default: float, largest: float):
         super().__init__()
-        self._direction = vector("direction", direction, 3)
+        self._direction = unit_vector("direction", direction)
         require(0.0 <= default <= largest, "default", default, f"from 0 to {largest:g} N")
         self._default, self._largest = default, largest
         self._port = self.DeclareVectorInputPort("desired_force", 6)

@@ -22,7 +22,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.errors import require, unit_vector, vector
 from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import ForceSensorModel
@@ -131,7 +131,7 @@ class PressTarget(LeafSystem):
     It has no state.
 
     Args:
-        direction: n (3,).
+        direction: Unit vector n (3,).
         place: The default (3,) [m].
         search_lead: See `target_depth` [m/N].
     """
@@ -140,7 +140,8 @@ class PressTarget(LeafSystem):
         super().__init__()
         require(search_lead > 0.0, "search_lead", search_lead, "positive")
         self._search_lead = search_lead
-        self._direction, self._place = vector("direction", direction, 3), vector("place", place, 3)
+        self._direction = unit_vector("direction", direction)
+        self._place = vector("place", place, 3)
         self._desired_port = self.DeclareVectorInputPort("desired_force", 1)
         self._place_port = self.DeclareVectorInputPort("place", 3)
         self._deepest_port = self.DeclareVectorInputPort("deepest", 1)

@@ -22,7 +22,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.common.wiring import added
 
 LARGEST_RATIO = 1.5
@@ -62,7 +62,7 @@ class TangentialFilter(LeafSystem):
     The discrete state is 𝔣 (3), updated once in a period; zero at the start.
 
     Args:
-        direction: n (3,).
+        direction: Unit vector n (3,).
         lag: T [s].
         period: Time between two readings [s].
     """
@@ -71,7 +71,7 @@ class TangentialFilter(LeafSystem):
         super().__init__()
         for key, value in (("lag", lag), ("period", period)):
             require(0.0 < value < np.inf, key, value, "positive")
-        self._direction, self._ratio = vector("direction", direction, 3), period / lag
+        self._direction, self._ratio = unit_vector("direction", direction), period / lag
         self._port = self.DeclareVectorInputPort("measured", 6)
         self.DeclareDiscreteState(np.zeros(3))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)

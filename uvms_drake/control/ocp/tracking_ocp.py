@@ -21,7 +21,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram
 from uvms_drake.control.convex.tracking_program import with_place
 from uvms_drake.control.costs.offset_cost import OffsetCost
@@ -88,9 +88,7 @@ class TrackingOcp(DynamicOcp):
         require(mpc.input_reference == "equilibrium", "input_reference", mpc.input_reference,
                 "equilibrium, where the reference moves")
         require(mpc.terminal_set, "terminal_set", mpc.terminal_set, "true, where the target moves")
-        self.direction = vector("direction", direction, 3)
-        require(bool(abs(np.linalg.norm(self.direction) - 1.0) < 1e-9), "direction", direction,
-                "a unit vector")
+        self.direction = unit_vector("direction", direction)
         self.facets = self.direction[None] if facets is None else np.asarray(facets, dtype=float)
         self.offset = offset or OffsetCost()
         self.offset.check()

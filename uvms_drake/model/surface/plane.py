@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, vector
+from uvms_drake.common.errors import InvalidParameter, require, unit_vector, vector
 from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
 OUTSIDE = 0.01
@@ -68,8 +68,7 @@ class UnilateralPlane(Surface):
 
     def checked(self) -> "UnilateralPlane":
         """Returns the plane with arrays, or raises."""
-        normal = vector("normal", self.normal, 3)
-        require(bool(abs(np.linalg.norm(normal) - 1.0) < 1e-6), "normal", normal, "a unit vector")
+        normal = unit_vector("normal", self.normal)
         for key in ("stiffness", "transition"):
             value = getattr(self, key)
             require(bool(0.0 < value < np.inf), key, value, "positive")

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, require_period, vector
+from uvms_drake.common.errors import InvalidParameter, require, require_period, unit_vector
 from uvms_drake.model.surface.law import Surface, TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -106,9 +106,7 @@ class SensedContact:
 
     def checked(self) -> "SensedContact":
         """Returns it with arrays, or raises."""
-        direction = vector("direction", self.direction, 3)
-        require(bool(abs(np.linalg.norm(direction) - 1.0) < 1e-6), "direction", direction,
-                "a unit vector")
+        direction = unit_vector("direction", self.direction)
         require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
         require(0.0 < self.tool_angle <= MOST_ASLANT, "tool_angle", self.tool_angle,
                 f"positive, up to {MOST_ASLANT:g} rad")

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.errors import require, unit_vector
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,7 @@ class SurfaceClass:
     """Smallest slope κ₋ of the static force along n past the transition [N/m]; 0: unknown."""
 
     def __post_init__(self) -> None:
-        n = vector("direction", self.direction, 3)
-        require(bool(abs(np.linalg.norm(n) - 1.0) < 1e-6), "direction", n, "a unit vector")
+        n = unit_vector("direction", self.direction)
         n.setflags(write=False)
         object.__setattr__(self, "direction", n)
         require(0.0 < self.stiffness < np.inf, "stiffness", self.stiffness, "positive")

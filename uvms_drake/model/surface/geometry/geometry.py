@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.errors import require, unit_vector, vector
 from uvms_drake.model.frames.spatial import cross
 
 
@@ -131,13 +131,6 @@ class DirectedGeometry(Geometry, ABC):
     def moved(self, R: np.ndarray, shift: np.ndarray) -> Self:
         """Returns the shape, every point 𝔭 of it moved to R𝔭 + `shift` (3,)."""
         return replace(super().moved(R, shift), axis=R @ self.axis)
-
-
-def unit_vector(key: str, value: object) -> np.ndarray:
-    """Returns a unit vector (3,), or raises."""
-    direction = vector(key, value, 3)
-    require(bool(abs(np.linalg.norm(direction) - 1.0) < 1e-6), key, direction, "a unit vector")
-    return direction
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:
