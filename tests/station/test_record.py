@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.synthetic import synthetic_record
 
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.station.record import LOG_FILE, load_record, save_record
 from uvms_drake.station.scenario.scenario import dump_scenario
 
@@ -17,12 +18,22 @@ def record():
 
 
 def test_a_loaded_record_is_the_saved_one(record, tmp_path):
-    save_record(record, tmp_path)
-    loaded = load_record(tmp_path)
+    folder = tmp_path / "new" / "run"
+    assert all(path.is_file() for path in record.save(folder))
+    loaded = load_record(folder)
     assert dump_scenario(loaded.scenario) == dump_scenario(record.scenario)
     for name in vars(record):
         if name != "scenario":
             np.testing.assert_array_equal(getattr(loaded, name), getattr(record, name))
+
+
+def test_a_folder_without_a_log_is_refused(record, tmp_path):
+    with pytest.raises(InvalidParameter, match=r"'run' or Record.save .*\(log.npz: No such file"):
+        load_record(tmp_path)
+    record.save(tmp_path)
+    (tmp_path / LOG_FILE).write_bytes(b"")
+    with pytest.raises(InvalidParameter, match=r"its log\.npz or timing\.npz is damaged"):
+        load_record(tmp_path)
 
 
 def test_the_state_is_split_into_configuration_and_velocity(record):

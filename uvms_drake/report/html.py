@@ -2,19 +2,16 @@
 
 import base64
 import html
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, read_certificate
 from uvms_drake.certificate.overview import format_overview
 from uvms_drake.certificate.table import format_certificate, scope, verdict
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.summary import format_summary, summarise
-from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, load_record
+from uvms_drake.station.record import SCENARIO_FILE, Record, load_record, unusable_folder
 from uvms_drake.station.scenario.scenario import dump_scenario
 
 PAGE_STYLE = """
@@ -86,29 +83,16 @@ def load_run(folder: Path) -> tuple[Record, Certificate | None]:
     Raises:
         InvalidParameter: Not such a folder, or a certificate of another run.
     """
-    def refused(why: str) -> InvalidParameter:
-        return InvalidParameter("DIR", str(folder), f"a folder that 'run' has written ({why})")
-
-    try:
-        record = load_record(folder)
-    except OSError as error:
-        name = Path(error.filename).name if error.filename else str(folder)
-        raise refused(f"{name}: {error.strerror or error}") from None
-    except ScenarioError as error:
-        raise refused(str(error)) from None
-    except KeyError as error:
-        raise refused(f"its {LOG_FILE} is of another version: {error.args[0]}") from None
-    except (ValueError, EOFError, BadZipFile, zlib.error):
-        raise refused(f"its {LOG_FILE} or {TIMING_FILE} is damaged") from None
+    record = load_record(folder)
     if not record.certified:
         return record, None
     path = folder / CERTIFICATE_FILE
     if not path.is_file():
-        raise refused(f"its {CERTIFICATE_FILE} is missing")
+        raise unusable_folder(folder, f"its {CERTIFICATE_FILE} is missing")
     certificate = read_certificate(path)
     scenario = record.scenario
     if dump_scenario(certificate.applied_to(scenario)) != dump_scenario(scenario):
-        raise refused(f"its {CERTIFICATE_FILE} was made for another run")
+        raise unusable_folder(folder, f"its {CERTIFICATE_FILE} was made for another run")
     return record, certificate
 
 

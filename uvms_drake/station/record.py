@@ -1,12 +1,15 @@
 """The record of a run: its scenario and its signals, as plain arrays."""
 
+import zlib
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.model.contact_model import ContactModel
@@ -166,6 +169,12 @@ class Record:
 
         return uv.summarise(self)
 
+    def save(self, folder: str | Path) -> list[Path]:
+        """Writes the files that `load_record` reads into a folder and returns their paths."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        return save_record(self, folder)
+
     def figures(self, folder: str | Path) -> list[Path]:
         """Writes the figures of the run as PNG files into a folder and returns their paths."""
         import uvms_drake as uv
@@ -195,12 +204,33 @@ def save_record(record: Record, folder: Path) -> list[Path]:
 
 
 def load_record(folder: str | Path) -> Record:
-    """Returns the record that `save_record` wrote into a folder."""
+    """Returns the record that a run or `Record.save` has written into a folder.
+
+    Raises:
+        InvalidParameter: Not such a folder.
+    """
     folder = Path(folder)
-    with np.load(folder / LOG_FILE) as log, np.load(folder / TIMING_FILE) as timing:
-        arrays = {name: log[name] for name in _LOGGED}
-        signals = {name: log[name] for name in log.files if name not in _LOGGED}
-        return Record(scenario=load_scenario(str(folder / SCENARIO_FILE)),
-                      step_seconds=timing["step_seconds"],
-                      wall_time_s=float(timing["wall_time_s"]), signals=signals,
-                      **arrays)
+    try:
+        with np.load(folder / LOG_FILE) as log, np.load(folder / TIMING_FILE) as timing:
+            arrays = {name: log[name] for name in _LOGGED}
+            signals = {name: log[name] for name in log.files if name not in _LOGGED}
+            return Record(scenario=load_scenario(str(folder / SCENARIO_FILE)),
+                          step_seconds=timing["step_seconds"],
+                          wall_time_s=float(timing["wall_time_s"]), signals=signals,
+                          **arrays)
+    except OSError as error:
+        name = Path(error.filename).name if error.filename else str(folder)
+        raise unusable_folder(folder, f"{name}: {error.strerror or error}") from None
+    except ScenarioError as error:
+        raise unusable_folder(folder, str(error)) from None
+    except KeyError as error:
+        raise unusable_folder(
+            folder, f"its {LOG_FILE} is of another version: {error.args[0]}") from None
+    except (ValueError, EOFError, BadZipFile, zlib.error):
+        raise unusable_folder(folder, f"its {LOG_FILE} or {TIMING_FILE} is damaged") from None
+
+
+def unusable_folder(folder: Path, why: str) -> InvalidParameter:
+    """Returns the error of a folder that has no record, or not all of it."""
+    return InvalidParameter(
+        "DIR", str(folder), f"a folder that 'run' or Record.save has written ({why})")
