@@ -30,6 +30,8 @@ from uvms_drake.plant.disturbance import (
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.station.motions.plant import make_plant
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.visual.stage import NED, turn_down
 
 MODEL = "girona500_arm5e"
@@ -101,6 +103,14 @@ def test_the_state_can_be_set_inside_a_larger_diagram():
     set_state(uvms, uvms.GetMyMutableContextFromRoot(root), moving_state())
     state = uvms.GetOutputPort("state").Eval(uvms.GetMyContextFromRoot(root))
     np.testing.assert_allclose(state, moving_state(), atol=1e-14)
+
+
+def test_the_state_of_a_scenario_s_plant_can_be_set():
+    plant = make_plant(load_scenario("girona500_ideal"))
+    context = plant.CreateDefaultContext()
+    set_state(plant, context, moving_state())
+    np.testing.assert_allclose(
+        plant.GetOutputPort("state").Eval(context), moving_state(), atol=1e-14)
 
 
 def test_the_diagram_equals_its_parts_wired_by_hand():

@@ -191,13 +191,16 @@ def make_uvms_plant(
 
 
 def set_state(uvms: Diagram, context: Context, state: np.ndarray) -> None:
-    """Sets the state of a Diagram made by `make_uvms_plant`.
+    """Sets the state of a Diagram made by `make_uvms_plant`, or of one with it as "uvms".
 
     Args:
-        uvms: The Diagram.
+        uvms: The Diagram, or that of `make_plant` or `make_station`.
         context: Its Context; in a larger Diagram, `uvms.GetMyMutableContextFromRoot(root_context)`.
         state: (𝔮, ζ) (2 (6 + n)).
     """
+    if uvms.HasSubsystemNamed("uvms"):
+        inner = cast(Diagram, uvms.GetSubsystemByName("uvms"))
+        uvms, context = inner, uvms.GetMutableSubsystemContext(inner, context)
     coordinates = cast(ToPaperOrder, uvms.GetSubsystemByName("to_paper_order")).coordinates
     plant = cast(MultibodyPlant, uvms.GetSubsystemByName("plant"))
     plant.SetPositionsAndVelocities(
