@@ -15,7 +15,16 @@ from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.station.simulation import simulate
 from uvms_drake.visual import controls
 from uvms_drake.visual.config import VisualConfig
-from uvms_drake.visual.controls import DISTURBANCE, FORCE, STOP, stop_button
+from uvms_drake.visual.controls import (
+    DISTURBANCE,
+    FORCE,
+    HOME,
+    STOP,
+    DisturbanceSlider,
+    ForceSlider,
+    HomeButton,
+    stop_button,
+)
 from uvms_drake.visual.scene import Scene
 from uvms_drake.visual.stage import UNSEEN
 
@@ -113,3 +122,13 @@ def test_control_c_ends_the_waiting(meshcat, monkeypatch):
     monkeypatch.setattr(controls.time, "sleep", interrupted)
     controls.wait_for_end(meshcat)
     assert controls.CLOSE in meshcat.GetButtonNames()
+
+
+def test_a_second_station_replaces_the_controls_of_the_first(meshcat):
+    for newton in (20.0, 30.0):
+        ForceSlider(np.array([newton, 0.0, 0.0, 0.0, 0.0, 0.0]), meshcat)
+        DisturbanceSlider(10, meshcat)
+        HomeButton(meshcat)
+    assert meshcat.GetSliderNames() == [FORCE, DISTURBANCE]
+    assert meshcat.GetSliderValue(FORCE) == 30.0
+    assert meshcat.GetButtonNames() == [HOME]

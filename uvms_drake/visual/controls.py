@@ -19,6 +19,13 @@ DISTURBANCE = "disturbance [%]"
 HOME = "Send the mission home"
 
 
+def add_slider(meshcat: Meshcat, name: str, *, end: float, step: float, value: float) -> float:
+    """Adds a slider from 0, in place of an earlier run's, and returns its rounded value."""
+    if name in meshcat.GetSliderNames():
+        meshcat.DeleteSlider(name)
+    return meshcat.AddSlider(name, 0.0, end, step, value)
+
+
 def stop_button(meshcat: Meshcat) -> Callable[[], bool]:
     """Adds a button, and returns the function that reads whether it has been pressed."""
     meshcat.AddButton(STOP, "Escape")
@@ -68,8 +75,8 @@ class ForceSlider(LeafSystem):
         self._first, self._magnitude = magnitude, magnitude
         self._meshcat = meshcat if magnitude > 0.0 else None
         if self._meshcat is not None:
-            self._first = self._meshcat.AddSlider(
-                FORCE, 0.0, 2.0 * magnitude, SLIDER_STEP, magnitude)
+            self._first = add_slider(
+                self._meshcat, FORCE, end=2.0 * magnitude, step=SLIDER_STEP, value=magnitude)
         # The user moves the slider at any time: its value must not be cached.
         self.DeclareVectorOutputPort("force", 6, self._calc_force, {self.time_ticket()})
 
@@ -140,7 +147,7 @@ class DisturbanceSlider(LeafSystem):
 
     def __init__(self, size: int, meshcat: Meshcat):
         super().__init__()
-        meshcat.AddSlider(DISTURBANCE, 0.0, 100.0, 5.0, 100.0)
+        add_slider(meshcat, DISTURBANCE, end=100.0, step=5.0, value=100.0)
         port = self.DeclareVectorInputPort("disturbance", size)
         output_of(self, "scaled", size,
                   lambda c: meshcat.GetSliderValue(DISTURBANCE) / 100.0 * port.Eval(c),
