@@ -11,6 +11,7 @@ from support import dh
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import wrap_angle
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import configuration_rate
@@ -40,8 +41,8 @@ BARE = """
 </model></sdf>"""
 
 
-def make(disturbance=CALM, model=MODEL, **kwargs):
-    return make_kinematic_plant(model=model, disturbance=disturbance, **kwargs)
+def make(disturbance=CALM, robot=MODEL, **kwargs):
+    return make_kinematic_plant(robot, disturbance=disturbance, **kwargs)
 
 
 def simulator_of(system, context=None, step=0.01):
@@ -95,6 +96,13 @@ def test_the_ports_have_the_names_and_sizes_of_the_docstring():
         assert {port.get_name(): port.size() for port in outputs} == {
             "configuration": 10, "state": 20, "disturbance": 6}
         assert uvms.num_continuous_states() == 10  # the MultibodyPlant is not simulated
+
+
+def test_a_loaded_robot_is_the_one_of_its_name():
+    w = np.full(6, 0.1)
+    by_name, loaded = (rate(make(None, robot), START, ZETA, w)
+                       for robot in (MODEL, Robot.load(MODEL)))
+    np.testing.assert_array_equal(loaded, by_name)
 
 
 def test_the_configuration_that_is_set_comes_out_also_inside_a_larger_diagram():
@@ -323,7 +331,7 @@ def test_an_input_that_is_not_finite_fails_in_one_line():
     ({"disturbance": ConstantDisturbance(0.1, np.ones(10))},
      r"^disturbance\.direction = .*: must be 6 finite numbers$"),
     ({"seed": -2}, r"^seed = -2: must be zero or positive$"),
-    ({"model": "nautilus"}, r"^model = 'nautilus': must be one of ")])
+    ({"robot": "nautilus"}, r"^model = 'nautilus': must be one of ")])
 def test_bad_parameters_are_named(kwargs, message):
     with pytest.raises(InvalidParameter, match=message):
         make(**kwargs)

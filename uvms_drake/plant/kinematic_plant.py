@@ -28,9 +28,11 @@ from uvms_drake.common.errors import RunFailed, require, vector, within
 from uvms_drake.common.wiring import added
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import WORLD
-from uvms_drake.model.uvms import Uvms, add_uvms
+from uvms_drake.model.robot import Robot
+from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
+from uvms_drake.plant.model_error import add_simulated_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 from uvms_drake.plant.workspace import declare_workspace
 
@@ -161,8 +163,8 @@ class VelocityDrivenUvms(LeafSystem):
 
 
 def make_kinematic_plant(
+    robot: Robot | str,
     *,
-    model: str,
     disturbance: OpenLoopDisturbance | None,
     seed: int = 0,
     start: np.ndarray | None = None,
@@ -198,7 +200,7 @@ def make_kinematic_plant(
     The subsystems "kinematics" and "disturbance" are found with `GetSubsystemByName`.
 
     Args:
-        model: Name of a shipped robot or path of a robot's folder.
+        robot: A `Robot`, the name of a shipped one, or a robot's folder.
         disturbance: w, of bound w̃; the paper's w = 0.2 sin(t) 1₆ has w̃ = 0.2 √6. None exports an
             input port `disturbance` for the caller's.
         seed: Seed of the disturbance.
@@ -209,7 +211,7 @@ def make_kinematic_plant(
     require(seed >= 0, "seed", seed, "zero or positive")
     builder = DiagramBuilder()
     plant = MultibodyPlant(time_step=0.0)  # Only its kinematics is used.
-    uvms = add_uvms(plant, model)
+    uvms = add_simulated_uvms(plant, robot, None)
     plant.Finalize()
 
     if disturbance is None:

@@ -93,7 +93,7 @@ def closed_loop(model, law, attack, *, start=START, until=np.inf, w_bound=W_BOUN
     """Runs plant and law; `attack` None is a `TaskAdversary`."""
     builder = DiagramBuilder()
     plant = builder.AddSystem(make_kinematic_plant(
-        model="girona500_arm5e", disturbance=attack, seed=1))
+        "girona500_arm5e", disturbance=attack, seed=1))
     nominal = builder.AddSystem(Nominal())
     controller = builder.AddSystem(Law(model, law, until))
     builder.Connect(plant.GetOutputPort("configuration"), controller.GetInputPort("configuration"))

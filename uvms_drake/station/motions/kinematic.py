@@ -70,7 +70,7 @@ class Kinematic(Motion[KinematicOcp]):
     def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
         """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
         return make_kinematic_plant(
-            model=scenario.model, disturbance=None, seed=scenario.seed, start=start,
+            scenario.model, disturbance=None, seed=scenario.seed, start=start,
             task_frame=np.asarray(scenario.task.frame, dtype=float))
 
     def make_controller(self, scenario: Scenario, model: ContactModel, ocp: KinematicOcp
