@@ -49,8 +49,8 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
 
     - `state`: true (𝔮, ζ) (2(6+n)); `configuration`: 𝔮 (6+n).
     - `force`: true wrench 𝔉 (6) on the surface [N, N m], for the force sensor; read with one only.
-    - `payload`, `payload_at_rest` (6) [N, N m]: by which the hand holds what `scenario.model_error`
-      gives it, from a plant with the same, for the force sensor; zero if unconnected.
+    - `payload`, `payload_at_rest` (6) [N, N m]: by which the hand holds the payload of
+      `scenario.model_error`, from the plant, for the force sensor; zero if unconnected.
     - `stop` (1): above zero, it ends the mission.
     - `tau`: τ (6+n) behind the actuators [N, N m].
 
@@ -74,8 +74,8 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     builder.ExportInput(state.get_input_port(), motion.measured)
     signals[motion.measured] = true
     if motion.has_forces:
-        held = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
-        for name in ("force", *held):
+        payload = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
+        for name in ("force", *payload):
             source = builder.AddNamedSystem(name, PassThrough(6))
             builder.ExportInput(source.get_input_port(), name)
             signals[name] = source.get_output_port()
