@@ -180,9 +180,9 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     scenario = load_scenario("girona500_ideal", [CLOSE])
     told = []
 
-    def without_limits(ocp, ancillary, targets, limits, actuation_delay):
+    def without_limits(ocp, ancillary, targets, limits, actuation_delay, solver):
         told.append(limits)
-        return make_tube_mpc(ocp, ancillary, targets)
+        return make_tube_mpc(ocp, ancillary, targets, solver=solver)
 
     limited = logs_of(scenario, 2.0)
     monkeypatch.setattr("uvms_drake.station.motions.dynamic.make_tube_mpc", without_limits)
