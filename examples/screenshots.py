@@ -46,13 +46,9 @@ def main() -> None:
 
 
 def write_still(record: uv.Record, time: float, path: Path, *, close: bool = False) -> None:
-    """Writes the picture at `time` [s], with the trail up to there.
+    """Writes the picture of a run at `time` [s], with the trail up to there.
 
-    Args:
-        record: uv.Record of the run.
-        time: Instant [s].
-        path: File to write.
-        close: Whether it is a close-up of the end-effector.
+    `close` brings the camera near the end-effector.
     """
     meshcat = uv.open_meshcat()
     scene = scene_of(record, meshcat)
