@@ -47,8 +47,7 @@ def pressed(robot: str, law: str, scale: float, stiffness: float) -> dict[str, f
     case = Case("", "", (f"surface_error.stiffness={stiffness / nominal}",), further=6.0)
     scenario, events = drawn_case(robot, case, SEED, 0)
     model, gains = load_model(scenario), scaled(read_gains(robot), law, scale)
-    controller = make_baseline(model, press_task(scenario), BASELINES[law](gains, model.size),
-                               gains)
+    controller = make_baseline(model, press_task(scenario), BASELINES[law](gains), gains)
     found = measure(scenario, model, run_loop(scenario, model, controller, events))
     return {**found, "desired": float(scenario.task.force[0])}
 

@@ -85,7 +85,7 @@ def test_every_law_holds_either_robot_at_rest(robot):
     rest = model.inverse_dynamics(model.kinematics(config), still, still, np.zeros(6))
     driven = gains.largest > 0.0
     for name, laws in BASELINES.items():
-        baseline = make_baseline(model, at, laws(gains, model.size), gains)
+        baseline = make_baseline(model, at, laws(gains), gains)
         simulator = Simulator(baseline)
         context = simulator.get_mutable_context()
         baseline.GetInputPort("state").FixValue(context, np.concatenate([config, still]))

@@ -13,7 +13,7 @@ def test_the_tip_yields_as_the_stiffness_says_and_as_damped_as_stated():
     gains, pull = read_gains(ROBOT), 1.0  # N; the posture hardly changes.
     gains.approach.wait = 100.0  # The reference stands still, and so does the vehicle.
     gains.hold.k = gains.hold.sigma = 10.0
-    press = run(BASELINES["impedance"](gains, 10), gains, seconds=2.5, pull=pull)
+    press = run(BASELINES["impedance"](gains), gains, seconds=2.5, pull=pull)
     moved = np.array([now.x - press.now[0].x for now in press.now])
     due = pull / gains.impedance.stiffness
     assert moved[-1] == pytest.approx([due, 0.0, 0.0], abs=0.05 * due)
@@ -34,12 +34,12 @@ def test_the_tip_yields_as_the_stiffness_says_and_as_damped_as_stated():
 @pytest.mark.slow
 def test_the_force_has_no_steady_error():
     gains = read_gains(ROBOT)
-    press = run(BASELINES["impedance"](gains, 10), gains, seconds=6.0, depth=0.005)
+    press = run(BASELINES["impedance"](gains), gains, seconds=6.0, depth=0.005)
     assert press.now[-1].force == pytest.approx(20.0, rel=0.02)
 
 
 @pytest.mark.slow
 def test_an_admittance_has_no_steady_error():
     gains = read_gains(ROBOT)
-    press = run(BASELINES["admittance"](gains, 10), gains, seconds=6.0, depth=0.005)
+    press = run(BASELINES["admittance"](gains), gains, seconds=6.0, depth=0.005)
     assert press.now[-1].force == pytest.approx(20.0, rel=0.02)

@@ -40,7 +40,7 @@ def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gradient, gr
         performance.force_gain *= 0.5 * performance.force
         performance.position_gain *= 0.5 * performance.position
         performance.velocity_gain *= 0.5 * performance.velocity
-    laws = BASELINES["prescribed_performance_gravity"](gains, 10) if gravity else {
+    laws = BASELINES["prescribed_performance_gravity"](gains) if gravity else {
         "law": PrescribedPerformance(gains.performance, 10)}
     press = run(laws, gains, seconds=1.2, depth=0.016, step=0.001)
     assert press.memory[-1, 0] == 0.0

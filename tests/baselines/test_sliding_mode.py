@@ -17,7 +17,7 @@ def test_sliding_is_reached_and_the_force_is_exact(name, stiffness):
     gains = read_gains(ROBOT)
     if name == "sliding_coupled":  # Here no thruster lags: the gains of the decoupled law.
         gains.coupled.integral, gains.coupled.rate = gains.decoupled.integral, gains.decoupled.rate
-    laws = BASELINES[name](gains, 10)
+    laws = BASELINES[name](gains)
     press = run(laws, gains, seconds=12.0, stiffness=stiffness, depth=15.0 / stiffness,
                 step=0.01)
     law = laws["law"]

@@ -29,21 +29,21 @@ def _shared(gains: RobotGains) -> Parts:
             "feedforward": ForceFeedforward()}
 
 
-BASELINES: dict[str, Callable[[RobotGains, int], Parts]] = {
-    "impedance": lambda gains, size: {
+BASELINES: dict[str, Callable[[RobotGains], Parts]] = {
+    "impedance": lambda gains: {
         "law": Impedance(gains.impedance), **_shared(gains)},
-    "admittance": lambda gains, size: {
-        "law": Admittance(gains.admittance, size - 6), **_shared(gains)},
-    "sliding_decoupled": lambda gains, size: {
+    "admittance": lambda gains: {
+        "law": Admittance(gains.admittance, len(gains.largest) - 6), **_shared(gains)},
+    "sliding_decoupled": lambda gains: {
         "law": DecoupledArm(gains.decoupled), "hold": DecoupledVehicle(gains.decoupled),
         "compensation": Compensation(), "feedforward": ForceFeedforward()},
-    "sliding_coupled": lambda gains, size: {
+    "sliding_coupled": lambda gains: {
         "law": Coupled(gains.coupled), "compensation": Compensation()},
-    "prescribed_performance": lambda gains, size: {
-        "law": PrescribedPerformance(gains.performance, size),
+    "prescribed_performance": lambda gains: {
+        "law": PrescribedPerformance(gains.performance, len(gains.largest)),
         "feedforward": ForceFeedforward(joints=True)},
-    "prescribed_performance_gravity": lambda gains, size: {
-        "law": PrescribedPerformance(gains.performance, size), "gravity": Gravity(),
+    "prescribed_performance_gravity": lambda gains: {
+        "law": PrescribedPerformance(gains.performance, len(gains.largest)), "gravity": Gravity(),
         "feedforward": ForceFeedforward(joints=True)},
 }
 """Laws whose sum is the command of a baseline, by the baseline's name."""

@@ -11,8 +11,8 @@ from pydrake.systems.framework import System
 from uvms_drake.baselines.baseline import BASELINES, make_baseline
 from uvms_drake.baselines.gains import read_gains
 from uvms_drake.baselines.measured import PressTask
+from uvms_drake.certificate.cache import source_digest
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.common.program import VERSION
 from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
@@ -42,7 +42,7 @@ def press_task(scenario: Scenario) -> PressTask:
 def _baseline(name: str) -> Factory:
     def make(scenario: Scenario, model: ContactModel) -> System:
         gains = read_gains(scenario.model)
-        return make_baseline(model, press_task(scenario), BASELINES[name](gains, model.size), gains)
+        return make_baseline(model, press_task(scenario), BASELINES[name](gains), gains)
 
     return make
 
@@ -91,13 +91,13 @@ def controller_named(name: str) -> Factory:
 
 
 def versions_of(name: str) -> dict[str, str | None]:
-    """Returns the version of this package, and the SHA-256 of the file of a controller.
+    """Returns the SHA-256 of this package's Python files, and of the file of a controller.
 
-    The hash is None for a controller of this package. Modules that the file imports do not count.
+    The latter is None for a controller of this package. Modules that the file imports do not count.
     """
     digest = None if name in CONTROLLERS else hashlib.sha256(
         _file_of(name)[0].read_bytes()).hexdigest()
-    return {"uvms_drake": VERSION, "controller": digest}
+    return {"uvms_drake": source_digest(), "controller": digest}
 
 
 def _file_of(name: str) -> tuple[Path, str]:
@@ -117,5 +117,5 @@ def declared_to(name: str, gains_of: str) -> list[str]:
         return list(MPC_DECLARED)
     if name not in BASELINES:
         return ["not known"]
-    laws = BASELINES[name](read_gains(gains_of), 10).values()
+    laws = BASELINES[name](read_gains(gains_of)).values()
     return list(dict.fromkeys(fact for law in laws for fact in law.declared))

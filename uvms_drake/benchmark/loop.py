@@ -23,11 +23,18 @@ from pydrake.systems.primitives import Adder, LogVectorOutput
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.wiring import output_of, release
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH, Signals
+from uvms_drake.model.signals.sensor_actuator import (
+    MEASURED_FORCE,
+    PAYLOAD,
+    PAYLOAD_AT_REST,
+    VEHICLE_WRENCH,
+    Signals,
+)
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.motions.plant import applied_disturbance
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
@@ -131,12 +138,10 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     motion.check(scenario)
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, scenario.start.config))
     builder.AddNamedSystem("controller", controller)
-    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
-    for name in ("current", "current_acceleration"):
-        builder.Connect(water.GetOutputPort(name), uvms.GetInputPort(name))
+    WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
     for name in motion.plant_signals:
         signals[name] = uvms.GetOutputPort(name)
-    for name in ("payload", "payload_at_rest"):
+    for name in (PAYLOAD, PAYLOAD_AT_REST):
         if uvms.HasOutputPort(name):
             signals[name] = uvms.GetOutputPort(name)
     is_tube = controller.HasInputPort("force_valid")
@@ -175,7 +180,7 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     if controller.HasInputPort("place"):
         builder.Connect(source.GetOutputPort("place"), controller.GetInputPort("place"))
     total = builder.AddNamedSystem("disturbances", Adder(2, model.size))
-    disturbance = scenario.disturbance.add_to(builder, model, scenario.seed, signals)
+    disturbance = applied_disturbance(scenario).add_to(builder, model, scenario.seed, signals)
     builder.Connect(disturbance, total.get_input_port(0))
     builder.Connect(source.GetOutputPort("impulse"), total.get_input_port(1))
     builder.Connect(total.get_output_port(), uvms.GetInputPort("disturbance"))

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, System
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.uvms import STANDARD_GRAVITY
@@ -152,3 +152,13 @@ class WaterMotion(LeafSystem):
 
     def _calc(self, i: int, context: Context, output: BasicVector) -> None:
         output.SetFromVector(water_motion(self._current, self._waves, context.get_time())[i])
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, current: np.ndarray, waves: Sequence[Wave], *,
+                     plant: System, name: str = "water") -> "WaterMotion":
+        """Adds the system and connects it to the plant's inputs of the names of its ports."""
+        system: WaterMotion = builder.AddNamedSystem(name, WaterMotion(current, waves))
+        for i in range(system.num_output_ports()):
+            port = system.get_output_port(i)
+            builder.Connect(port, plant.GetInputPort(port.get_name()))
+        return system

@@ -17,7 +17,6 @@ from uvms_drake.control.convex.staged_program import (
     RadiusBound,
     StagedProgram,
     TerminalLimit,
-    stacked,
 )
 from uvms_drake.control.convex.staged_solver import solve_staged
 from uvms_drake.control.convex.working_set import WorkingSet
@@ -293,16 +292,6 @@ def test_the_regulator_completes_the_square():
         costs.append(value(program, np.array(w), 0.0, 0.0))
         sizes.append(0.5 * np.sum(r**2))
     np.testing.assert_allclose(np.array(costs) - costs[0], sizes, rtol=1e-9)
-
-
-def test_limits_are_stacked_row_by_row():
-    one, other = (random_program(seed, 1.0).linear for seed in (1, 2))
-    both = stacked([one, other])
-    assert both.C.shape == (6, 6, 6)
-    for part, rows in ((one, slice(0, 3)), (other, slice(3, 6))):
-        np.testing.assert_array_equal(both.C[:, rows], part.C)
-        np.testing.assert_array_equal(both.upper[:, rows], part.upper)
-        np.testing.assert_array_equal(both.soft[rows], part.soft)
 
 
 def test_the_program_is_the_first_order_model_of_the_problem(short_ocp, start_plans, derivative):

@@ -35,14 +35,6 @@ class LinearLimits(NamedTuple):
     """Name of each row's limit (m,), for the bindings of `mathematical_program`."""
 
 
-def stacked(parts: list[LinearLimits]) -> LinearLimits:
-    """Returns all rows of several limits."""
-    def rows(name: str, axis: int = 1) -> np.ndarray:
-        return np.concatenate([getattr(part, name) for part in parts], axis=axis)
-
-    return LinearLimits(rows("C"), rows("value"), rows("lower"), rows("upper"), rows("soft", 0))
-
-
 class NormLimit(NamedTuple):
     """Norms ‖value + C z‖₂ ≤ bound at every stage."""
 

@@ -91,9 +91,7 @@ class Dynamic(Motion[DynamicOcp]):
 
         Or from a mission, if there is one.
         """
-        water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
-        for name in ("current", "current_acceleration"):
-            builder.Connect(water.GetOutputPort(name), uvms.GetInputPort(name))
+        WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
         desired = controller.GetInputPort("desired_force")
         if scenario.mission.steps:
             return

@@ -58,9 +58,7 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
         start = np.concatenate([vector("eta", scenario.start.eta, 6),
                                 vector("q", scenario.start.q, model.num_joints)])
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
-    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
-    for name in ("current", "current_acceleration"):
-        builder.Connect(water.GetOutputPort(name), uvms.GetInputPort(name))
+    WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
     disturbance = applied_disturbance(scenario)
     require(isinstance(disturbance, OpenLoopDisturbance), "disturbance", type(disturbance).__name__,
             "a function of time alone, or in a station, which has the errors that aim it")
