@@ -394,6 +394,7 @@ def test_a_cloned_context_goes_on_identically(model):
     ({"lag": -1.0}, r"^lag = -1.0: must be zero or positive"),
     ({"noise": np.zeros(3)}, r"^noise = .*: must be 6 finite numbers"),
     ({"bias": -np.ones(6)}, r"^bias = .*: must be zero or positive"),
+    ({"least_noise": 1.5}, r"^least_noise = 1.5: must be above 0 and at most 1"),
     ({"tare": 0.001}, r"^tare = 0.001: must be 0, or at least one sample long, 0.01 s"),
     ({"tool": Tool(mass=-1.0)}, r"^tool.mass = -1.0: must be zero or positive"),
     ({"tool": Tool(error=2.0)}, r"^tool.error = 2.0: must be between -1 and 1")])

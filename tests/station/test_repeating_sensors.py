@@ -98,6 +98,26 @@ def test_a_coarse_sensor_at_rest_is_valid_until_it_freezes(name, share):
     assert np.count_nonzero(frozen) > 5
 
 
+@pytest.mark.parametrize(("least", "found"), [(0.3, True), (0.2, False)])
+def test_a_sensor_as_quiet_as_declared_is_valid_until_it_freezes(least, found):
+    """One that repeats too often to be told from a frozen one is never taken for it."""
+    scenario = load_scenario("girona500_contact")
+    sensor, = scenario.sensing
+    coarse_steps = np.array([0.2] * 3 + [0.004] * 3)
+    quiet = QuietForceSensor(**{**vars(sensor), "resolution": coarse_steps, "least_noise": least},
+                             loudness=least)
+    scenario = replace(scenario, sensing=[quiet])
+    sensing, freezes = sensing_of(scenario), 5.0
+    assert (sensing.repeats > 0) == found
+    times, status = read(scenario, freezes, freezes + LONGEST_FREEZE + 0.1,
+                         np.array([20.0, 1.0, -2.0, 0.1, 0.2, 0.3]))
+    assert np.all(status[times <= freezes] == ForceStatus.VALID)
+    assert np.any(status == ForceStatus.FROZEN) == found
+    if found:  # Not with the declared noise: it repeats more often than that allows.
+        loud = sensing_of(replace(scenario, sensing=[replace(quiet, least_noise=1.0)]))
+        assert loud.repeats < sensing.repeats
+
+
 def kinds_of_sensor(scenario):
     """Returns variants of a scenario by name; all errors are within the bounds of the shipped."""
     coarse = {f"{share:g}": with_coarse_sensor(scenario, share) for share in SHARES}

@@ -133,6 +133,9 @@ class ForceSensor(Sensor):
     """Standard deviation σ of a sample (6,) [N (3), N m (3)]."""
     noise_multiple: float = 3.0
     """Multiple of σ to which the noise is cut, so that it is bounded."""
+    least_noise: float = 1.0
+    """Least standard deviation of a sample over σ: below 1 for a sensor that may be quieter than
+    its declared noise, whose readings repeat more often; a frozen one is then found later."""
     resolution: np.ndarray = field(
         default_factory=lambda: np.array([0.0625] * 3 + [0.00133] * 3))
     """Step r of the readings (6,) [N (3), N m (3)]; zero for none."""
@@ -157,6 +160,8 @@ class ForceSensor(Sensor):
         for key in ("noise", "resolution", "bias", "drift", "range"):
             value = vector(key, getattr(self, key), 6)
             require(bool(np.all(value >= 0.0)), key, value, "zero or positive")
+        require(0.0 < self.least_noise <= 1.0, "least_noise", self.least_noise,
+                "above 0 and at most 1")
         require(self.tare == 0.0 or 1.0 <= self.tare * self.rate < np.inf, "tare", self.tare,
                 f"0, or at least one sample long, {1.0 / self.rate:g} s")
         vector("mounting", self.mounting, 6)
@@ -173,7 +178,8 @@ class ForceSensor(Sensor):
         # The mean of the tare: its noise, and as much of the resolution as a reading has.
         count = self.tare_samples
         constant = parts.bias + (0.5 * np.asarray(self.resolution, dtype=float) if count else 0.0)
-        repeated = repeat_probability(self.noise, self.noise_multiple, self.resolution)
+        repeated = repeat_probability(self.least_noise * np.asarray(self.noise, dtype=float),
+                                      self.noise_multiple, self.resolution)
         return ForceReading(
             in_tip_axes(self, parts.total), self.lag, 1.0 / self.rate, self.tare, repeated,
             readable_force(self, time), in_tip_axes(self, constant),
