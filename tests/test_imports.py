@@ -23,7 +23,7 @@ ROOMS = (
     ("report",),
     ("campaign",),
     ("studies", "benchmark"),
-    ("errata",),
+    ("papers",),
     ("command",),
 )
 """A room imports what is in rooms to the left of it. Those side by side do not know each other: the
@@ -116,6 +116,13 @@ def test_the_check_sees_an_import():
     """The station, which puts plant and controller together, is allowed to know both."""
     assert {"plant", "control"} <= rooms_that(PACKAGE / "station" / "diagram.py") | rooms_that(
         PACKAGE / "station" / "motions" / "dynamic.py")
+
+
+def test_one_file_alone_knows_of_a_paper():
+    """A scenario imports one by its key `modules`; else only the command line names it."""
+    outside = [path for path in FILES if room_of(path) != "papers"]
+    assert [str(path.relative_to(PACKAGE)) for path in outside if "papers" in rooms_that(path)] == [
+        "command/paper.py"]
 
 
 def test_few_modules_stand_outside_of_the_rooms():

@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[1]
 UNITS = r"N/m|N m|kN/m|m/s²|m/s|rad/s|mrad|mm|ms|Hz|kg|N|m|s|%|°|times"
 NUMBER = r"(?<![\w.,/^])(\d+(?:\.\d+)?)"
 MEASURE = re.compile(rf"{NUMBER}\s?(?:{UNITS})(?![\w/²])")
-WRITTEN = {"uvms_drake/errata/README.md"}
-"""READMEs that a command writes, see `tests/errata`."""
+WRITTEN = {"uvms_drake/papers/nikou2018/errata/README.md"}
+"""READMEs that a command writes, see `tests/papers/nikou2018/errata`."""
 READMES = sorted(
     path for path in ROOT.rglob("README.md")
     if not any(part.startswith(".") or part in ("build", "out")

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.errata`: every erratum is confirmed, in the table and in the README."""
+"""Tests of `papers.nikou2018.errata`: each is confirmed, in the table and in the README."""
 
 import re
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_drake.errata import Erratum, errata_markdown, errata_table
-from uvms_drake.errata.paper import (
+from uvms_drake.papers.nikou2018.errata import Erratum, errata_markdown, errata_table
+from uvms_drake.papers.nikou2018.errata.paper import (
     numbers,
 )
 
@@ -57,7 +57,7 @@ def cells_of(row: str) -> list[str]:
 
 def test_the_table_of_the_readme_is_the_output(errata):
     """Word for word, and number for number but for rounding."""
-    path = Path(__file__).parents[2] / "uvms_drake" / "errata" / "README.md"
+    path = Path(__file__).parents[4] / "uvms_drake/papers/nikou2018/errata/README.md"
     readme = path.read_text(encoding="utf-8")
     written = [line for line in readme.splitlines() if re.match(r"\| E\d+ \|", line)]
     computed = errata_markdown(errata).splitlines()[2:]

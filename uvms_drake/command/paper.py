@@ -1,4 +1,4 @@
-"""The sub-command `errata`: computes the errata of the paper."""
+"""The sub-command `errata`: computes the errata of the paper. No other file imports a paper."""
 
 import argparse
 import logging
@@ -30,8 +30,8 @@ def list_errata(args: argparse.Namespace) -> int:
 
     With an output folder, writes them as Markdown, and the figures of `choices`.
     """
-    from uvms_drake.errata import all_errata, errata_markdown, errata_table
-    from uvms_drake.errata.choices import CHOICES, draw_choices
+    from uvms_drake.papers.nikou2018.errata import all_errata, errata_markdown, errata_table
+    from uvms_drake.papers.nikou2018.errata.choices import CHOICES, draw_choices
 
     LOGGER.setLevel(logging.ERROR)  # The drawn runs fail on purpose.
     with closing(Bar("computing the errata", stream_of(args))) as progress:

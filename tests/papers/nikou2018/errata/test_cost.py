@@ -1,11 +1,12 @@
-"""Tests of `uvms_drake.errata.cost`: right by another computation, and correct values pass."""
+"""Tests of `papers.nikou2018.errata.cost`: right by another way, correct values pass."""
 
 
 import numpy as np
 import pytest
 
-from uvms_drake.errata import cost
-from uvms_drake.errata.paper import (
+from uvms_drake.model.uvms_model import configuration_rate_matrix
+from uvms_drake.papers.nikou2018.errata import cost
+from uvms_drake.papers.nikou2018.errata.paper import (
     CHI_DES,
     PITCH_LIMIT,
     best_posture,
@@ -14,7 +15,6 @@ from uvms_drake.errata.paper import (
     robot,
     smallest_eigenvalue,
 )
-from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 pytestmark = pytest.mark.long
 

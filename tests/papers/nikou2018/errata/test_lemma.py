@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.errata.lemma`: right by another computation, and correct values pass."""
+"""Tests of `papers.nikou2018.errata.lemma`: right by another way, correct values pass."""
 
 import math
 import re
@@ -10,8 +10,9 @@ from pydrake.systems.analysis import Simulator
 from support import dh, tiny_robots
 from support.random_systems import integrate
 
-from uvms_drake.errata import lemma
-from uvms_drake.errata.paper import (
+from uvms_drake.model.surface.spring import BilateralSpring
+from uvms_drake.papers.nikou2018.errata import lemma
+from uvms_drake.papers.nikou2018.errata.paper import (
     CHI_DES,
     CHI_START,
     Q_DES,
@@ -21,7 +22,6 @@ from uvms_drake.errata.paper import (
     robot,
     robot_constants,
 )
-from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.errata.choices`: the figures show the statements of the errata."""
+"""Tests of `papers.nikou2018.errata.choices`: the figures show the statements of the errata."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -6,8 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_drake.errata import choices
-from uvms_drake.errata.choices import CHOICES, draw_choice, draw_choices, option_name
+from uvms_drake.papers.nikou2018.errata import choices
+from uvms_drake.papers.nikou2018.errata.choices import (
+    CHOICES,
+    draw_choice,
+    draw_choices,
+    option_name,
+)
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario

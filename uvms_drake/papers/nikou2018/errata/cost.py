@@ -10,8 +10,10 @@ import numpy as np
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.errata.erratum import Erratum
-from uvms_drake.errata.paper import (
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface.law import Surface, check_surface
+from uvms_drake.papers.nikou2018.errata.erratum import Erratum
+from uvms_drake.papers.nikou2018.errata.paper import (
     CHI_DES,
     J_MIN,
     best_posture,
@@ -19,8 +21,6 @@ from uvms_drake.errata.paper import (
     robot,
     uvms,
 )
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 

@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
-from uvms_drake.errata.erratum import Erratum
-from uvms_drake.errata.paper import (
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.papers.nikou2018.errata.erratum import Erratum
+from uvms_drake.papers.nikou2018.errata.paper import (
     CHI_DES,
     CHI_START,
     NUM_JOINTS,
@@ -17,8 +19,6 @@ from uvms_drake.errata.paper import (
     numbers,
     robot,
 )
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
 DIRECTIONS = 4000

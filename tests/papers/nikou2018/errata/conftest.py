@@ -2,7 +2,7 @@
 
 import pytest
 
-from uvms_drake.errata import all_errata
+from uvms_drake.papers.nikou2018.errata import all_errata
 
 
 @pytest.fixture(scope="session")

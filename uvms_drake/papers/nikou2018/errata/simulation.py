@@ -13,8 +13,9 @@ from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.errata.erratum import Erratum
-from uvms_drake.errata.paper import (
+from uvms_drake.model.frames.euler import pose_difference, wrap_angle
+from uvms_drake.papers.nikou2018.errata.erratum import Erratum
+from uvms_drake.papers.nikou2018.errata.paper import (
     AMPLITUDE,
     CHI_DES,
     CHI_START,
@@ -39,7 +40,6 @@ from uvms_drake.errata.paper import (
     numbers,
     robot,
 )
-from uvms_drake.model.frames.euler import pose_difference, wrap_angle
 from uvms_drake.tube.conditions import kinematic_tubes
 
 HOLDING = 40

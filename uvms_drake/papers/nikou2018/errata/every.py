@@ -4,9 +4,9 @@ from collections.abc import Callable
 from functools import partial
 
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.errata import cost, lemma, simulation
-from uvms_drake.errata.erratum import Erratum
-from uvms_drake.errata.paper import robot_constants
+from uvms_drake.papers.nikou2018.errata import cost, lemma, simulation
+from uvms_drake.papers.nikou2018.errata.erratum import Erratum
+from uvms_drake.papers.nikou2018.errata.paper import robot_constants
 
 
 def all_errata(progress: Progress = silent) -> list[Erratum]:

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.errata.simulation`: right by another computation."""
+"""Tests of `papers.nikou2018.errata.simulation`: right by another computation."""
 
 import math
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from support import dh
 
-from uvms_drake.errata import simulation
-from uvms_drake.errata.paper import (
+from uvms_drake.model.uvms_model import configuration_rate_matrix
+from uvms_drake.papers.nikou2018.errata import simulation
+from uvms_drake.papers.nikou2018.errata.paper import (
     CHI_DES,
     CHI_START,
     PITCH_LIMIT,
@@ -19,7 +20,6 @@ from uvms_drake.errata.paper import (
     is_allowed,
     smallest_eigenvalue,
 )
-from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 pytestmark = pytest.mark.long
 

@@ -1,0 +1,1 @@
+"""Papers that the package reproduces, one a folder; nothing else depends on them."""
