@@ -39,4 +39,7 @@ def test_every_case_can_be_drawn(robot, case):
     scenario, events = drawn_case(robot, case, 1, 0)
     assert scenario.model == robot
     assert scenario.contact.is_sensed
-    assert events.slide_start < scenario.duration
+    assert events.end(np.inf) == events.latest < scenario.duration
+    assert events.end(4.0) == 4.0 + events.after <= scenario.duration
+    moved = events.slide_start + np.linalg.norm(events.slide) / events.slide_speed
+    assert not np.any(events.slide) or moved == pytest.approx(events.after)

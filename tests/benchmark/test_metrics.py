@@ -14,6 +14,7 @@ def test_force_settling_loss_saturation_and_energy_are_those_of_the_trace():
     model, time = load_model(scenario), np.linspace(0.0, 10.0, 501)
     force = np.where(time < 2.0, 0.0, np.where(time < 4.0, 26.0, 21.0))
     force[(time > 2.5) & (time < 3.0)] = 0.0  # The contact is lost once.
+    force[(time > 3.4) & (time < 3.5)] = 28.0  # Later than the impact.
     size = len(time)
     state = np.tile(np.concatenate([scenario.start.config, np.zeros(model.size)]), (size, 1))
     state[:, model.size] = 0.3  # m/s of surge, 0.05 above its limit.
@@ -27,19 +28,21 @@ def test_force_settling_loss_saturation_and_energy_are_those_of_the_trace():
     }, np.array([0.001, 0.004, 0.002]), "")
     found = measure(scenario, model, trace)
     assert found["force_rms"] == pytest.approx(1.0)
-    assert found["peak"] == 26.0
+    assert (found["impact"], found["peak"]) == (26.0, 28.0)
+    assert found["touch"] == pytest.approx(2.0)
     assert found["settling"] == pytest.approx(2.0)
     assert found["lateral"] == pytest.approx(0.005)
     assert found["lost"] == 1
     assert found["limits"]["nu1"] == pytest.approx(0.05)
     assert "force" not in found["limits"]
+    assert found["limits"].get("qdot") is None
     assert found["saturated"] == pytest.approx(0.1, abs=0.002)
     assert found["energy"] == pytest.approx(7.0 * 0.3 * 10.0)
     assert (found["step_ms"], found["worst_step_ms"]) == pytest.approx((2.0, 4.0))
     assert found["chatter"] == 0.0
 
 
-def test_a_command_that_changes_its_direction_is_counted():
+def test_chatter_is_the_variation_over_the_largest_command_and_a_run_without_touch_has_no_force():
     scenario, _ = drawn_case("girona500_arm5e", CASES["thrusters"], 1, 0)
     model, time = load_model(scenario), np.linspace(0.0, 1.0, 51)
     tau = np.zeros((51, model.size))
@@ -48,7 +51,26 @@ def test_a_command_that_changes_its_direction_is_counted():
     trace = Trace(time, {
         "state": np.tile(np.concatenate([scenario.start.config, np.zeros(model.size)]), (51, 1)),
         "chi": zero, "force": zero, "penetration": np.zeros((51, 1)), "tau": tau, "exerted": tau,
-        "place": np.zeros((51, 3))}, np.ones(1), "diverged")
+        "place": np.zeros((51, 3))}, np.ones(1), "")
     found = measure(scenario, model, trace)
-    assert found["chatter"] == pytest.approx(49.0)
+    assert found["chatter"] == pytest.approx(50.0 / 90.0)  # 90 N m of pitch.
+    assert found["impact"] is None and found["lateral"] is None and found["peak"] == 0.0
     assert found["force_rms"] is None and found["touch"] is None and found["settling"] is None
+
+
+def test_an_excess_of_the_declared_force_and_a_run_that_ends_early_are_told():
+    scenario, _ = drawn_case("girona500_arm5e", CASES["thrusters"], 1, 0)
+    model, time = load_model(scenario), np.linspace(0.0, 1.0, 51)
+    zero, force = np.zeros((51, 6)), np.zeros((51, 6))
+    force[25:, 0] = scenario.contact.force + 3.0
+    trace = Trace(time, {
+        "state": np.tile(np.concatenate([scenario.start.config, np.zeros(model.size)]), (51, 1)),
+        "chi": zero, "force": force, "penetration": (force[:, :1] > 0.0).astype(float),
+        "tau": np.zeros((51, model.size)), "exerted": np.zeros((51, model.size)),
+        "wrench_shortfall": np.tile([0.0, 2.0, 0.0, 9.0, 0.0, 0.0], (51, 1)),
+        "place": np.zeros((51, 3))}, np.ones(1), "force beyond 500 N")
+    found = measure(scenario, model, trace)
+    assert found["limits"]["force"] == pytest.approx(3.0)
+    assert found["ended"] == "force beyond 500 N"
+    assert found["force_rms"] is found["settling"] is found["lateral"] is None
+    assert found["touch"] == pytest.approx(0.5) and found["saturated"] == 1.0

@@ -18,6 +18,16 @@ FOLDER = Path(__file__).parent
 
 
 @dataclass
+class ObserverGains:
+    """Rates λ of the disturbance observer of a nominal MPC."""
+
+    vehicle: float = 0.8
+    """That of the vehicle's pose [1/s]."""
+    tip: float = 1.3
+    """That of the tip's task [1/s]."""
+
+
+@dataclass
 class RobotGains:
     """Gains of every law on one robot."""
 
@@ -30,6 +40,7 @@ class RobotGains:
     decoupled: SlidingGains = field(default_factory=SlidingGains)
     coupled: SlidingGains = field(default_factory=SlidingGains)
     performance: PerformanceGains = field(default_factory=PerformanceGains)
+    offset_free: ObserverGains = field(default_factory=ObserverGains)
 
 
 def robots_with_gains() -> list[str]:

@@ -1,6 +1,7 @@
 """Controllers of the benchmark by name, and those of one's own by file."""
 
 import hashlib
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,10 @@ from uvms_drake.baselines.gains import read_gains
 from uvms_drake.baselines.measured import PressTask
 from uvms_drake.certificate.cache import source_digest
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.control.laws import Resolved
+from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
 from uvms_drake.station.motions.motions import motion_of
@@ -22,13 +26,13 @@ from uvms_drake.station.scenario.scenario import Scenario
 
 Factory = Callable[[Scenario, ContactModel], System]
 """Function that makes a controller for a scenario, with the controller's model."""
-NOMINAL, TUBE = "nominal_mpc", "tube_mpc"
+NOMINAL, OFFSET_FREE, TUBE = "nominal_mpc", "nominal_mpc_offset_free", "tube_mpc"
 NO_FEEDBACK = 1e-6
 """Gains of the ancillary law of a nominal MPC [1/s]: a law has positive ones."""
 FACTORY = "make_controller"
 """Name of the function in a file of one's own, unless another is given after a colon."""
 MPC_DECLARED = ("direction", "model", "class of the wall", "limits", "lag of the thrusters")
-"""Data that both MPCs are given, besides state and force."""
+"""Data that the MPCs are given, besides state and force."""
 
 
 def press_task(scenario: Scenario) -> PressTask:
@@ -49,7 +53,11 @@ def _baseline(name: str) -> Factory:
 
 def _tube_mpc(scenario: Scenario, model: ContactModel) -> System:
     motion = motion_of(scenario)
-    return motion.make_controller(scenario, model, motion.make_ocp(scenario, model))
+    controller = motion.make_controller(scenario, model, motion.make_ocp(scenario, model))
+    mpc = controller.GetSubsystemByName("nominal_mpc")
+    assert isinstance(mpc, NominalMpc)
+    mpc.time_by(time.process_time)  # A run may share its core with others.
+    return controller
 
 
 def _nominal_mpc(scenario: Scenario, model: ContactModel) -> System:
@@ -58,13 +66,29 @@ def _nominal_mpc(scenario: Scenario, model: ContactModel) -> System:
     Its law has the measured force and the drift at the measured state in it, u = ζ̄̇ − f: the robot
     has the acceleration of the plan, as far as the model is right.
     """
-    alone = Resolved(k=NO_FEEDBACK, sigma=NO_FEEDBACK)
-    return _tube_mpc(replace(scenario, ancillary=alone, mpc=replace(
+    return _planned_alone(scenario, model, Resolved(k=NO_FEEDBACK, sigma=NO_FEEDBACK))
+
+
+def _offset_free_mpc(scenario: Scenario, model: ContactModel) -> System:
+    """Makes the nominal MPC with the observer of the tube MPC, u = ζ̄̇ − f − δ̂.
+
+    The robot has the acceleration of the plan in spite of a constant disturbance, so that the tip
+    comes to rest at the target, which moves until the force is the desired one.
+    """
+    rates, law = read_gains(scenario.model).offset_free, scenario.ancillary
+    return _planned_alone(scenario, model, TipFirst(
+        vehicle=BlockGains(NO_FEEDBACK, NO_FEEDBACK, rates.vehicle),
+        tip=BlockGains(NO_FEEDBACK, NO_FEEDBACK, rates.tip),
+        undriven=law.undriven if isinstance(law, TipFirst) else []))
+
+
+def _planned_alone(scenario: Scenario, model: ContactModel, law: AncillaryLaw) -> System:
+    return _tube_mpc(replace(scenario, ancillary=law, mpc=replace(
         scenario.mpc, initial_state="measured", hover=0.0)), model)
 
 
 CONTROLLERS: dict[str, Factory] = {name: _baseline(name) for name in BASELINES} | {
-    NOMINAL: _nominal_mpc, TUBE: _tube_mpc}
+    NOMINAL: _nominal_mpc, OFFSET_FREE: _offset_free_mpc, TUBE: _tube_mpc}
 """Controllers of this package by name."""
 
 
@@ -113,7 +137,7 @@ def declared_to(name: str, gains_of: str) -> list[str]:
         name: Name of the controller.
         gains_of: Name of a robot with gains.
     """
-    if name in (NOMINAL, TUBE):
+    if name in (NOMINAL, OFFSET_FREE, TUBE):
         return list(MPC_DECLARED)
     if name not in BASELINES:
         return ["not known"]

@@ -45,20 +45,30 @@ LOGGED = ("state", "chi", "force", "penetration")
 """Signals of the plant in a `Trace`."""
 LARGEST_FORCE = 500.0
 """Force at which a run is ended: a wall or an arm breaks before it [N]."""
+EVENTS = "events"
+"""Name of the `TouchEvents` in a loop."""
 
 
 @dataclass(frozen=True)
 class Events:
-    """Events of a run that depend on its contact, and not on a scenario's time alone."""
+    """Events of a run that depend on its touch, and not on a scenario's time alone."""
 
     impulse: np.ndarray
     """Acceleration of the vehicle for a second from the touch on (6,) [m/s², rad/s²]."""
     slide: np.ndarray
     """Displacement of the place in contact (3,) in Σ_I [m]."""
-    slide_start: float = 12.0
-    """Instant at which the place begins to move [s]."""
+    latest: float
+    """Instant at which a run without a touch ends [s]."""
+    after: float
+    """Time from the touch to the end of a run [s]."""
+    slide_start: float = 3.0
+    """Time from the touch until the place begins to move [s]."""
     slide_speed: float = 0.05
     """Its speed [m/s]."""
+
+    def end(self, touch: float) -> float:
+        """Returns the end of a run [s] that touches at an instant, infinite for not yet."""
+        return self.latest if np.isinf(touch) else touch + self.after
 
 
 @dataclass(frozen=True)
@@ -70,7 +80,7 @@ class Trace:
     signals: dict[str, np.ndarray]
     """`state`, `chi`, `force`, `penetration`, `tau`, `exerted`, `place`, and others (T, size)."""
     step_seconds: np.ndarray
-    """Wall times of steps of the controller (K,) [s]."""
+    """Processor times of steps of the controller (K,) [s]."""
     ended: str
     """Reason of an early end; empty for none."""
 
@@ -106,24 +116,29 @@ class TouchEvents(LeafSystem):
         self.DeclarePerStepDiscreteUpdateEvent(self._update)
         now = {self.time_ticket(), self.xd_ticket()}
         output_of(self, "impulse", size, self._impulse, now)
-        output_of(self, "place", 3, self._moved_place, {self.time_ticket()})
+        output_of(self, "place", 3, self._moved_place, now)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         touch = context.get_discrete_state_vector().value()[0]
         if np.isinf(touch) and np.any(self._port.Eval(context)[:3]):
             state.set_value([context.get_time()])
 
+    @staticmethod
+    def touch(context: Context) -> float:
+        """Returns the instant of the first touch [s], infinite before, from its own Context."""
+        return float(context.get_discrete_state_vector().value()[0])
+
     def _impulse(self, context: Context) -> np.ndarray:
-        since = context.get_time() - context.get_discrete_state_vector().value()[0]
         out = np.zeros(self._size)
-        if 0.0 <= since < 1.0:
+        if 0.0 <= context.get_time() - self.touch(context) < 1.0:
             out[:6] = self._events.impulse
         return out
 
     def _moved_place(self, context: Context) -> np.ndarray:
         events = self._events
         length = float(np.linalg.norm(events.slide))
-        moved = np.clip(events.slide_speed * (context.get_time() - events.slide_start), 0.0, length)
+        since = context.get_time() - self.touch(context) - events.slide_start
+        moved = np.clip(events.slide_speed * since, 0.0, length)
         return self._place + (events.slide * moved / length if length > 0.0 else 0.0)
 
 
@@ -175,7 +190,7 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
 
     # Events and disturbance.
     source = builder.AddNamedSystem(
-        "events", TouchEvents(events, task_place(scenario), model.size))
+        EVENTS, TouchEvents(events, task_place(scenario), model.size))
     builder.Connect(signals["force"], source.get_input_port())
     if controller.HasInputPort("place"):
         builder.Connect(source.GetOutputPort("place"), controller.GetInputPort("place"))
@@ -202,31 +217,34 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
 
 
 def run_loop(scenario: Scenario, model: ContactModel, controller: System, events: Events) -> Trace:
-    """Returns the trace of a run; one that diverges ends early, which its trace says."""
+    """Returns the trace of a run until `events.end`; one that fails before it says so."""
     loop = make_loop(scenario, model, controller, events)
     ended = ""
     try:
         simulator = Simulator(loop)
         ApplySimulatorConfig(scenario.simulator, simulator)
         context = simulator.get_mutable_context()
-        force = loop.GetSubsystemByName("uvms").GetOutputPort("force")
+        uvms, source = loop.GetSubsystemByName("uvms"), loop.GetSubsystemByName(EVENTS)
+        force = uvms.GetOutputPort("force")
 
-        def diverged(root: Context) -> EventStatus:
-            """Ends a run whose force would break something."""
-            read = force.Eval(loop.GetSubsystemByName("uvms").GetMyContextFromRoot(root))
-            if not np.linalg.norm(read[:3]) < LARGEST_FORCE:
-                return EventStatus.ReachedTermination(loop, "force")
-            return EventStatus.DidNothing()
+        def ends(root: Context) -> EventStatus:
+            """Ends a run at its time, or as soon as its force would break something."""
+            nonlocal ended
+            read = force.Eval(uvms.GetMyContextFromRoot(root))
+            if not read[:3] @ read[:3] < LARGEST_FORCE**2:
+                ended = f"force beyond {LARGEST_FORCE:g} N"
+            elif root.get_time() < events.end(
+                    TouchEvents.touch(source.GetMyContextFromRoot(root))) - 1e-6:
+                return EventStatus.DidNothing()
+            return EventStatus.ReachedTermination(loop, "end")
 
         # A run that fails on the way has a trace; one that cannot begin has none.
-        simulator.set_monitor(diverged)
+        simulator.set_monitor(ends)
         simulator.Initialize()
         try:
             simulator.AdvanceTo(scenario.duration)
         except (RunFailed, RuntimeError, np.linalg.LinAlgError) as error:
             ended = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        if not ended and context.get_time() < scenario.duration:
-            ended = f"force beyond {LARGEST_FORCE:g} N"
         steps = _log(loop, context, "solve_seconds") if "log.solve_seconds" in _names(loop) else (
             _step_seconds(loop, context, controller))
         names = [name.removeprefix("log.") for name in _names(loop) if name.startswith("log.")]
@@ -248,7 +266,7 @@ def _log(loop: Diagram, context: Context, name: str) -> np.ndarray:
 
 def _step_seconds(loop: Diagram, context: Context, controller: System, steps: int = 20
                   ) -> np.ndarray:
-    """Returns wall times of a law's evaluation from scratch, without its sensors (K,) [s]."""
+    """Returns processor times of a law's evaluation from scratch, without its sensors (K,) [s]."""
     own, out = controller.GetMyContextFromRoot(context), []
     alone = controller.CreateDefaultContext()
     for name in ("state", "force_measured"):
@@ -258,7 +276,7 @@ def _step_seconds(loop: Diagram, context: Context, controller: System, steps: in
         alone.SetTime(float(i))
         port = controller.GetInputPort("state")
         port.FixValue(alone, port.Eval(alone))
-        begun = time.perf_counter()
+        begun = time.process_time()
         controller.GetOutputPort("tau").Eval(alone)
-        out.append(time.perf_counter() - begun)
+        out.append(time.process_time() - begun)
     return np.array(out)

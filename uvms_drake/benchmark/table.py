@@ -5,18 +5,21 @@ from typing import Any
 
 import numpy as np
 
-from uvms_drake.benchmark.cases import CASES, ROBOTS
+from uvms_drake.benchmark.cases import AFTER, CASES, ROBOTS
 from uvms_drake.benchmark.controllers import TUBE, declared_to
 
 Result = dict[str, Any]
-METRICS = ("force_rms", "peak", "settling", "touch", "lateral", "lost", "saturated", "chatter",
-           "energy", "step_ms", "worst_step_ms", "exits")
+METRICS = ("force_rms", "peak", "impact", "settling", "touch", "lateral", "lost", "saturated",
+           "chatter", "energy", "step_ms", "worst_step_ms", "exits")
 """Metrics with a median and a worst."""
 OVERALL = (
     ("time to the touch [s]", "touch", 1.0), ("lateral error [mm]", "lateral", 1e3),
+    ("peak within 1 s of the touch [N]", "impact", 1.0),
     ("contacts lost", "lost", 1.0), ("time saturated [%]", "saturated", 100.0),
-    ("changes of sign of a command [1/s]", "chatter", 1.0), ("energy [J]", "energy", 1.0),
-    ("step [ms]", "step_ms", 1.0), ("worst step [ms]", "worst_step_ms", 1.0),
+    ("variation of a command over its largest [1/s]", "chatter", 1.0),
+    ("energy [J]", "energy", 1.0),
+    ("processor time of a step [ms]", "step_ms", 1.0),
+    ("of the longest step [ms]", "worst_step_ms", 1.0),
     ("exits of funnels", "exits", 1.0))
 """Rows of the table over all cases: text, metric and factor of the unit."""
 JUDGED = {"force_rms": "rms of the force's error", "peak": "peak", "settling": "settling time"}
@@ -126,8 +129,10 @@ def format_benchmark(summary: dict[str, Any]) -> str:
         cells = summary["cells"][robot]
         lines += [f"## {robot}", "",
                   "Force: rms of the error over the last 3 s [N] / peak [N] / time from the touch "
-                  f"until it stays within the tolerance [s]; {NEVER} for never, or a run that "
-                  "ended early.", ""]
+                  f"until it stays within the tolerance [s]; {NEVER} for not within "
+                  f"{AFTER:g} s of the touch (soft {AFTER + CASES['soft'].further:g} s, slide "
+                  f"{AFTER + CASES['slide'].further:g} s), at which a run ends, or a run that "
+                  "failed or never touched.", ""]
         cases = [case for case in summary["cases"]
                  if any(cell["runs"] for cell in cells[case].values())]
         lines += _table(["case", *controllers], [

@@ -1,6 +1,6 @@
 """Nominal MPC as a system: plans at the sampling instants, evaluates the plan in between."""
 
-import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -97,7 +97,7 @@ class NominalMpc(LeafSystem):
     - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄), or ζ̄ (6+n).
     - `plan`: current `Plan` (abstract).
     - `report`: see `MPC_REPORT`.
-    - `solve_seconds`: wall time of the last step [s]; not reproducible.
+    - `solve_seconds`: time of the last step by the clock of `time_by` [s]; not reproducible.
     - `target` (3), `safe_depth` (one for each facet), `turn` (1): `TrackingTarget` [m, rad]; see
       `TrackingOcp` for the assumptions of feasibility.
     - `desired_force`, `accepted_force`: requested and accepted 𝔉_des (6) [N, N m].
@@ -149,6 +149,10 @@ class NominalMpc(LeafSystem):
         self.DeclareVectorOutputPort("report", len(MPC_REPORT), self._calc_report, remembered)
         self.DeclareVectorOutputPort("solve_seconds", 1, self._calc_seconds, remembered)
 
+    def time_by(self, clock: Callable[[], float]) -> None:
+        """Sets the clock of `solve_seconds` and of the deadline [s], in place of wall time."""
+        self._planner.clock = clock
+
     def _recall(self, context: Context) -> MpcMemory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
@@ -190,7 +194,7 @@ class NominalMpc(LeafSystem):
         def read(port: InputPort) -> np.ndarray | None:
             return port.Eval(context).copy() if port.HasValue(context) else None
 
-        started = time.perf_counter()
+        started = self._planner.clock()
         given = {name: port.Eval(context) for name, port in self._given_ports.items()
                  if port.HasValue(context)}
         fault = read(self._fault_port)
@@ -202,7 +206,7 @@ class NominalMpc(LeafSystem):
 
     def _remember(self, state: State, memory: MpcMemory, started: float) -> EventStatus:
         state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
-            memory, solve_seconds=time.perf_counter() - started))
+            memory, solve_seconds=self._planner.clock() - started))
         return EventStatus.Succeeded()
 
     def _evaluate_plan(self, context: Context, nominal: AbstractValue) -> None:

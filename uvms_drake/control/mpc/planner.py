@@ -81,7 +81,7 @@ class Sample(NamedTuple):
     time: float
     """Sampling instant t_k [s]."""
     started: float
-    """Value of `time.perf_counter()` at the beginning of the step [s]."""
+    """Value of the planner's clock at the beginning of the step [s]."""
     given: dict[str, np.ndarray]
     """Values of the problem's `inputs_given`; some may be missing."""
     measured: np.ndarray | None = None
@@ -106,6 +106,7 @@ class Planner:
     def __init__(self, solver: Solver[Any], targets: Targets | None = None,
                  committed: int = 0):
         self._solver, self._targets, self._committed = solver, targets, committed
+        self.clock: Callable[[], float] = time.perf_counter
         self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
         self.initial = MpcMemory(force=force, asked=force)
@@ -172,7 +173,7 @@ class Planner:
             force, solution, status = self._solve(sample, memory, old.asked, guess)
         deadline = self._solver.ocp.deadline
         if (status == SOLVED and deadline is not None
-                and time.perf_counter() - sample.started > deadline):
+                and self.clock() - sample.started > deadline):
             status = TIMED_OUT
         if status != SOLVED:
             force, solution = memory.force, replace(solution, plan=None, evaluation=None)
