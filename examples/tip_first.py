@@ -16,6 +16,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 import uvms_drake as uv
+from uvms_drake.papers import nikou2018
 
 DEAD_TIME = 0.05  # s, of the thrusters
 
@@ -50,7 +51,7 @@ def main() -> None:
     pulse = scenario.disturbance = Pulse(bound=0.1)
     figure, panels = plt.subplots(3, sharex=True, figsize=(5.0, 4.5), layout="constrained")
     # With five thrusters roll is not driven: weight and buoyancy restore it.
-    for law in (uv.laws.Transpose(k=20.0, sigma=1.0), uv.laws.Resolved(k=20.0, sigma=5.0),
+    for law in (nikou2018.Transpose(k=20.0, sigma=1.0), uv.laws.Resolved(k=20.0, sigma=5.0),
                 uv.laws.TipFirst(undriven=["roll"])):
         sensing = [uv.sensors.ForceSensor()] if law.takes_force else []
         record = uv.simulate(replace(scenario, ancillary=law, sensing=sensing))

@@ -10,7 +10,7 @@
 
 Names for scripts are here, by `import uvms_drake as uv`; one is loaded when it is first used. Kinds
 are in namespaces: `uv.laws`, `uv.limits`, `uv.costs`, `uv.surfaces`, `uv.sensors`, `uv.actuators`,
-`uv.disturbances`, and the steps of a mission in `uv.mission`.
+`uv.disturbances`; the steps of a mission in `uv.mission`, and tubes of laws in `uv.tubes`.
 """
 
 from importlib import import_module
@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from uvms_drake.station.simulation import simulate as simulate
     from uvms_drake.station.step_size import with_step as with_step
     from uvms_drake.studies.make_scenario import make_scenario as make_scenario
+    from uvms_drake.tube import laws as tubes  # noqa: F401  a namespace
     from uvms_drake.visual.server import open_meshcat as open_meshcat
 
 __version__ = VERSION
@@ -149,6 +150,7 @@ _NAMESPACES = {
     "mission": "mission",
     "sensors": "sensing",
     "surfaces": "model.surface",
+    "tubes": "tube.laws",
 }
 """Module of each namespace: the kinds of the package, and the bases of those of one's own."""
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from support.laws import PAPER
 from support.quick import FEW, search_constants_less, search_less
 from support.terminal_checks import check_terminal
 
@@ -12,7 +13,6 @@ from uvms_drake.certificate.certify import (
     assumed_conditions,
     certified_once,
     certify,
-    with_paper,
 )
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
@@ -21,6 +21,7 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.papers.nikou2018.comparison import with_paper
 from uvms_drake.report.robot.robot_sheet import largest_wrench
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.motions.motions import make_ocp
@@ -134,7 +135,7 @@ UNKNOWN = "declared unknowns, in model_error.share of disturbance.bound"
 
 @pytest.mark.parametrize(("overrides", "begins"), [
     (["disturbance.bound=0.2"], "tube in limits.u"),
-    (["ancillary=!Transpose {k: 20, sigma: 1}"], "a = "),
+    ([PAPER, "ancillary=!Transpose {k: 20, sigma: 1}"], "a = "),
     (["ancillary.sigma=0.5"], "σ"),
     (["mpc.horizon=4"], "first plan, distance"),
     (["current=[0.1, 0, 0]"], f"{UNKNOWN} (a current"),
@@ -200,7 +201,7 @@ def test_the_papers_law_would_take_gains_that_no_vehicle_can_run(certificate, sc
     k, sigma = with_both.paper["smallest k"], with_both.paper["at σ"]
     assert k > 500.0
     failing = certify(load_scenario(
-        "girona500_ideal", [f"ancillary=!Transpose {{k: {1.1 * k}, sigma: {sigma}}}"]))
+        "girona500_ideal", [PAPER, f"ancillary=!Transpose {{k: {1.1 * k}, sigma: {sigma}}}"]))
     assert [item.holds for item in failing.conditions[:5]] == [True, True, True, False, True]
     assert all(item.holds for item in failing.conditions[5:])
     assert "does not determine" in failing.failed.name

@@ -154,7 +154,7 @@ def test_every_constant_and_radius_has_a_unit():
                       for name in (*QUANTITIES, *WEIGHTED.values()))
     tube = TubeRadii(*[2.5] * NUMBERS, u=np.array([0.5, 0.25]), tau=np.array([8.0]))
     text = format_certificate(replace(EMPTY, constants=constants, tube=tube))
-    for name, unit in (("J_min", "-"), ("J_dot_max", "1/s"), ("L_c", "1/s"), ("L_1", "1/s²")):
+    for name, unit in (("J_max", "-"), ("Jx_W_max", "-"), ("J_dot_max", "1/s")):
         assert re.search(rf"^  {name} +1[.]5 {unit} +estimated, 9 samples", text, re.MULTILINE)
     for name, unit in (("e", "m, rad"), ("nu2", "rad/s"), ("roll", "rad"), ("z", "m/s, rad/s")):
         assert re.search(rf"^  {name} +2[.]5 {unit}$", text, re.MULTILINE)

@@ -5,8 +5,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
+from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions.motions import make_ocp

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from support.synthetic import desiring, synthetic_record
 
-from uvms_drake.control.laws import Transpose
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report.figure_style import COLUMN_WIDTH, ORANGE, STYLE, tube_label
 from uvms_drake.report.figures import FIGURES, UNCERTIFIED, make_figures

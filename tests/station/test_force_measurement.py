@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
+from support.laws import PAPER
 
 from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
@@ -220,7 +221,7 @@ def test_a_fault_of_a_force_that_nobody_measures_is_refused():
 def test_a_law_that_does_not_take_the_force_is_refused():
     with pytest.raises(InvalidParameter, match=(
             r"^ancillary = 'transpose': must be a law that takes the measured force")):
-        make_station(scenario_of(1.0, "ancillary=!Transpose {}"))
+        make_station(scenario_of(1.0, PAPER, "ancillary=!Transpose {}"))
 
 
 @pytest.mark.parametrize("override", ["sensing=[!ForceSensor {}]", "faults=[!JumpedForce {}]"])

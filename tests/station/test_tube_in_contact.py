@@ -13,9 +13,10 @@ from pydrake.systems.primitives import LogVectorOutput
 from support.tube_bounds import resolved_velocity_radius
 
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT, TubeMonitor
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.uvms_model import configuration_rate_matrix
+from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.scenario.scenario import load_scenario

@@ -7,7 +7,8 @@ import pytest
 from support.quick import FEW
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.laws import Resolved, TipFirst, Transpose
+from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.pareto_front import format_pareto_front, pareto_front
 

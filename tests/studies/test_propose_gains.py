@@ -8,7 +8,7 @@ from uvms_drake.certificate.certify import basis_of, tightening_margins
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.propose_gains import propose_gains
-from uvms_drake.tube.laws.dynamic import resolved_law_tube
+from uvms_drake.tube.laws.resolved import resolved_law_tube
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 pytestmark = pytest.mark.usefixtures("few_searches")

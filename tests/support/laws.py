@@ -2,10 +2,13 @@
 
 import numpy as np
 
-from uvms_drake.control.laws import Resolved, TipFirst, Transpose
+from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.papers.nikou2018 import Transpose
 
+PAPER = "modules=[uvms_drake.papers.nikou2018]"
+"""Override with which a scenario knows the paper's law."""
 K, SIGMA = 13.0, 4.0  # 1/s
 
 

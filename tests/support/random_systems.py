@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from uvms_drake.tube.conditions import LemmaConstants
-from uvms_drake.tube.resolved.bounds import smallest_k
+from uvms_drake.papers.nikou2018.comparison_system import smallest_k
+from uvms_drake.papers.nikou2018.lemma import LemmaConstants
 
 COUNT = 1000
 SPEED_LIMIT = 2.0

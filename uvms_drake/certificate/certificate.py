@@ -20,7 +20,7 @@ from uvms_drake.certificate.assumptions import Assumption
 from uvms_drake.certificate.declared_unknowns import UnknownEffect
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable, restored
-from uvms_drake.common.program import VERSION
+from uvms_drake.common.program import FOLDER, VERSION
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.station.mission_legs import Leg
@@ -192,8 +192,10 @@ def _digest(data: object) -> str:
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Returns the inputs of a certificate: hashes of files and scenario, and versions."""
     folder = model_dir(scenario.model)
+    own_modules = [path for path in map(module_file, scenario.modules)
+                   if FOLDER not in path.parents]  # Those of the package count by its version.
     files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest()
-             for path in (*sorted(folder.iterdir()), *map(module_file, scenario.modules))
+             for path in (*sorted(folder.iterdir()), *own_modules)
              if path.is_file()}
     relevant = yaml_load_data(dump_scenario(scenario))
     for key in IRRELEVANT:

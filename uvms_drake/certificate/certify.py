@@ -106,7 +106,7 @@ def certify(scenario: Scenario, progress: Progress = silent,
         progress(f"1 of {STAGES}: constants", 0.0)
         basis = basis_of(scenario, model)
         progress(f"2 of {STAGES}: tube", motion.stages[0])
-        found = motion.tubes[type(law)](law, basis)
+        found = motion.tubes[type(law)].tube(law, basis)
         if all(condition.holds for condition in found.conditions):
             found = motion.in_contact(found, scenario, basis)
         # These belong to the file even if the tube leaves nothing of a limit.
@@ -266,18 +266,6 @@ def certified_once(scenario: Scenario, progress: Progress = silent,
     return replace(Certificate.from_data(data), scenario=scenario.name)
 
 
-def with_paper(certificate: Certificate, scenario: Scenario, model: ContactModel) -> Certificate:
-    """Returns the certificate with the paper's radii and the constants that these need.
-
-    See `Motion.paper_radii`; the model is the controller's.
-    """
-    motion = motion_of(scenario)
-    basis = basis_of(scenario, model, motion.paper_constants)
-    constants = {each.name: each for each in certificate.constants} | basis.constants
-    return replace(certificate, constants=tuple(constants.values()),
-                   paper=motion.paper_radii(scenario.ancillary, basis))
-
-
 def declared_set(scenario: Scenario, model: ContactModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
     limits = scenario.limits
@@ -325,7 +313,8 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
     declared, contact = declared_set(scenario, model), motion_of(scenario).contact_force(scenario)
     weights = weights_of(scenario, model)
     if names is None:
-        names = motion_of(scenario).constant_names(scenario.ancillary, weights)
+        law = scenario.ancillary
+        names = motion_of(scenario).tubes[type(law)].constants(law, weights)
     limits = scenario.limits
     speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
     return Basis(

@@ -8,8 +8,9 @@ from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.control.limits import HoldRadii
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.constants.constants import QUANTITIES, Constant
 from uvms_drake.tube.contact.tip_jerk import JERK
+from uvms_drake.tube.law_tube import WEIGHTED
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
@@ -31,12 +32,8 @@ HELP = {
     "tightening": "a smaller disturbance.bound, larger gains or a wider limit",
     "estimates": "a larger certificate.safety_factor, or more tube_samples",
     "σ": "slower speed limits or a larger ancillary.sigma",
-    "a": "a larger ancillary.sigma or slower speed limits",
-    "b": "a larger ancillary.k",
-    "ab": "a larger ancillary.k",
-    "law": "a law whose tube is known, resolved or transpose",
+    "law": "a law whose tube is known, resolved or tip first",
     "surface": "that method, see `Surface`",
-    "n": "ancillary.joints: true, or the law resolved",
     "mpc.terms": "the task's cost alone",
     "mpc.initial_state": "initial_state: nominal",
     "mpc.terminal_weight": "terminal_weight: null, so that P is computed",
@@ -63,22 +60,18 @@ HELP = {
     "limit without tightening": "a method tube_takes of that limit, or going without it",
     "first plan to the terminal set": "a longer horizon or a closer start",
 }
-"""Advice on a failed condition by its `topic`, or by its `kind` if its topic has none."""
+"""Advice on a failed condition by its `topic`, or by its `kind` if its topic has none. A paper adds
+its topics."""
 
 UNITS = {
-    "J_min": "-", "J_max": "-", "J_position_max": "-", "J_attitude_max": "-", "Jx_max": "-",
-    "J_position_W_max": "-", "J_attitude_W_max": "-", "Jx_W_max": "-", "Jx_inv_max": "-",
-    "J_dot_max": "1/s", "L_c": "1/s", "L_c_chi": "1/s", "L_1": "1/s²", "L_1_chi": "1/s²",
-    "L_2": "1/s",
     "e": "m, rad", "position": "m", "orientation": "rad", "joints": "rad", "z": "m/s, rad/s",
     "nu1": "m/s", "nu2": "rad/s", "qdot": "rad/s", "tip_speed": "m/s",
     "depth": "m", "depth_speed": "m/s", "between_knots": "m", "joints_between": "rad",
     "attitude_between": "rad", "tool_between": "rad", "roll": "rad", "pitch": "rad",
-    "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
-    "printed radius": "m, rad", "corrected radius": "m, rad", "comparison system radius": "m, rad",
-    "radius of resolved": "m, rad", "smallest k": "1/s", "at σ": "1/s", "smallest σ": "1/s"}
-"""Units of constants, radii, ultimate bounds and numbers of the paper's Lemma; metres and radians
-mixed, as in the paper, so that a gain from velocities to velocities has none."""
+    "u": "m/s², rad/s²", "tau": "N, N m", "force": "N"}
+"""Units of radii and ultimate bounds; metres and radians mixed. A paper adds those of its radii."""
+PLAIN = {weighted: name for name, weighted in WEIGHTED.items()}
+"""Constants of J_x by those of J_xŴ, which have the same unit."""
 
 
 def format_certificate(certificate: Certificate) -> str:
@@ -167,7 +160,8 @@ def help_for(condition: Condition) -> str:
 
 def _constant_row(constant: Constant) -> str:
     states = "samples" if constant.how == "estimated" else "boxes"
-    return (f"  {constant.name:<20}{constant.value:>12.4g} {UNITS[constant.name]:<5} "
+    unit = QUANTITIES[PLAIN.get(constant.name, constant.name)].unit
+    return (f"  {constant.name:<20}{constant.value:>12.4g} {unit:<5} "
             f"{constant.how}, {constant.samples} {states}, worst seen {constant.sampled_value:.4g}")
 
 

@@ -16,6 +16,12 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.command.files import folder, take_scenario
+from uvms_drake.command.paper import (
+    beside_the_paper,
+    check_comparisons,
+    print_laws,
+    take_comparisons,
+)
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.command.run import note
 from uvms_drake.common.errors import require
@@ -48,21 +54,15 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.add_argument("--tune", type=float, metavar="BANDWIDTH",
                          help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
                               "force error")
-    certify.add_argument("--paper", action="store_true",
-                         help="also search for the constants of the paper's Lemma, and print its "
-                              "radii with these gains and this disturbance")
-    certify.add_argument("--compare-laws", action="store_true",
-                         help="also print both laws with several gains: certified radius, radius "
-                              "reached by an adversary, radius of the paper")
+    take_comparisons(certify)
 
 
 def certify_scenario(args: argparse.Namespace) -> int:
     """Prints and writes the certificate; returns 0 if it holds, else 1."""
-    from uvms_drake.certificate.certify import certified_once, check_inputs, with_paper
+    from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.overview import format_overview
     from uvms_drake.certificate.table import format_certificate
     from uvms_drake.station.step_size import floored, largest_step
-    from uvms_drake.studies.compare_laws import compare_laws, format_laws
     from uvms_drake.studies.margins.margins import format_margins, margins
     from uvms_drake.studies.pareto_front import format_pareto_front, pareto_front
     from uvms_drake.studies.propose_gains import propose_gains
@@ -83,8 +83,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
             with closing(Bar(CERTIFYING, stream_of(args), is_steady=False)) as progress:
                 certificate = certified_once(scenario, progress, model)
             seconds = time.perf_counter() - started
-            if args.paper:
-                certificate = with_paper(certificate, scenario, model)
+            certificate = beside_the_paper(args, certificate, scenario, model)
         write_certificate(certificate, output.folder)
         _draw_budget(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
@@ -116,10 +115,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
         step = largest_step(scheme, np.array([-law.k, -law.sigma]))
         if step < scenario.simulator.max_step_size:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
-    if args.compare_laws:
-        with closing(Bar("comparing both laws", stream_of(args))) as progress:
-            rows = compare_laws(scenario, model, progress=progress)
-        print(f"\n{format_laws(rows)}")
+    print_laws(args, scenario, model)
     return 0 if certificate.certified else 1
 
 
@@ -142,10 +138,7 @@ def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
 
     if args.sweep_gains:
         check_pareto_front(scenario)
-    if args.paper and motion_of(scenario).has_forces:
-        law = scenario.ancillary
-        require(np.isfinite(law.k), "ancillary", type(law).__name__,
-                "a law with one k and one σ, for --paper")
-    for option in ("tune", "compare_laws", "tolerances"):
+    check_comparisons(args, scenario)
+    for option in ("tune", "tolerances"):
         require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,
                 "motion", scenario.motion, f"dynamic, for --{option.replace('_', '-')}")

@@ -61,7 +61,7 @@ def pareto_front(scenario: Scenario, model: ContactModel,
     """
     check_pareto_front(scenario)
     law: Any = scenario.ancillary
-    tube_of, surface = motion_of(scenario).tubes[type(law)], model.surface
+    tube_of, surface = motion_of(scenario).tubes[type(law)].tube, model.surface
     wrench = np.asarray(scenario.task.force, dtype=float)
     chi_des = surface.pose_for(wrench, scenario.task.pose)
     basis = basis_of(scenario, model)

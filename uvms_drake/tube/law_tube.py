@@ -1,12 +1,13 @@
 """Tube of an ancillary law, and the data that it is computed from."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.conditions import Condition
@@ -79,3 +80,49 @@ class LawTube(NamedTuple):
     """Radii for the forces of a hold; None: unknown."""
     along: TipAcceleration | None = None
     """Acceleration of the tip along n in a sensed contact; None: unknown."""
+
+
+@dataclass(frozen=True)
+class LawTheory:
+    """Theory of a law's tube: a function of the law and a `Basis`, and the constants it needs."""
+
+    tube: Callable[..., LawTube]
+    """Function from a law and a `Basis` to a `LawTube`."""
+    constants: Callable[..., tuple[str, ...]]
+    """Function from a law and the diagonal of Ŵ to the names of the constants in the `Basis`."""
+
+
+def no_constants(law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
+    """Returns the names of the constants of a tube that needs none."""
+    return ()
+
+
+Theories = dict[type[AncillaryLaw], LawTheory]
+"""Theories by the law's exact type: a proof for one law is none for one derived from it."""
+DYNAMIC_TUBES: Theories = {}
+"""Theories of the laws that have a tube on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖Ŵ⁻¹d‖₂ ≤ d̃."""
+TubeFunction = TypeVar("TubeFunction", bound=Callable[..., LawTube])
+
+
+def register_tube(law: type[AncillaryLaw],
+                  constants: Callable[..., tuple[str, ...]] = no_constants,
+                  theories: Theories = DYNAMIC_TUBES) -> Callable[[TubeFunction], TubeFunction]:
+    """Registers a function as the tube of a law, so that the law has a certificate; a decorator.
+
+    ::
+
+        @uv.tubes.register_tube(SlowLaw, constants=lambda law, weights: ("Jx_max",))
+        def slow_law_tube(law: SlowLaw, basis: uv.tubes.Basis) -> uv.tubes.LawTube:
+            ...
+
+    Args:
+        law: The law; the tube is that of this very type.
+        constants: Function from a law and the diagonal of Ŵ to the names of the constants that the
+            tube needs, of `tube.constants`: the certificate searches for these alone.
+        theories: The theories to join; by default those of the dynamics.
+    """
+    def registered(tube: TubeFunction) -> TubeFunction:
+        theories[law] = LawTheory(tube, constants)
+        return tube
+
+    return registered

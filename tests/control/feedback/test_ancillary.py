@@ -8,8 +8,9 @@ from support.laws import SIGMA, K, pairs, resolved_input, transpose_input
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback, limited_input
-from uvms_drake.control.laws import Resolved, TipFirst, Transpose
+from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.limits import Limits
+from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 

@@ -6,11 +6,12 @@ from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.feedback.kinematic_feedback import KinematicFeedback
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 

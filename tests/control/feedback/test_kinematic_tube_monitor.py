@@ -11,10 +11,12 @@ from support.scripts import Script, report_of, use_fixed_steps
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.feedback.tube_monitor import FIELDS, NOT_STARTED, TUBE_REPORT, TubeMonitor
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.papers.nikou2018 import Transpose
+from uvms_drake.papers.nikou2018.kinematic_tube import kinematic_tubes
 from uvms_drake.plant.adversary import TaskAdversary
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
@@ -22,7 +24,6 @@ from uvms_drake.plant.disturbance import (
     SinusoidalDisturbance,
 )
 from uvms_drake.plant.kinematic_plant import make_kinematic_plant
-from uvms_drake.tube.conditions import kinematic_tubes
 
 pytestmark = pytest.mark.long
 

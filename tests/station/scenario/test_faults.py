@@ -40,6 +40,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.laws import PAPER
 
 from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.certificate.certificate import fingerprint
@@ -194,7 +195,7 @@ def test_a_deadline_is_positive(value):
 def test_without_a_measurement_the_command_is_the_plans_own(law):
     start = 0.5
     record = simulate(scenario_of(
-        1.5, LostState(start=start), overrides=[f"ancillary=!{law}"]))
+        1.5, LostState(start=start), overrides=[PAPER, f"ancillary=!{law}"]))
     lost = (record.time > start - 1e-9) & (record.time < start + 0.5 - 1e-9)
     np.testing.assert_array_equal(record.state_lost, lost)
     assert np.count_nonzero(lost) == 25

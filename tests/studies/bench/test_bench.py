@@ -8,6 +8,7 @@ from dataclasses import asdict, fields, replace
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
+from support.laws import PAPER
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.jsonable import jsonable
@@ -256,7 +257,7 @@ def test_what_is_measured_next_is_said(measured):
 @pytest.mark.parametrize(("name", "overrides"), [
     ("girona500_ideal", ["mpc.iterations=2", f"limits.tau={[500] * 10}", f"tube.tau={[10] * 10}",
                            "simulator.target_realtime_rate=0.5"]),
-    ("girona500_bilateral", ["ancillary=!Transpose {k: 20, sigma: 1}", "duration=0.1",
+    ("girona500_bilateral", [PAPER, "ancillary=!Transpose {k: 20, sigma: 1}", "duration=0.1",
                              "simulator.integration_scheme=runge_kutta2"])])
 def test_other_scenarios_can_be_measured_too(name, overrides):
     scenario = load_scenario(name, ["mpc.horizon=4", *overrides])

@@ -22,11 +22,10 @@ from uvms_drake.certificate.certify import (
     certified_once,
     certify,
     declared_set,
-    with_paper,
 )
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import make_limits, resolved_radii, tighten
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
@@ -37,10 +36,12 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.papers.nikou2018 import Transpose
+from uvms_drake.papers.nikou2018.compare_laws import compare_laws
+from uvms_drake.papers.nikou2018.comparison import with_paper
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.studies.compare_laws import compare_laws
 from uvms_drake.studies.pareto_front import pareto_front
 from uvms_drake.studies.propose_gains import propose_gains
 from uvms_drake.tube.constants.constants import estimate_constants

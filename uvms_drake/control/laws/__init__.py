@@ -4,8 +4,7 @@ from uvms_drake.common.kinds import offer
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.laws.tip_first import TipFirst
-from uvms_drake.control.laws.transpose import Transpose
 
-__all__ = ["AncillaryLaw", "Resolved", "TipFirst", "Transpose"]
+__all__ = ["AncillaryLaw", "Resolved", "TipFirst"]
 
-offer(AncillaryLaw, Resolved, Transpose, TipFirst)
+offer(AncillaryLaw, Resolved, TipFirst)

@@ -1,8 +1,7 @@
 """Interface of an ancillary law: its command, its errors and its bound along the run.
 
 A law is a dataclass of its gains that derives from `AncillaryLaw`. A closed loop needs only one of
-`command` and `velocity`. `tube.laws.dynamic` and `tube.laws.kinematic` list those with a
-certificate.
+`command` and `velocity`. It has a certificate if `tube.law_tube.register_tube` has its tube.
 """
 
 import math
@@ -73,7 +72,7 @@ class Command:
 
 
 FIELDS = ("task", "position", "orientation", "joints", "z", "r")
-"""2-norms: of the error fed back (𝔢_y of `resolved`, 𝔢 of `transpose`), of its rows 𝔢_p [m],
+"""2-norms: of the error fed back (𝔢_y, or 𝔢 of the end-effector alone), of its rows 𝔢_p [m],
 𝔢_o [rad], 𝔢_q [rad], of 𝔷 = ζ − ζ̄ and of 𝔯 [m/s, rad/s]."""
 
 

@@ -10,7 +10,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import vector, within
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
-from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.mpc.planner import Targets
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
@@ -30,8 +29,8 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.series_connection import keyed
 from uvms_drake.tube.constants.constants import Constant, estimate_constants
 from uvms_drake.tube.constants.covering import prove_constants
-from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis
-from uvms_drake.tube.laws.dynamic import DYNAMIC_TUBES, TRANSPOSE, dynamic_constants, paper_radii
+from uvms_drake.tube.law_tube import PROVEN, WEIGHTED
+from uvms_drake.tube.laws import DYNAMIC_TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.controls import ForceSlider
@@ -50,7 +49,7 @@ class Dynamic(Motion[DynamicOcp]):
     plant_signals = ("state", "chi", "force", "penetration", "disturbance", "acceleration")
     controller_signals: ClassVar[tuple[str, ...]] = (
         "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "accepted_force")
-    tubes, paper_constants = DYNAMIC_TUBES, TRANSPOSE
+    tubes = DYNAMIC_TUBES
     disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
     disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
     stages = (0.04, 0.7, 0.99)
@@ -119,10 +118,6 @@ class Dynamic(Motion[DynamicOcp]):
         return [("mpc.input_reference", "not the equilibrium's input",
                  mpc.input_reference != "equilibrium")]
 
-    def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
-        """Returns the names of the constants that a law's tube is computed from, for a Ŵ."""
-        return dynamic_constants(law, weights)
-
     def constants(self, names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
                   weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
         """Returns constants by name; those that decide the tube of `resolved` are proven."""
@@ -137,10 +132,6 @@ class Dynamic(Motion[DynamicOcp]):
             seed=settings.seed)
         return estimated | {name: replace(proven[plain], name=name)
                             for name, plain in norms.items() if plain in proven}
-
-    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-        """Returns the radii of the paper's Lemma with the same gains and d̃; see `paper_radii`."""
-        return paper_radii(law, basis)
 
 
 def command_limits(scenario: Scenario) -> Limits | None:

@@ -6,7 +6,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
-from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.solvers import make_solver
@@ -20,13 +19,7 @@ from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.problem import make_kinematic_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.constants.constants import Constant, estimate_constants
-from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.laws.kinematic import (
-    KINEMATIC_TUBES,
-    TRANSPOSE,
-    kinematic_constants,
-    paper_kinematic_radii,
-)
+from uvms_drake.tube.laws.kinematic import KINEMATIC_TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 
@@ -38,7 +31,7 @@ class Kinematic(Motion[KinematicOcp]):
     measured, command, effect = "configuration", "u", "zeta"
     plant_signals = ("state", "disturbance")
     controller_signals = ("nominal_state", "nominal_input", "u", "lost")
-    tubes, paper_constants = KINEMATIC_TUBES, TRANSPOSE
+    tubes = KINEMATIC_TUBES
     disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
     disturbance_blocks = ("position", "orientation")
     stages = (0.01, 0.96, 0.98)
@@ -108,17 +101,9 @@ class Kinematic(Motion[KinematicOcp]):
         free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
         return [("joints of weight zero", "which no terminal set covers", free)]
 
-    def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
-        """Returns the names of the constants of the law `transpose`; `resolved` needs none."""
-        return kinematic_constants(law)
-
     def constants(self, names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
                   weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
         """Returns constants by name, all estimated."""
         return estimate_constants(
             model, declared, names, samples=settings.constant_samples,
             safety_factor=settings.safety_factor, seed=settings.seed)
-
-    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-        """Returns the radii of both laws with the same σ and w̃; see `paper_kinematic_radii`."""
-        return paper_kinematic_radii(law, basis)

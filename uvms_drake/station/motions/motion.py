@@ -1,7 +1,6 @@
 """The interface of a kind of motion, for the station and the rooms above it."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -9,7 +8,6 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
-from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
@@ -18,7 +16,7 @@ from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.law_tube import Basis, LawTube, Theories
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 
@@ -51,10 +49,8 @@ class Motion(ABC, Generic[AnyOcp]):
     """Output ports of the plant that are logged."""
     controller_signals: ClassVar[tuple[str, ...]]
     """Output ports of the controller that are logged."""
-    tubes: ClassVar[dict[type[AncillaryLaw], Callable[..., LawTube]]]
-    """Tubes of the laws that have a certificate: functions of law and `Basis`."""
-    paper_constants: ClassVar[tuple[str, ...]]
-    """Names of the constants that `paper_radii` needs."""
+    tubes: ClassVar[Theories]
+    """Theories of the laws that have a certificate."""
     disturbance_symbol: ClassVar[str]
     """Letter of the disturbance."""
     disturbance_unit: ClassVar[str]
@@ -127,22 +123,14 @@ class Motion(ABC, Generic[AnyOcp]):
         """Returns key, reason and size of this motion's assumptions about the MPC; 0 if kept."""
 
     @abstractmethod
-    def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
-        """Returns the names of the constants that a law's tube is computed from, for a Ŵ."""
-
-    @abstractmethod
     def constants(self, names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
                   weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
         """Returns constants by name.
 
         Args:
-            names: Names of `constant_names` and `paper_constants`.
+            names: Names of constants of `tubes`.
             model: The prediction model.
             declared: Set of the suprema.
             weights: Diagonal of Ŵ, see `Basis`.
             settings: Effort of the searches.
         """
-
-    @abstractmethod
-    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-        """Returns the paper's radii for the same constants and gains, for comparison."""

@@ -44,7 +44,7 @@ def tube_of(scenario: Scenario, model: ContactModel, basis: Basis
             ) -> tuple[TubeRadii, list[Condition]]:
     """Returns the tube of a scenario, and the conditions on it and on the margin of every limit."""
     motion, law = motion_of(scenario), scenario.ancillary
-    found = motion.tubes[type(law)](law, basis)
+    found = motion.tubes[type(law)].tube(law, basis)
     if not all(condition.holds for condition in found.conditions):
         return found.radii, list(found.conditions)
     found = motion.in_contact(found, scenario, basis)

@@ -63,7 +63,7 @@ class Study:
     def __init__(self, scenario: Scenario, model: ContactModel):
         self.scenario = replace(scenario, current=np.zeros(3), waves=[], model_error=ModelError())
         self.model, self._basis = model, basis_of(scenario, model)
-        self._radii = motion_of(scenario).tubes[type(scenario.ancillary)](
+        self._radii = motion_of(scenario).tubes[type(scenario.ancillary)].tube(
             scenario.ancillary, self._basis).radii
 
     def effects(self, scenario: Scenario, sources: Sources) -> tuple[UnknownEffect, ...]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.tube.constants.constants import INFIMA, Constant, sampled_values
+from uvms_drake.tube.constants.constants import QUANTITIES, Constant, sampled_values
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Estimate
 from uvms_drake.tube.search.search_problem import SearchProblem
@@ -27,7 +27,7 @@ class ConstantProblem(SearchProblem):
         """Returns the norms (m, 1) at motions x (m, 3(6+n)), real."""
         pose, zeta, _ = np.split(x, 3, axis=-1)
         found = sampled_values(self.model, self.config(pose), zeta, (self.name,))[self.name]
-        return (1.0 / found if self.name in INFIMA else found)[:, None]
+        return (1.0 / found if QUANTITIES[self.name].is_infimum else found)[:, None]
 
 
 def checked_constants(model: ContactModel, declared: ConstraintSet,
@@ -46,7 +46,7 @@ def checked_constants(model: ContactModel, declared: ConstraintSet,
         if constant.how == "estimated":
             problem = ConstantProblem(model, declared, [], constant.name)
             second = float(second_search(problem, none, rng)[0])
-            infimum = constant.name in INFIMA
+            infimum = QUANTITIES[constant.name].is_infimum
             out.append(Estimate(f"1/{constant.name}" if infimum else constant.name,
                                 1.0 / constant.value if infimum else constant.value, second))
     return tuple(out)

@@ -1,22 +1,14 @@
 """The constants of the tube, estimated: samples, local maximisation from the worst, safety factor.
 
-All are suprema (one infimum) over a `ConstraintSet`, of the model that the controller uses:
+All are suprema over a `ConstraintSet`, of the model that the controller uses:
 
-    J_min       inf λ_min(J Jᵀ)            J(𝔮) of the paper, χ̇ = J ζ
     J_max       sup ‖J‖; J_position_max, J_attitude_max of its first and last three rows
     Jx_max      sup ‖J_x‖                  J_x = [J; 0 I], ẏ = J_x ζ, y = (χ, q)
-    Jx_inv_max  sup ‖J_x⁻¹‖
     J_dot_max   sup ‖J̇‖                    along 𝔮̇ = Γζ [1/s]; J̇_x has the same norm
-    L_c         sup ‖∂(J_x ζ)/∂y‖          ζ constant [1/s]
-    L_c_chi     sup ‖∂(J ζ)/∂χ‖            ζ, q constant [1/s]
-    L_1         sup ‖∂f/∂y‖                ζ constant [1/s²]
-    L_1_chi     sup ‖∂f/∂χ‖                ζ, q constant [1/s²]
-    L_2         sup ‖∂f/∂ζ‖                𝔮 constant [1/s]
 
-Norms are spectral; with weights Ŵ, A Ŵ takes the place of a matrix A. A Lipschitz constant in y is
-that of the whole configuration, ∂𝔮/∂y = Γ J_x⁻¹; one in χ with constant q, the first six columns
-of it, is never larger, and meaningless once q ≠ q̄. An estimate may be too small: only `covering`
-proves a bound. See tube/theory.md#tube-of-the-law-transpose.
+Norms are spectral; with weights Ŵ, A Ŵ takes the place of a matrix A. An estimate may be too small:
+only `covering` proves a bound. A law of one's own registers those that its tube needs, see
+`register_constant`.
 """
 
 from collections.abc import Callable
@@ -28,9 +20,6 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.frames.euler import COMPLEX_STEP
-from uvms_drake.model.frames.spatial import times
-from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.local_search import DIFFERENCE, climb
 
@@ -38,8 +27,6 @@ BATCH = 200
 """States evaluated at a time; larger batches leave the processor's cache."""
 START_RANKS = (0, 1, 2, 3, 5, 8, 13, 21)
 """Ranks of the samples from which the local searches start, the worst first."""
-INFIMA = ("J_min",)
-"""Constants that are lower bounds."""
 
 
 @dataclass(frozen=True)
@@ -74,61 +61,24 @@ class Constant:
 Matrices = dict[str, np.ndarray]
 
 
-def jacobian_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
-    """Returns J (m, 6, 6+n) and J_x (m, 6+n, 6+n) at m states (m, 6+n)."""
-    J_x = model.task_jacobian(config)
-    return {"J": J_x[:, :6], "J_x": J_x}
+class MatrixGroup(NamedTuple):
+    """Matrices that are computed together, as functions of states."""
+
+    matrices: Callable[[ContactModel, np.ndarray, np.ndarray], Matrices]
+    """Function of the model and of (𝔮, ζ) (m, 6+n) that returns the matrices (m, r, 6+n)."""
+    product: Callable[[ContactModel, str, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    """Function of the model, of a matrix's name A, of (𝔮, ζ) and of one vector v (6+n,) that
+    returns A v (m, r), by one directional derivative instead of the whole matrix."""
 
 
-def rate_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
-    """Returns J̇ and ∂(J ζ)/∂y (m, 6, 6+n) at m states; the other rows of J_x have neither."""
-    _, J_x, J_x_dot = model.task_motion(config, zeta)
-    # J does not depend on where the vehicle is, so three columns of ∂(Jζ)/∂𝔮 are zero.
-    steps = 1j * COMPLEX_STEP * np.eye(model.size)[3:]
-    J_moved = model.kinematics(config[:, None, :] + steps).J_chi.imag / COMPLEX_STEP
-    by_config = np.zeros((len(config), 6, model.size))
-    by_config[..., 3:] = np.swapaxes((J_moved @ zeta[:, None, :, None])[..., 0], -1, -2)
-    return {"J_dot": J_x_dot[:, :6], "c_y": by_config @ _config_by_y(config, J_x)}
-
-
-def drift_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
-    """Returns ∂f/∂y and ∂f/∂ζ (m, 6+n, 6+n) at m states."""
-    _, by_config, by_zeta = model.drift_derivatives(config, zeta)
-    J_x = model.task_jacobian(config)
-    return {"f_y": by_config @ _config_by_y(config, J_x), "f_zeta": by_zeta}
-
-
-def _config_by_y(config: np.ndarray, J_x: np.ndarray) -> np.ndarray:
-    """Returns ∂𝔮/∂y = Γ J_x⁻¹ (m, 6+n, 6+n)."""
-    return configuration_rate_matrix(config) @ np.linalg.inv(J_x)
-
-
-def product(model: ContactModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
-            v: np.ndarray) -> np.ndarray:
-    """Returns A v (m, r) at m states for one of the matrices above and one vector v (6+n,).
-
-    One directional derivative (a complex step) instead of the whole matrix.
-    """
-    if matrix == "f_zeta":
-        return model.drift(config.astype(complex), zeta + 1j * COMPLEX_STEP * v).imag / COMPLEX_STEP
-    if matrix in ("J", "J_x"):
-        J_x = model.task_jacobian(config)
-        return (J_x[:, :6] if matrix == "J" else J_x) @ v
-    if matrix == "J_dot":
-        return model.task_motion(config, zeta)[2][:, :6] @ v
-    direction = _config_by_y(config, model.task_jacobian(config)) @ v
-    moved = config + 1j * COMPLEX_STEP * direction
-    if matrix == "c_y":
-        rate = model.kinematics(moved).J_chi.imag / COMPLEX_STEP
-        return times(rate, zeta)
-    return model.drift(moved, zeta.astype(complex)).imag / COMPLEX_STEP
-
-
-class _Quantity(NamedTuple):
+class Quantity(NamedTuple):
     """A constant as the extreme singular value of a matrix function."""
 
-    group: Callable[[ContactModel, np.ndarray, np.ndarray], Matrices]
+    group: MatrixGroup
     matrix: str
+    """Name of the matrix in its group."""
+    unit: str = "-"
+    """Unit of the constant; metres and radians mixed, from velocities to velocities none."""
     sign: float = 1.0
     """1: the supremum of the largest singular value; −1: the infimum of the smallest."""
     power: int = 1
@@ -140,6 +90,11 @@ class _Quantity(NamedTuple):
     weights: np.ndarray | float = 1.0
     """Factors of the columns (6+n,), the diagonal of Ŵ."""
 
+    @property
+    def is_infimum(self) -> bool:
+        """Whether the constant is a lower bound."""
+        return self.sign * self.power < 0.0
+
     def sigma(self, matrices: Matrices) -> np.ndarray:
         """Returns the extreme singular value (m,)."""
         A = (matrices[self.matrix] * self.weights)[:, self.rows, self.columns]
@@ -148,7 +103,8 @@ class _Quantity(NamedTuple):
     def value_and_gradient(self, model: ContactModel, config: np.ndarray,
                            zeta: np.ndarray) -> tuple[float, np.ndarray]:
         """Returns ± the singular value and its derivative ± uᵀ(dA)v in (𝔮, ζ) (2(6+n),)."""
-        A = self.group(model, config[None], zeta[None])[self.matrix][0] * self.weights
+        matrices = self.group.matrices(model, config[None], zeta[None])
+        A = matrices[self.matrix][0] * self.weights
         U, sigma, Vh = np.linalg.svd(A[self.rows, self.columns], full_matrices=False)
         i = 0 if self.sign > 0.0 else -1
         v = np.zeros(model.size)
@@ -156,45 +112,89 @@ class _Quantity(NamedTuple):
         steps = DIFFERENCE * np.eye(2 * model.size)
         x = np.concatenate([config, zeta])
         moved_config, moved_zeta = np.split(np.concatenate([x + steps, x - steps]), 2, axis=1)
-        moved = product(model, self.matrix, moved_config, moved_zeta, self.weights * v)
+        moved = self.group.product(
+            model, self.matrix, moved_config, moved_zeta, self.weights * v)
         along = moved[:, self.rows] @ U[:, i]
         plus, minus = np.split(along, 2)
         return self.sign * float(sigma[i]), self.sign * (plus - minus) / (2.0 * DIFFERENCE)
 
 
+def jacobian_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
+    """Returns J (m, 6, 6+n) and J_x (m, 6+n, 6+n) at m states (m, 6+n)."""
+    J_x = model.task_jacobian(config)
+    return {"J": J_x[:, :6], "J_x": J_x}
+
+
+def jacobian_product(model: ContactModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
+                     v: np.ndarray) -> np.ndarray:
+    """Returns J v (m, 6) or J_x v (m, 6+n); see `MatrixGroup`."""
+    J_x = model.task_jacobian(config)
+    product: np.ndarray = (J_x[:, :6] if matrix == "J" else J_x) @ v
+    return product
+
+
+def rate_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
+    """Returns J̇ (m, 6, 6+n) at m states; the other rows of J_x have none."""
+    return {"J_dot": model.task_motion(config, zeta)[2][:, :6]}
+
+
+def rate_product(model: ContactModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
+                 v: np.ndarray) -> np.ndarray:
+    """Returns J̇ v (m, 6); see `MatrixGroup`."""
+    return rate_matrices(model, config, zeta)[matrix] @ v
+
+
+JACOBIAN = MatrixGroup(jacobian_matrices, jacobian_product)
+RATE = MatrixGroup(rate_matrices, rate_product)
+
 QUANTITIES = {
-    "J_min": _Quantity(jacobian_matrices, "J", sign=-1.0, power=2),
-    "J_max": _Quantity(jacobian_matrices, "J"),
-    "J_position_max": _Quantity(jacobian_matrices, "J", rows=slice(0, 3)),
-    "J_attitude_max": _Quantity(jacobian_matrices, "J", rows=slice(3, 6)),
-    "Jx_max": _Quantity(jacobian_matrices, "J_x"),
-    "Jx_inv_max": _Quantity(jacobian_matrices, "J_x", sign=-1.0, power=-1),
-    "J_dot_max": _Quantity(rate_matrices, "J_dot"),
-    "L_c": _Quantity(rate_matrices, "c_y"),
-    "L_c_chi": _Quantity(rate_matrices, "c_y", columns=slice(0, 6)),
-    "L_1": _Quantity(drift_matrices, "f_y"),
-    "L_1_chi": _Quantity(drift_matrices, "f_y", columns=slice(0, 6)),
-    "L_2": _Quantity(drift_matrices, "f_zeta"),
+    "J_max": Quantity(JACOBIAN, "J"),
+    "J_position_max": Quantity(JACOBIAN, "J", rows=slice(0, 3)),
+    "J_attitude_max": Quantity(JACOBIAN, "J", rows=slice(3, 6)),
+    "Jx_max": Quantity(JACOBIAN, "J_x"),
+    "J_dot_max": Quantity(RATE, "J_dot", unit="1/s"),
 }
+"""Constants by name: those of the package's laws, and those of `register_constant`."""
+
+
+def register_constant(name: str, quantity: Quantity) -> None:
+    """Registers a constant for the tube of a law of one's own, see `law_tube.register_tube`.
+
+    A certificate searches for it if the law of its scenario needs it.
+
+    Raises:
+        InvalidParameter: Another constant has this name.
+    """
+    known = QUANTITIES.get(name, quantity)
+    again = _origin(known) == _origin(quantity)  # The cell of a notebook, a second time.
+    require(again, "register_constant", name,
+            "another name: a constant of this name is there already")
+    QUANTITIES[name] = quantity
+
+
+def _origin(quantity: Quantity) -> tuple[str, ...]:
+    """Returns the matrix and the module and name of the function that computes it."""
+    matrices = quantity.group.matrices
+    return quantity.matrix, matrices.__module__, matrices.__qualname__
 
 
 def sampled_values(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
-                   names: tuple[str, ...] = tuple(QUANTITIES),
-                   weights: np.ndarray | float = 1.0) -> dict[str, np.ndarray]:
+                   names: tuple[str, ...], weights: np.ndarray | float = 1.0
+                   ) -> dict[str, np.ndarray]:
     """Returns the values behind each constant, e.g. ‖JŴ‖ for J_max, (m,) by name at m states."""
     wanted = {name: QUANTITIES[name]._replace(weights=weights) for name in names}
     parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for i in range(0, len(config), BATCH):
         state = config[i: i + BATCH], zeta[i: i + BATCH]
         groups = {quantity.group for quantity in wanted.values()}
-        matrices = {group: group(model, *state) for group in groups}
+        matrices = {group: group.matrices(model, *state) for group in groups}
         for name, quantity in wanted.items():
             parts[name].append(quantity.sigma(matrices[quantity.group]) ** quantity.power)
     return {name: np.concatenate(values) for name, values in parts.items()}
 
 
 def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
-                       names: tuple[str, ...] = tuple(QUANTITIES), *, samples: int = 4000,
+                       names: tuple[str, ...], *, samples: int = 4000,
                        safety_factor: float = 1.05, seed: int = 0,
                        weights: np.ndarray | float = 1.0) -> dict[str, Constant]:
     """Returns the constants of this file by name; the same for the same arguments.
@@ -221,7 +221,7 @@ def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
     values = sampled_values(model, config, zeta, names, weights)
     out = {}
     for name in names:
-        infimum = name in INFIMA
+        infimum = QUANTITIES[name].is_infimum
         worst = int(np.argmin(values[name]) if infimum else np.argmax(values[name]))
         reached = float(values[name][worst])
         out[name] = Constant(
@@ -236,7 +236,7 @@ def _local_maxima(model: ContactModel, constraint_set: ConstraintSet, name: str,
                   ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Returns the ends of local searches from the worst of the samples (m, 6+n)."""
     quantity = QUANTITIES[name]._replace(weights=weights)
-    order = np.argsort(values if name in INFIMA else -values, kind="stable")
+    order = np.argsort(values if quantity.is_infimum else -values, kind="stable")
     starts = order[[rank for rank in START_RANKS if rank < len(order)]]
     return [climb(partial(quantity.value_and_gradient, model), model, constraint_set,
                   config[i], zeta[i])[1:] for i in starts]

@@ -5,25 +5,21 @@ The radii of 𝔢 are in closed form, the attitude of the vehicle is proven by `
 
     q̇ = q̄̇,    ν − ν̄ = J_v(𝔮)⁻¹[J(𝔮̄)ζ̄ − J_a(𝔮)q̄̇ − σ𝔢] − ν̄,                                   (1)
 
-whose suprema are searched for. See tube/theory.md#kinematic-tubes.
+whose suprema are searched for. See papers/nikou2018/theory.md#kinematic-tubes.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from uvms_drake.control.laws import Resolved, Transpose
-from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.tube.conditions import Condition, assumption, kinematic_tubes
-from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.constants.constants import START_RANKS
-from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.law_tube import Basis, LawTube, Theories, register_tube
 from uvms_drake.tube.resolved.bounds import attitude_radii
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Estimate
@@ -31,21 +27,14 @@ from uvms_drake.tube.search.local_search import DIFFERENCE, climb
 from uvms_drake.tube.search.search_problem import SearchProblem
 from uvms_drake.tube.search.second_search import second_search
 
-TRANSPOSE = ("J_min", "J_max", "L_c_chi")
-TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "L_c")
-"""Constants of the law `transpose`, in χ and in y; `resolved` needs none."""
 STEPS = 4
 """Ascent steps of the search for the worst error 𝔢."""
 _BLOCKS = (slice(0, 3), slice(3, 6))
+KINEMATIC_TUBES: Theories = {}
+"""Theories of the laws that have a tube where the velocity is the input."""
 
 
-def kinematic_constants(law: AncillaryLaw) -> tuple[str, ...]:
-    """Returns the names of the constants that the tube of a law is computed from."""
-    if isinstance(law, Transpose):
-        return TRANSPOSE_JOINTS if law.joints else TRANSPOSE
-    return ()
-
-
+@register_tube(Resolved, theories=KINEMATIC_TUBES)
 def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
     """Returns the tube of ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; it needs no constant."""
     settings, e = basis.settings, basis.d_bound / law.sigma
@@ -58,48 +47,6 @@ def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
                      pitch=pitch)
     return LawTube(tube, (), estimated=("z", "nu1", "nu2"), check=lambda: _second_velocities(
         basis.model, basis.declared, e, law.sigma, (nu1, nu2), settings.seed))
-
-
-def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
-    """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; χ has to determine the joints."""
-    names = kinematic_constants(law)
-    J_min, J_max, L_c = (basis.value(name) for name in names)
-    found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma, basis.d_bound)
-    e, num_joints = found.corrected, basis.model.num_joints
-    z = law.sigma * J_max * e
-    joints = e if law.joints or num_joints == 0 else np.inf
-    roll, pitch = attitude_radii(basis.declared, e, joints, num_joints)
-    tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
-                     tip_speed=L_c * e + J_max * z + basis.d_bound,  # 𝔢̇ = 𝔟 + J𝔷 + w
-                     roll=roll, pitch=pitch)
-    return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)),
-                   estimated=tuple(vars(tube)), check=lambda: checked_constants(
-                       basis.model, basis.declared,
-                       tuple(basis.constants[name] for name in names), basis.settings.seed))
-
-
-KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
-    Resolved: resolved_kinematic_tube, Transpose: transpose_kinematic_tube}
-"""Functions from a law and a `Basis` to a `LawTube`, by the law's exact type."""
-
-
-def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:
-    """Returns the condition that the tube of the law `transpose` has all joints in it."""
-    free = 0 if law.joints else model.num_joints
-    return assumption("n", "joints that χ does not determine (the tube is in χ alone)", free,
-                      theorem="tube/theory.md#tube-of-the-law-transpose")
-
-
-def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-    """Returns the radii of both laws with the same σ and w̃, and the least σ of the paper's law.
-
-    They depend on the constants `TRANSPOSE`.
-    """
-    J_min, L_c = basis.value("J_min"), basis.value("L_c_chi")
-    found = kinematic_tubes(J_min, L_c, law.sigma, basis.d_bound)
-    return {"printed radius": found.printed, "corrected radius": found.corrected,
-            "radius of resolved": found.resolved,
-            "smallest σ": L_c / J_min if J_min > 0.0 else np.inf}
 
 
 def velocity_deviation(model: ContactModel, config: np.ndarray, zeta: np.ndarray,

@@ -32,7 +32,7 @@ from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
 from uvms_drake.tube.contact.sensor_error import SOURCES, MeasuredForceBounds
 from uvms_drake.tube.contact.uneven_motion import TipAcceleration
-from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube, register_tube
 from uvms_drake.tube.loops.actuator_path import Actuators, lagged_alone
 from uvms_drake.tube.loops.row_loop import RATE, E, RowLoop
 from uvms_drake.tube.rows.disturbance_gains import (
@@ -61,6 +61,13 @@ KNOTS = 1e-6
 """Rounding allowance of a knot at a tick, over a period."""
 
 
+def tip_first_constants(law: TipFirst, weights: np.ndarray) -> tuple[str, ...]:
+    """Returns the names of the constants of the law `tip first`, for the diagonal of Ŵ."""
+    name = PROVEN["position"]
+    return name if np.all(weights == 1.0) else WEIGHTED[name], "J_dot_max"
+
+
+@register_tube(TipFirst, tip_first_constants)
 def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     """Returns the tube of the law `tip first`; see the module."""
     # Task, loops and arm: without these conditions there is nothing to compute.

@@ -19,7 +19,7 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     numbers,
     robot,
 )
-from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
+from uvms_drake.papers.nikou2018.lemma import LemmaConstants, paper_conditions
 
 DIRECTIONS = 4000
 """Number of random (𝔢, 𝔯) at which V̇ is evaluated."""

@@ -40,7 +40,7 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     numbers,
     robot,
 )
-from uvms_drake.tube.conditions import kinematic_tubes
+from uvms_drake.papers.nikou2018.kinematic_tube import kinematic_tubes
 
 HOLDING = 40
 """Samples for the MPC to hold the task against a constant w."""

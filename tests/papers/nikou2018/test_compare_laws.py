@@ -4,10 +4,10 @@ import math
 
 import pytest
 from support.quick import FEW
+from uvms_drake.studies.compare_laws import compare_laws, format_laws
 
 from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.studies.compare_laws import compare_laws, format_laws
 
 pytestmark = pytest.mark.long
 

@@ -7,7 +7,7 @@ the leading direction of J_x, along J_xᵀ𝔢_y, or constant. Certified is ‖y
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,21 +18,28 @@ from uvms_drake.certificate.certify import basis_of, weights_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor, TubeReport
-from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw
+from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.papers.nikou2018.constants import TRANSPOSE, lemma_constants
+from uvms_drake.papers.nikou2018.transpose import Transpose
+from uvms_drake.papers.nikou2018.transpose_tube import transpose_task_radius
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.step_size import step_of
-from uvms_drake.tube.laws.dynamic import TASK_RADII, TRANSPOSE, lemma_constants
+from uvms_drake.tube.laws.resolved import resolved_task_radius
 
 LAWS: tuple[AncillaryLaw, ...] = (
     Resolved(k=10.0, sigma=2.0), Resolved(k=10.0, sigma=5.0), Resolved(k=20.0, sigma=5.0),
     Resolved(k=40.0, sigma=5.0), Transpose(k=20.0, sigma=1.0), Transpose(k=40.0, sigma=5.0))
+TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {
+    Resolved: resolved_task_radius, Transpose: transpose_task_radius}
+"""Functions from a law and a `Basis` to the radius [m, rad] of the error that the law feeds back,
+without a search; by the law's exact type."""
 ATTACKS: tuple[Kind, ...] = ("leading", "along_task_error", "constant")
 DURATION = 3.0
 """Duration of each attack [s]: six time constants of the slowest tube."""
@@ -59,11 +66,11 @@ class LawRow:
 def compare_laws(scenario: Scenario, model: ContactModel, laws: Iterable[AncillaryLaw] = LAWS,
                  progress: Progress = silent) -> list[LawRow]:
     """Returns a row for every law, with the controller's model and the scenario's limits and d̃."""
-    require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
+    check_laws(scenario)
     d, laws = scenario.disturbance.d_bound, tuple(laws)
     weights = weights_of(scenario, model)
     needed = {name for law in laws if type(law) in TASK_RADII
-              for name in motion_of(scenario).constant_names(law, weights)}
+              for name in motion_of(scenario).tubes[type(law)].constants(law, weights)}
     basis = basis_of(scenario, model, tuple(sorted({*TRANSPOSE, *needed})))
     lemma = lemma_constants(basis.constants)
     rows: list[LawRow] = []
@@ -77,6 +84,12 @@ def compare_laws(scenario: Scenario, model: ContactModel, laws: Iterable[Ancilla
             max(worst_deviation(scenario, model, law, attack) for attack in ATTACKS),
             d / margin if margin > 0.0 else math.inf))
     return rows
+
+
+def check_laws(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` unless forces move the scenario's robot."""
+    require(motion_of(scenario).has_forces, "motion", scenario.motion,
+            "dynamic, for --compare-laws")
 
 
 def worst_deviation(scenario: Scenario, model: ContactModel, law: AncillaryLaw, attack: Kind

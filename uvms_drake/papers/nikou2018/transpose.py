@@ -6,7 +6,7 @@ With 𝔢 = χ − χ̄, 𝔷 = ζ − ζ̄ and Euler angles compared modulo 2π
 
 and ζ = ζ̄ − σ J(𝔮̄)ᵀ 𝔢 where the velocity is the input. It does not act on the arm's self-motion;
 with `joints`, J_x and 𝔢_y take the place of J and 𝔢, and it does. Derivation and the difference to
-the printed law: control/laws/theory.md#law-transpose.
+the printed law: papers/nikou2018/theory.md#law-transpose.
 """
 
 from collections.abc import Callable
@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 
+from uvms_drake.common.kinds import register
 from uvms_drake.control.laws.law import (
     AncillaryLaw,
     Deviation,
@@ -26,6 +27,7 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import UvmsModel
 
 
+@register
 @dataclass
 class Transpose(AncillaryLaw):
     """The law `transpose` and its gains."""
