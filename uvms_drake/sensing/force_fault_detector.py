@@ -56,9 +56,9 @@ class RepeatCount(NamedTuple):
 
 def counted(before: RepeatCount, wrench: np.ndarray) -> RepeatCount:
     """Returns the state after a sample of a wrench (2, 6) [N, N m]; a gap leaves it."""
-    if not np.all(np.isfinite(wrench)):
+    if not np.isfinite(wrench).all():
         return before
-    same = np.all(np.abs(wrench - before.last) <= SAME, axis=-1)
+    same = (np.abs(wrench - before.last) <= SAME).all(axis=-1)
     return RepeatCount(wrench, np.where(same, before.times + 1.0, 1.0))
 
 
@@ -71,11 +71,11 @@ def status(force: np.ndarray, times: np.ndarray, repeats: int, largest: float) -
         repeats: m, of a frozen sensor; 0: none is detected.
         largest: Norm of a force at the end of the range [N].
     """
-    if not np.all(np.isfinite(force)):
+    if not np.isfinite(force).all():
         return ForceStatus.MISSING
-    if not math.hypot(*force[:3]) < largest:
+    if not math.hypot(*force[:3].tolist()) < largest:
         return ForceStatus.SATURATED
-    return ForceStatus.FROZEN if 0 < repeats <= np.max(times) else ForceStatus.VALID
+    return ForceStatus.FROZEN if 0 < repeats <= times.max() else ForceStatus.VALID
 
 
 class ForceFaultDetector(LeafSystem):
@@ -136,12 +136,12 @@ class ForceFaultDetector(LeafSystem):
         if turns[0] < self._passed:
             return EventStatus.Succeeded()
         config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
-        if not (np.all(np.isfinite(config)) and np.all(np.isfinite(force))):
+        if not (np.isfinite(config).all() and np.isfinite(force).all()):
             return EventStatus.Succeeded()
         # A frozen reading is constant in its own axes, and moves with the attitude in others.
         in_tip = force_in_tip(self._model.task_pose(config)[:6], force @ self._from_task)
-        last, times = counted(self._remembered(context), np.stack([force, in_tip]))
-        state.set_value(0, np.append(last.ravel(), times))
+        last, times = counted(self._remembered(context), np.array([force, in_tip]))
+        state.set_value(0, np.concatenate([last.ravel(), times]))
         return EventStatus.Succeeded()
 
     def _status(self, context: Context) -> ForceStatus:

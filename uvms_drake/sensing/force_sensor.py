@@ -85,8 +85,10 @@ def cut_noise(sigma: np.ndarray, multiple: float, seed: int, index: int) -> np.n
 
 def quantised(wrench: np.ndarray, resolution: np.ndarray) -> np.ndarray:
     """Returns the nearest multiples (6,) of a resolution (6,) [N, N m]; 0: the value itself."""
+    if (resolution > 0.0).all():
+        return resolution * np.rint(wrench / resolution)
     step = np.where(resolution > 0.0, resolution, 1.0)
-    return np.where(resolution > 0.0, step * np.round(wrench / step), wrench)
+    return np.where(resolution > 0.0, step * np.rint(wrench / step), wrench)
 
 
 class Samples(NamedTuple):
@@ -310,8 +312,8 @@ class WristSensor(LeafSystem):
         raw = np.clip(quantised(
             x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
             self._resolution), -self._range, self._range)
-        samples = samples.with_next(raw - assumed * self._hold(measured), tare)
-        state.set_value(np.hstack(samples))
+        taken, total, last = samples.with_next(raw - assumed * self._hold(measured), tare)
+        state.set_value(np.concatenate([[taken], total, last]))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(Samples.of(context.get_discrete_state_vector().value()).last)

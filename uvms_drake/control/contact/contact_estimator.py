@@ -1,10 +1,12 @@
 """Estimator of the contact state: safe region, stiffness and inclination of an unknown wall."""
 
+import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from pydrake.systems.framework import (
-    BasicVector,
+    CacheEntry,
     Context,
     DiagramBuilder,
     DiscreteValues,
@@ -14,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, cached, output_of
 from uvms_drake.control.contact.contact_state import (
     ContactState,
     ForceSensorModel,
@@ -32,6 +34,12 @@ from uvms_drake.control.contact.stiffness_estimate import (
 )
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
+
+
+def _output(of: Callable[[ContactState], np.ndarray], now: CacheEntry, context: Context
+            ) -> np.ndarray:
+    """Returns an output (size,), a function of the contact state now."""
+    return np.atleast_1d(of(now.Eval(context)))
 
 
 class ContactEstimator(LeafSystem):
@@ -98,7 +106,9 @@ class ContactEstimator(LeafSystem):
             self.DeclareDiscreteState(part)
         self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
         # The inputs count until there is a reading.
-        known = {self.xd_ticket(), self.all_input_ports_ticket()}
+        now = cached(self, "the contact state now", self._now,
+                     {self.xd_ticket(), self.all_input_ports_ticket()})
+        known = {now.ticket()}
         for name, size, calc in (
             ("safe_depth", 1, lambda now: safe_depth(surface, now.apex, now.past[-6:-3], margin)),
             ("facet_depths", len(surface.facets), lambda now: bounds(surface, now.apex, margin)),
@@ -114,11 +124,7 @@ class ContactEstimator(LeafSystem):
                 StiffnessEstimate.of(now.stiffness), surface, now.past[-6:-3])),
             ("force_lost", 1, lambda now: now.missing >= sensing.patience),
         ):
-            self.DeclareVectorOutputPort(name, size, self._calc(calc), known)
-
-    def _calc(self, of: Callable[[ContactState], np.ndarray]
-              ) -> Callable[[Context, BasicVector], None]:
-        return lambda context, output: output.SetFromVector(np.atleast_1d(of(self._now(context))))
+            output_of(self, name, size, partial(_output, calc, now), known)
 
     @staticmethod
     def _remembered(context: Context) -> ContactState:
@@ -127,21 +133,22 @@ class ContactEstimator(LeafSystem):
 
     def _now(self, context: Context) -> ContactState:
         remembered = self._remembered(context)
-        return self._after(context) if np.isnan(remembered.reading[0]) else remembered
+        return self._after(context) if math.isnan(remembered.reading[0]) else remembered
 
     def _after(self, context: Context) -> ContactState:
         """Returns the contact state after a reading of the input ports."""
         before, state = self._remembered(context), self._state_port.Eval(context)
-        if np.all(np.isfinite(state)):
+        if np.isfinite(state).all():
             config, zeta = state[: self._model.size], state[self._model.size:]
             kinematics = self._model.kinematics(config)
             tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)
         else:
             tip = without_reading(before)
         force = self._force_port.Eval(context)[:3]
-        extent = np.tile(self._surface.across(tip[:3]), (2, 1))
-        if np.isfinite(before.apex[0]) and self._extent_port.HasValue(context):
+        if math.isfinite(before.apex[0]) and self._extent_port.HasValue(context):
             extent = self._extent_port.Eval(context).reshape(2, 2)
+        else:
+            extent = self._surface.across(tip[:3])[None]
         return updated_contact_state(self._surface, self._sensing, extent, before, tip, force)
 
     def _read(self, context: Context, state: DiscreteValues) -> EventStatus:

@@ -108,24 +108,25 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, exte
         tip: Position and velocity now (6,) [m, m/s]; or `without_reading`.
         force: The reading, on the wall, in Σ_I (3,) [N]; not finite if it is missing.
     """
-    motion = np.vstack([before.past[6:].reshape(-1, 6), tip])
-    motion[np.isnan(motion[:, 0])] = tip
-    past, (points, velocities) = motion.ravel(), np.hsplit(motion, 2)
-    known = np.all(np.isfinite(force))
+    past = np.concatenate([before.past[6:], tip])
+    motion = past.reshape(-1, 6)
+    if (missing := np.isnan(motion[:, 0])).any():
+        motion[missing] = tip
+    points, velocities = motion[:, :3], motion[:, 3:]
+    known = np.isfinite(force).all()
     before = before._replace(past=past, missing=np.zeros(1) if known else before.missing + 1.0)
-    if not (known and np.all(np.isfinite(tip))):
+    if not (known and np.isfinite(tip).all()):
         return before
     nu, stiffness = sensing.noise, StiffnessEstimate.of(before.stiffness)
     new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
     if not dominates(surface, new, before.apex, extent):
         new = before.apex
-    touch, pressed = np.linalg.norm(force) > nu, surface.depth(force)
+    touch, pressed = np.bool(math.sqrt(force @ force) > nu), surface.depth(force)
     in_contact = touch or not np.isnan(stiffness.mean[0])  # Else there is nothing to estimate.
     # The static force is bounded unless the tip retreats faster than 1/c₊.
-    if in_contact and np.all(surface.dissipation * surface.advance(-velocities) < 1.0):
+    if in_contact and (surface.dissipation * surface.advance(-velocities) < 1.0).all():
         travelled = tip[:3] - points
-        travelled_forward, back = np.max(
-            surface.advance(np.array([travelled, -travelled])), axis=-1)
+        travelled_forward, back = surface.advance(np.array([travelled, -travelled])).max(axis=-1)
         travelled_forward = travelled_forward if back <= nu / surface.stiffness else np.inf
         stiffness = with_reading(stiffness, surface, tip[:3], pressed, touch, nu, sensing.memory,
                                  sensing.period, travelled_forward)

@@ -13,6 +13,8 @@ forward of the tip: control/contact/theory.md#search-before-contact. Without rea
 control/contact/theory.md#retreat-without-readings. The target is in no limit of the plan.
 """
 
+import math
+
 import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
@@ -160,7 +162,7 @@ class PressTarget(LeafSystem):
         else:
             depth = target_depth(self._desired_port.Eval(context), reading, **estimate,
                                  depth_offset=tilt @ (tip - line),
-                                 lateral_error=float(np.linalg.norm(off)),
+                                 lateral_error=math.sqrt(off @ off),
                                  search_lead=self._search_lead)
         if self._deepest_port.HasValue(context):
             deepest = self._deepest_port.Eval(context)
@@ -170,8 +172,8 @@ class PressTarget(LeafSystem):
     def _line(self, context: Context) -> np.ndarray:
         """Returns the place's part across n (3,)."""
         place = self._place
-        if self._place_port.HasValue(context) and np.all(
-                np.isfinite(asked := self._place_port.Eval(context))):
+        if self._place_port.HasValue(context) and np.isfinite(
+                asked := self._place_port.Eval(context)).all():
             place = asked
         across: np.ndarray = place - (self._direction @ place) * self._direction
         return across

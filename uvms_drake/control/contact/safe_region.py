@@ -32,11 +32,11 @@ def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, forc
         period: Time between two of the positions [s]; 0 if the tip was nowhere else.
     """
     averaged = points.shape[-2] > 1
-    bound = np.max(surface.static_force_bound(
-        force[..., None, :], velocities, noise, averaged=averaged), axis=-1)
+    bound = surface.static_force_bound(
+        force[..., None, :], velocities, noise, averaged=averaged).max(axis=-1)
     now = points[..., -1:, :]
-    back = np.max(surface.advance(now - points), axis=-1)
-    back += between_readings(surface, velocities, period)
+    back = surface.advance(now - points).max(axis=-1)
+    back = back + between_readings(surface, velocities, period)
     free = np.where(bound <= force_max, (force_max - bound) / surface.stiffness - back, np.nan)
     return now[..., 0, :] + free[..., None] * surface.direction
 
@@ -54,10 +54,11 @@ def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: floa
         period: T [s].
     """
     rates = np.maximum(surface.advance(np.array([velocities, -velocities])), 0.0)
-    rates = np.maximum(rates[..., 1:], rates[..., :-1])
-    total = np.sum(rates, axis=0)
-    turned = np.prod(rates, axis=0) / np.where(total == 0.0, 1.0, total)
-    return period * np.max(turned, axis=-1, initial=0.0)
+    forth, back = np.maximum(rates[..., 1:], rates[..., :-1])
+    total = forth + back
+    turned = forth * back / np.where(total == 0.0, 1.0, total)
+    excess: np.ndarray = period * turned.max(axis=-1, initial=0.0)
+    return excess
 
 
 def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -87,7 +88,7 @@ def dominates(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, extent: n
     """
     places = surface.across(new)[..., None, :], surface.across(old)[..., None, :]
     closer = np.subtract(*(np.abs(extent - place) for place in places))
-    lost = surface.tilt * np.sum(np.max(closer, axis=-2), axis=-1)
+    lost = surface.tilt * closer.max(axis=-2).sum(axis=-1)
     better = surface.depth(new - old) >= lost
     return ~np.isnan(new[..., 0]) & (np.isnan(old[..., 0]) | better)
 

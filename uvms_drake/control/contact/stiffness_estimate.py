@@ -53,6 +53,7 @@ class StiffnessEstimate(NamedTuple):
         return StiffnessEstimate(state[:4], state[4:20].reshape(4, 4), state[20:])
 
 
+_THREE = np.eye(3)
 NO_ESTIMATE = StiffnessEstimate(np.full(4, np.nan), np.zeros((4, 4)), np.full(3, np.nan))
 """Estimate before the first contact."""
 
@@ -60,6 +61,8 @@ NO_ESTIMATE = StiffnessEstimate(np.full(4, np.nan), np.zeros((4, 4)), np.full(3,
 def _chosen(where: np.ndarray | np.bool, one: StiffnessEstimate, other: StiffnessEstimate
             ) -> StiffnessEstimate:
     """Returns one of two estimates for each wall (...)."""
+    if np.ndim(where) == 0:
+        return one if where else other
     return StiffnessEstimate(*(
         np.where(np.reshape(where, (*np.shape(where), *ones)), a, b)
         for ones, a, b in zip([(1,), (1, 1), (1,)], one, other, strict=True)))
@@ -85,11 +88,11 @@ def _displacement(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.nd
                   ) -> tuple[np.ndarray, np.ndarray]:
     """Returns s (...) and the first row of A (..., 4), without s where κ is not updated."""
     motion = tip - estimate.at
-    across = motion @ surface.axes[1:].T
-    s = surface.depth(motion) + np.sum(estimate.mean[..., 2:] * across, axis=-1)
+    across = surface.across(motion)
+    s = surface.depth(motion) + (estimate.mean[..., 2:] * across).sum(axis=-1)
     row = np.empty(estimate.mean.shape)
     row[..., 0], row[..., 2:] = 1.0, estimate.mean[..., 1:2] * across
-    row[..., 1] = np.where(np.abs(s) >= np.linalg.norm(across, axis=-1), s, 0.0)
+    row[..., 1] = np.where(np.abs(s) >= np.sqrt((across * across).sum(axis=-1)), s, 0.0)
     return s, row
 
 
@@ -106,17 +109,19 @@ def predicted(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarra
     s, row = _displacement(estimate, surface, tip)
     kappa, mean = estimate.mean[..., 1], estimate.mean.copy()
     mean[..., 0] += kappa * s
-    A = np.broadcast_to(np.eye(4), estimate.covariance.shape).copy()
+    A = np.zeros(estimate.covariance.shape)
     A[..., 0, :] = row
+    A[..., 1:, 1:] = _THREE
     P = A @ estimate.covariance @ np.swapaxes(A, -1, -2)
     # Each of κ, t₁, t₂ comes to be as unknown as at first, and no more.
+    diagonal = np.einsum("...ii->...i", P)[..., 1:]  # A view.
     most = np.array([0.5 * surface.stiffness, *[0.5 * surface.tilt] * 2]) ** 2
-    harder = (HARDENING * kappa) ** 2 * kappa * np.abs(row[..., 1]) / memory
+    grown = np.empty(diagonal.shape)
+    grown[..., 0] = (HARDENING * kappa) ** 2 * kappa * np.abs(row[..., 1]) / memory
     bent = surface.tilt**2 * surface.lateral(tip - estimate.at) / BEND
-    grown = np.minimum(np.stack([harder, bent, bent], axis=-1), np.maximum(
-        most - np.diagonal(P, axis1=-2, axis2=-1)[..., 1:], 0.0))
-    grown = np.concatenate([np.zeros_like(s)[..., None], grown], axis=-1)
-    return StiffnessEstimate(mean, P + grown[..., None] * np.eye(4), tip)
+    grown[..., 1:] = bent[..., None]
+    diagonal += np.minimum(grown, np.maximum(most - diagonal, 0.0))
+    return StiffnessEstimate(mean, P, tip)
 
 
 def unlike(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
@@ -126,10 +131,11 @@ def unlike(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, 
     The arguments are those of `with_reading`.
     """
     s, row = _displacement(estimate, surface, tip)
-    variance = np.sum((row[..., None, :] @ estimate.covariance)[..., 0, :] * row, axis=-1)
+    variance = ((row[..., None, :] @ estimate.covariance)[..., 0, :] * row).sum(axis=-1)
     off = force - estimate.mean[..., 0] - estimate.mean[..., 1] * s
     allowed = noise + STRANGE * np.sqrt(variance)
-    return np.nan_to_num(np.maximum(off - allowed, 0.0) + np.minimum(off + allowed, 0.0))
+    excess = np.maximum(off - allowed, 0.0) + np.minimum(off + allowed, 0.0)
+    return np.where(np.isnan(excess), 0.0, excess)
 
 
 def corrected(estimate: StiffnessEstimate, surface: SurfaceClass, force: np.ndarray,
@@ -145,8 +151,9 @@ def corrected(estimate: StiffnessEstimate, surface: SurfaceClass, force: np.ndar
     P = estimate.covariance
     gain = P[..., 0] / (P[..., 0, 0] + deviation**2)[..., None]
     mean = estimate.mean + gain * (force - estimate.mean[..., 0])[..., None]
-    mean[..., 1] = np.clip(mean[..., 1], SOFTEST * surface.stiffness, surface.stiffness)
-    size = np.linalg.norm(mean[..., 2:], axis=-1, keepdims=True)
+    mean[..., 1] = np.minimum(
+        np.maximum(mean[..., 1], SOFTEST * surface.stiffness), surface.stiffness)
+    size = np.sqrt((mean[..., 2:] ** 2).sum(axis=-1, keepdims=True))
     mean[..., 2:] *= surface.tilt / np.maximum(size, max(surface.tilt, 1e-9))
     return estimate._replace(mean=mean, covariance=P - gain[..., None] * P[..., None, 0, :])
 
@@ -172,7 +179,7 @@ def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.nda
             that is not used.
     """
     enough, first = noise / surface.stiffness, np.isnan(estimate.mean[..., 0])
-    if np.all(first & np.logical_not(touched)):
+    if (first & np.logical_not(touched)).all():
         return estimate
     covariance = estimate.covariance.copy()
     covariance[..., 0, 0] = np.minimum(
@@ -181,19 +188,20 @@ def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.nda
     estimate = estimate._replace(covariance=covariance)
     age_error = stiffness_used(estimate, surface) * advance
     off = unlike(estimate, surface, tip, force, noise + age_error)
-    far = (np.linalg.norm(tip - estimate.at, axis=-1) >= enough) & touched
+    motion = tip - estimate.at
+    far = (np.sqrt((motion * motion).sum(axis=-1)) >= enough) & touched
     after = estimate
-    if np.any(far | (off != 0.0)):
+    if (far | (off != 0.0)).any():
         here = predicted(estimate, surface, tip, memory)
         deviation = np.hypot(SCATTER * noise, 0.5 * age_error)
         after = _chosen(far, corrected(here, surface, force, deviation), estimate)
-        # A rejected reading resets stiffness and force; the estimate of 𝔱 stays.
-        new = initial_estimate(surface, tip, force, noise)
-        mean, P = new.mean.copy(), new.covariance.copy()
-        mean[..., 2:], P[..., 2:, 2:] = here.mean[..., 2:], here.covariance[..., 2:, 2:]
-        after = _chosen(off != 0.0, new._replace(mean=mean, covariance=P), after)
+        if (rejected := off != 0.0).any():  # Stiffness and force begin anew; 𝔱 stays.
+            new = initial_estimate(surface, tip, force, noise)
+            mean, P = new.mean.copy(), new.covariance.copy()
+            mean[..., 2:], P[..., 2:, 2:] = here.mean[..., 2:], here.covariance[..., 2:, 2:]
+            after = _chosen(rejected, new._replace(mean=mean, covariance=P), after)
         after = _chosen(touched, after, _chosen(off < 0.0, NO_ESTIMATE, estimate))
-    if np.any(begins := first & touched):
+    if (begins := first & touched).any():
         after = _chosen(begins, initial_estimate(surface, tip, force, noise), after)
     return after
 
@@ -212,7 +220,9 @@ def stiffness_used(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.nda
 
 def tilt(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
     """Returns 𝔱 (..., 3) in Σ_I; zero before the first contact."""
-    inclined: np.ndarray = np.nan_to_num(estimate.mean[..., 2:]) @ surface.axes[1:]
+    tangential = estimate.mean[..., 2:]
+    inclined: np.ndarray = np.where(
+        np.isnan(tangential), 0.0, tangential) @ surface.tangents.T
     return inclined
 
 
@@ -220,6 +230,7 @@ def surface_depth(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.nd
                   ) -> np.ndarray:
     """Returns x − φ/κ (...) [m], the depth of the wall at a place (..., 3); NaN before contact."""
     motion = tip - estimate.at
-    deep = estimate.mean[..., 0] / estimate.mean[..., 1] + np.sum(
-        motion * (surface.direction + tilt(estimate, surface)), axis=-1)
-    return surface.depth(tip) - deep
+    deep = estimate.mean[..., 0] / estimate.mean[..., 1] + (
+        motion * (surface.direction + tilt(estimate, surface))).sum(axis=-1)
+    depth: np.ndarray = surface.depth(tip) - deep
+    return depth

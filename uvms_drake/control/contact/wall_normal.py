@@ -7,6 +7,7 @@ estimate without a bound, which the turn of a reference does not need; its error
 the turn are in control/contact/theory.md#inclination-of-the-wall.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -69,7 +70,7 @@ def learned(before: Inclination, surface: SurfaceClass, tip: np.ndarray, force: 
     change = reading - before.reading
     deeper = n @ change[:3]
     displacement = change[:3] - deeper * n
-    length = float(np.linalg.norm(displacement))
+    length = math.sqrt(displacement @ displacement)
     if length < STEP:
         return before
     d, inclination, pressed = displacement / length, force / reading[3] - n, change[3] / stiffness
@@ -149,7 +150,8 @@ class WallNormal(LeafSystem):
         else:
             known = known._replace(reading=UNKNOWN.reading)
         turn = context.get_discrete_state(2)[0]
-        if np.all(np.isfinite([known.reading, before.reading])):
+        if (known.reading is not before.reading
+                and np.isfinite(known.reading).all() and np.isfinite(before.reading).all()):
             wanted = np.clip(wall_turn(self._surface.direction, known.tilt),
                              -self._most, self._most)
             step = TURN_PER_METRE * self._surface.lateral(known.reading[:3] - before.reading[:3])

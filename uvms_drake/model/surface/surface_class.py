@@ -55,8 +55,8 @@ class SurfaceClass:
 
     def lateral(self, motion: np.ndarray) -> np.ndarray:
         """Returns the tangential length ‖P_t m‖ (...) of a vector m (..., 3)."""
-        across = motion - self.depth(motion)[..., None] * self.direction
-        length: np.ndarray = np.sqrt(np.sum(across * across, axis=-1))
+        across = motion @ self.tangents
+        length: np.ndarray = np.sqrt((across * across).sum(axis=-1))
         return length
 
     @cached_property
@@ -68,6 +68,11 @@ class SurfaceClass:
         axes = np.array([n, first, np.cross(n, first)])
         axes.setflags(write=False)
         return axes
+
+    @cached_property
+    def tangents(self) -> np.ndarray:
+        """Columns t₁, t₂ (3, 2)."""
+        return self.axes[1:].T
 
     @cached_property
     def facets(self) -> np.ndarray:
@@ -83,12 +88,13 @@ class SurfaceClass:
 
     def across(self, point: np.ndarray) -> np.ndarray:
         """Returns the tangential coordinates (t₁, t₂)·𝔭 (..., 2) [m] of a point 𝔭 (..., 3)."""
-        places: np.ndarray = point @ self.axes[1:].T
+        places: np.ndarray = point @ self.tangents
         return places
 
     def around(self, motion: np.ndarray) -> np.ndarray:
         """Returns ‖P_t m‖₁ (...), in t₁ and t₂, of a vector m (..., 3); not less than `lateral`."""
-        return np.sum(np.abs(self.across(motion)), axis=-1)
+        length: np.ndarray = np.abs(self.across(motion)).sum(axis=-1)
+        return length
 
     def advance(self, motion: np.ndarray) -> np.ndarray:
         """Returns ⟨m⟩ (...), the largest growth of the depth by a motion m (..., 3) [m or m/s].
@@ -115,12 +121,11 @@ class SurfaceClass:
             noise: Bound ν of its error in norm [N].
             averaged: Whether the reading may be a mean of forces at several places.
         """
-        bounds = [np.full(force.shape[:-1], np.inf)]
-        if self.share > 0.0:
-            bounds.append((self.depth(force) + noise) / self.share)
+        bound = ((self.depth(force) + noise) / self.share if self.share > 0.0 else
+                 np.full(force.shape[:-1], np.inf))
         if not averaged:
-            bounds.append(np.linalg.norm(force, axis=-1) + noise)
-        return np.maximum(np.min(bounds, axis=0), 0.0)
+            bound = np.minimum(bound, np.linalg.norm(force, axis=-1) + noise)
+        return np.maximum(bound, 0.0)
 
     def static_force_bound(self, force: np.ndarray, velocity: np.ndarray, noise: float, *,
                            averaged: bool = False) -> np.ndarray:
@@ -136,4 +141,6 @@ class SurfaceClass:
         """
         left = 1.0 - self.dissipation * np.maximum(self.advance(-velocity), 0.0)
         bound = self.normal_force_bound(force, noise, averaged=averaged)
+        if (left > 0.0).all():
+            return bound / left
         return np.where(left > 0.0, bound / np.where(left > 0.0, left, 1.0), np.inf)
