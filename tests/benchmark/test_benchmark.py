@@ -129,6 +129,22 @@ def test_the_first_draw_of_every_case_comes_before_the_second_of_any():
     assert len({run.file for run in runs}) == 4
 
 
+def test_of_unfinished_runs_the_whole_draws_are_shown(tmp_path):
+    runs = runs_of(["impedance", "admittance"], ["girona500_arm5e"], ["thrusters"], 3, 1)
+    (tmp_path / "runs").mkdir()
+
+    def finish(*which: Run) -> list[int]:
+        for run in which:
+            (tmp_path / "runs" / run.file).write_text(json.dumps(
+                result(run.controller, run.index, 0.2)), encoding="utf-8")
+        found = run_all(runs, tmp_path, 1, lambda text, done: None, finished=True)
+        return [each["index"] for each in found]
+
+    assert finish(runs[0]) == [0]  # No draw is whole: all that there is.
+    assert finish(runs[2], runs[3]) == [1, 1]
+    assert finish(runs[1], runs[4]) == [0, 0, 1, 1]
+
+
 def test_a_damaged_file_of_a_run_is_repeated(tmp_path, monkeypatch):
     (run,) = runs_of(["impedance"], ["girona500_arm5e"], ["soft"], 1, 1)
     (tmp_path / "runs").mkdir()

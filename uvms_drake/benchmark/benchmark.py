@@ -5,7 +5,7 @@ import json
 import logging
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -109,7 +109,8 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
         folder: Folder of the results.
         processes: Number of processes.
         progress: Progress callback.
-        finished: Whether to compute nothing, and return the results that are there.
+        finished: Whether to compute nothing, and return the results that are there: those of whole
+            draws, of which no run is missing, if there are any.
 
     Raises:
         InvalidParameter: The folder has runs of another seed, or none of those that are finished.
@@ -122,10 +123,12 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
                 "a folder without runs of another seed")
     found = {run: result for run, result in stored.items()
              if result is not None and result.get("versions") == versions_of(run.controller)}
-    missing = [] if finished else [
-        run for run in runs if run not in found or found[run]["error"] is not None]
     require(not finished or bool(found), "--finished", str(folder),
             "left out: the folder has none of these runs")
+    if finished:
+        whole = whole_draws(runs, found)
+        return [found[run] for run in runs if run in found and (not whole or run.index in whole)]
+    missing = [run for run in runs if run not in found or found[run]["error"] is not None]
     pool = local_pool(processes)
     batch, done = pool.runs or len(missing), 0
     for first in range(0, len(missing), batch):
@@ -140,6 +143,11 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
                 done += 1
                 progress(f"{done} of {len(missing)} runs", done / len(missing))
     return [found[run] for run in runs if run in found]
+
+
+def whole_draws(runs: Sequence[Run], found: Container[Run]) -> set[int]:
+    """Returns the numbers of the draws of which every run is found, so that a table is fair."""
+    return {run.index for run in runs} - {run.index for run in runs if run not in found}
 
 
 def _read(path: Path) -> dict[str, Any] | None:

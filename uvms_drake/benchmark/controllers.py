@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from uvms_drake.baselines.baseline import BASELINES, make_baseline
-from uvms_drake.baselines.gains import read_gains
+from uvms_drake.baselines.gains import RobotGains, read_gains
 from uvms_drake.baselines.measured import PressTask
 from uvms_drake.certificate.cache import source_digest
 from uvms_drake.common.errors import InvalidParameter, require
@@ -43,12 +43,17 @@ def press_task(scenario: Scenario) -> PressTask:
         posture=np.asarray(scenario.task.posture, dtype=float), force=pressing_force(scenario))
 
 
-def _baseline(name: str) -> Factory:
-    def make(scenario: Scenario, model: ContactModel) -> System:
-        gains = read_gains(scenario.model)
-        return make_baseline(model, press_task(scenario), BASELINES[name](gains), gains)
+def controller_with_gains(name: str, scenario: Scenario, model: ContactModel, gains: RobotGains
+                          ) -> System:
+    """Returns a baseline, or the nominal MPC with an observer, with given gains."""
+    if name == OFFSET_FREE:
+        return _offset_free_mpc(scenario, model, gains)
+    return make_baseline(model, press_task(scenario), BASELINES[name](gains), gains)
 
-    return make
+
+def _with_default_gains(name: str) -> Factory:
+    return lambda scenario, model: controller_with_gains(
+        name, scenario, model, read_gains(scenario.model))
 
 
 def _tube_mpc(scenario: Scenario, model: ContactModel) -> System:
@@ -69,13 +74,13 @@ def _nominal_mpc(scenario: Scenario, model: ContactModel) -> System:
     return _planned_alone(scenario, model, Resolved(k=NO_FEEDBACK, sigma=NO_FEEDBACK))
 
 
-def _offset_free_mpc(scenario: Scenario, model: ContactModel) -> System:
+def _offset_free_mpc(scenario: Scenario, model: ContactModel, gains: RobotGains) -> System:
     """Makes the nominal MPC with the observer of the tube MPC, u = ζ̄̇ − f − δ̂.
 
     The robot has the acceleration of the plan in spite of a constant disturbance, so that the tip
     comes to rest at the target, which moves until the force is the desired one.
     """
-    rates, law = read_gains(scenario.model).offset_free, scenario.ancillary
+    rates, law = gains.offset_free, scenario.ancillary
     return _planned_alone(scenario, model, TipFirst(
         vehicle=BlockGains(NO_FEEDBACK, NO_FEEDBACK, rates.vehicle),
         tip=BlockGains(NO_FEEDBACK, NO_FEEDBACK, rates.tip),
@@ -87,8 +92,9 @@ def _planned_alone(scenario: Scenario, model: ContactModel, law: AncillaryLaw) -
         scenario.mpc, initial_state="measured", hover=0.0)), model)
 
 
-CONTROLLERS: dict[str, Factory] = {name: _baseline(name) for name in BASELINES} | {
-    NOMINAL: _nominal_mpc, OFFSET_FREE: _offset_free_mpc, TUBE: _tube_mpc}
+CONTROLLERS: dict[str, Factory] = {
+    name: _with_default_gains(name) for name in BASELINES} | {
+    NOMINAL: _nominal_mpc, OFFSET_FREE: _with_default_gains(OFFSET_FREE), TUBE: _tube_mpc}
 """Controllers of this package by name."""
 
 

@@ -58,7 +58,7 @@ def summarise(results: Sequence[Result]) -> dict[str, Any]:
         for name in controllers} for case in cases} for robot in robots}
     return {
         "controllers": controllers, "robots": robots, "cases": cases,
-        "runs": len(results), "draws": 1 + max(result["index"] for result in results),
+        "runs": len(results), "draws": len({result["index"] for result in results}),
         "seed": results[0]["seed"],
         "declared": {name: declared_to(name, next(iter(ROBOTS))) for name in controllers},
         "cells": cells,

@@ -35,7 +35,8 @@ def add_benchmark(commands: argparse._SubParsersAction) -> None:
     benchmark.add_argument("--processes", type=int, default=1, metavar="P",
                            help="processes of this machine (default: %(default)s)")
     benchmark.add_argument("--finished", action="store_true",
-                           help="compute nothing: tables and figures of the runs in the folder")
+                           help="compute nothing: tables and figures of the runs in the folder, of "
+                                "whole draws if there are any")
     take_quiet(benchmark)
 
 
