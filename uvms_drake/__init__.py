@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from uvms_drake.model.signals.sensor_actuator import Signals as Signals
     from uvms_drake.model.surface.law import Surface as Surface
     from uvms_drake.model.surface.plane import UnilateralPlane as UnilateralPlane
-    from uvms_drake.model.surface.sensed_contact import SensedContact as SensedContact
     from uvms_drake.model.surface.shaped_surface import ShapedSurface as ShapedSurface
     from uvms_drake.model.surface.spring import BilateralSpring as BilateralSpring
     from uvms_drake.model.uvms_model import UvmsModel as UvmsModel
@@ -65,11 +64,13 @@ if TYPE_CHECKING:
     from uvms_drake.report.figures import make_figures as make_figures
     from uvms_drake.report.summary import summarise as summarise
     from uvms_drake.sensing import Sensor as Sensor
+    from uvms_drake.station.contact.contact import Contact as Contact
+    from uvms_drake.station.contact.sensed_contact import SensedContact as SensedContact
     from uvms_drake.station.controller import make_controller as make_controller
     from uvms_drake.station.diagram import make_station as make_station
     from uvms_drake.station.diagram import read_logs as read_logs
     from uvms_drake.station.motions.motions import make_ocp as make_ocp
-    from uvms_drake.station.motions.plant import make_plant as make_plant
+    from uvms_drake.station.plant import make_plant as make_plant
     from uvms_drake.station.problem import load_model as load_model
     from uvms_drake.station.problem import start_state as start_state
     from uvms_drake.station.record import Record as Record
@@ -92,6 +93,7 @@ _HOME = {
     "certify": "certificate.certify",
     "Command": "control.laws.law",
     "configuration_rate": "model.uvms_model",
+    "Contact": "station.contact.contact",
     "ContactModel": "model.contact_model",
     "CostTerm": "control.costs.term",
     "DirectedDisturbance": "plant.disturbance",
@@ -104,7 +106,7 @@ _HOME = {
     "make_controller": "station.controller",
     "make_figures": "report.figures",
     "make_ocp": "station.motions.motions",
-    "make_plant": "station.motions.plant",
+    "make_plant": "station.plant",
     "make_scenario": "studies.make_scenario",
     "make_solver": "control.ocp.solvers",
     "make_station": "station.diagram",
@@ -125,7 +127,7 @@ _HOME = {
     "Robot": "model.robot",
     "RunFailed": "common.errors",
     "Scenario": "station.scenario.scenario",
-    "SensedContact": "model.surface.sensed_contact",
+    "SensedContact": "station.contact.sensed_contact",
     "Sensor": "sensing",
     "set_state": "plant.uvms_plant",
     "ShapedSurface": "model.surface.shaped_surface",

@@ -24,7 +24,7 @@ from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Bilinear, Linear
 from uvms_drake.plant.disturbance import unit_vector
 from uvms_drake.report.mission.force_bands import force_bands
-from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
+from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.problem import load_model
 
 RUNS = {"girona500_contact": (200, 2.6), "bluerov2_contact": (20, 2.0),

@@ -12,7 +12,7 @@ from make_all import provenance
 import uvms_drake as uv
 from uvms_drake.certificate.certify import basis_of, check_inputs
 from uvms_drake.control.limits.radii import HoldRadii
-from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
+from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY, ultimate_bounds
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.benchmark.cases import CASES, ROBOTS, drawn_case
+from uvms_drake.station.contact import SensedContact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.scenario import dump_scenario
 
@@ -38,7 +39,7 @@ def test_cases_share_their_draw_and_differ_as_named():
 def test_every_case_can_be_drawn(robot, case):
     scenario, events = drawn_case(robot, case, 1, 0)
     assert scenario.model == robot
-    assert scenario.contact.is_sensed
+    assert isinstance(scenario.contact, SensedContact)
     assert events.end(np.inf) == events.latest < scenario.duration
     assert events.end(4.0) == 4.0 + events.after <= scenario.duration
     moved = events.slide_start + np.linalg.norm(events.slide) / events.slide_speed

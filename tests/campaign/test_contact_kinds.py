@@ -25,10 +25,11 @@ from uvms_drake.campaign.variation import vary
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
 from uvms_drake.control.limits.tip_velocity import TipVelocity
-from uvms_drake.model.surface import KnownSurface, ShapedSurface
+from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.plant.surface_error import SurfaceError
-from uvms_drake.station.contact_bounds import largest_force, sensed_contact, sensing_of
+from uvms_drake.station.contact import KnownSurface
+from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.motions.motions import make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario

@@ -5,14 +5,14 @@ import pytest
 from support.shapes import in_ball_of
 
 from uvms_drake.campaign.drawn_surfaces import BELOW, SOFTEST, ball_about, draw_law, draw_wall
-from uvms_drake.model.surface import SensedContact
 from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
 from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 
 pytestmark = pytest.mark.long
 
 DIRECTION = np.array([2.0, -1.0, 2.0]) / 3.0
-CONTACT = SensedContact(direction=DIRECTION, angle=0.08, stiffness=900.0, friction=0.4)
+CONTACT = UnknownContact(direction=DIRECTION, angle=0.08, stiffness=900.0, friction=0.4)
 START, GOAL = np.array([0.4, -0.3, 1.1]), np.array([0.5, -0.1, 1.2])
 DRAWS = 150
 

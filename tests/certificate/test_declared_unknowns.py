@@ -23,7 +23,6 @@ from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.plant.waves import water_motion
 from uvms_drake.station.motions.dynamic import make_simulated_uvms
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.unmodelled_dynamics import box, motions
@@ -148,7 +147,7 @@ def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis
                                    failed.advice.removeprefix("--set ")])
     assert payload_condition(allowed, found)[0].holds
     # The change of its weight and inertia since the tare.
-    plain, heavy = (motion_of(scenario).contact_force(each) for each in (
+    plain, heavy = (each.contact.force_bounds(each) for each in (
         load_scenario(NAME, FEW), allowed))
     most = 9.81 + allowed.model_error.payload.acceleration
     assert heavy.error - plain.error == pytest.approx(2.0 * 0.1 * most)

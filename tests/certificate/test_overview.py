@@ -9,7 +9,7 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.certificate.overview import force_bounds, format_overview, tightest_limit
 from uvms_drake.certificate.table import format_certificate
-from uvms_drake.station.mission_legs import Leg
+from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.ultimate_bounds import HOLD

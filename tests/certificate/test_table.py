@@ -11,7 +11,7 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.certificate.table import HELP, format_certificate, verdict
 from uvms_drake.control.limits import HoldRadii, TubeRadii
-from uvms_drake.station.mission_legs import Leg
+from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants.constants import QUANTITIES, Constant

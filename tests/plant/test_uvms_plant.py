@@ -30,7 +30,7 @@ from uvms_drake.plant.disturbance import (
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.motions.plant import make_plant
+from uvms_drake.station.plant import make_plant
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.visual.stage import NED, turn_down
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_drake.model.surface.sensed_contact import HoldForces, SensedContact
+from uvms_drake.model.surface.unknown_contact import HoldForces, UnknownContact
 from uvms_drake.report.surface_class_check import departures
 
-SPECIFIED = SensedContact(direction=np.array([1.0, 0.0, 0.0]), stiffness=1000.0, angle=0.1,
+SPECIFIED = UnknownContact(direction=np.array([1.0, 0.0, 0.0]), stiffness=1000.0, angle=0.1,
                      dissipation=1.0, friction=0.4, force_rate=40.0, force_ripple=2.0,
                      clearance=0.05)
 TIME = np.arange(0.0, 10.0, 0.02)

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.station.contact_bounds`: numbers that margins and conditions are made of."""
+"""Tests of `uvms_drake.station.contact.bounds`: numbers that margins and conditions are made of."""
 
 import numpy as np
 import pytest
@@ -8,12 +8,12 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.frames.euler import rate_matrix
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.station.contact_bounds import (
+from uvms_drake.station.contact.bounds import (
     between_knots,
     largest_reading_error,
     sensing_of,
 )
-from uvms_drake.station.motions.motions import limits_of, motion_of
+from uvms_drake.station.motions.motions import limits_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 
@@ -23,7 +23,7 @@ def test_the_error_of_a_reading_grows_with_the_time_between_two():
     scenario = load_scenario("girona500_contact")
     slow = load_scenario("girona500_contact", ["contact.period=0.1"])
     still = load_scenario("girona500_contact", ["limits.qdot=0.001", "limits.nu2=0.001"])
-    known, late, calm = (largest_reading_error(each, motion_of(each).contact_force(each), 3.0)
+    known, late, calm = (largest_reading_error(each, each.contact.force_bounds(each), 3.0)
                          for each in (scenario, slow, still))
     change = 3.0 / 4.0 * np.diff([h * (45.0 + 500.0 * h) for h in (0.01, 0.1)])[0]
     assert late - known == pytest.approx(change)

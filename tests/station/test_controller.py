@@ -9,6 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 import uvms_drake as uv
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.station.contact import SensedContact
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
@@ -86,7 +87,7 @@ def test_it_is_made_for_every_shipped_scenario_with_the_ports_of_its_docstring(n
     assert controller.HasInputPort("force") != kinematic
     assert controller.HasOutputPort("zeta" if kinematic else "tau")
     assert controller.HasOutputPort("plan")
-    asked = scenario.contact.is_sensed and not scenario.mission.steps
+    asked = isinstance(scenario.contact, SensedContact) and not scenario.mission.steps
     assert controller.HasInputPort("place") == asked
     assert controller.HasInputPort("stop") == bool(scenario.mission.steps)
     assert controller.HasInputPort("payload") == scenario.model_error.payload.present

@@ -5,7 +5,7 @@ import pytest
 from support.unknown_wall import close_to_the_wall
 
 from uvms_drake.report.events import events
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.simulation import simulate
 

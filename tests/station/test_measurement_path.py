@@ -4,8 +4,8 @@ import pytest
 from pydrake.systems.framework import Diagram, InputPortIndex
 
 from uvms_drake.certificate.assumptions import assumptions_of
+from uvms_drake.station.contact.measurement_path import measurement_path
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.measurement_path import measurement_path
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 

@@ -13,7 +13,7 @@ from uvms_drake.report.headline import broken
 from uvms_drake.report.mission.inspection import COLUMNS, inspection_table
 from uvms_drake.report.mission.mission import summarise_mission
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.contact_bounds import largest_force, mission_conditions
+from uvms_drake.station.contact.bounds import largest_force, mission_conditions
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario

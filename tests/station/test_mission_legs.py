@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.station.mission_legs`: what is certified of the steps of a mission."""
+"""Tests of `station.contact.mission_legs`: what is certified of the steps of a mission."""
 
 from dataclasses import replace
 
@@ -7,13 +7,13 @@ import pytest
 
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
-from uvms_drake.model.surface import SensedContact
 from uvms_drake.model.surface.law import TipErrors
-from uvms_drake.station.mission_legs import legs_of
+from uvms_drake.model.surface.unknown_contact import UnknownContact
+from uvms_drake.station.contact.mission_legs import legs_of
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.ultimate_bounds import tip_errors
 
-CONTACT = SensedContact(angle=0.15, stiffness=900.0, force_error=1.2, dissipation=0.8, delay=0.1)
+CONTACT = UnknownContact(angle=0.15, stiffness=900.0, force_error=1.2, dissipation=0.8, delay=0.1)
 TUBE = TubeRadii(e=0.01, z=0.1, position=0.002, depth=0.0012, orientation=0.01, joints=0.01,
                  nu1=0.01, nu2=0.01, qdot=0.1, tip_speed=0.03, depth_speed=0.02, roll=0.01,
                  pitch=0.01, u=np.full(10, 0.1))

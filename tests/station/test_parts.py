@@ -14,9 +14,7 @@ from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
 from uvms_drake.sensing.navigation import Channel, Dvl, Navigation
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.motions import MOTIONS
 from uvms_drake.station.record import load_record, save_record
-from uvms_drake.station.scenario.scenario import MOTIONS as NAMES
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -172,7 +170,3 @@ def test_parts_stand_in_the_loop_of_kinematic_motion_too():
     record = simulate(replace(scenario, sensing=[Scaled()], actuation=[SampledCommand(0.01)]))
     assert record.signals["scaled"].shape == record.config.shape
     assert record.signals["zoh_command"].shape == record.u.shape
-
-
-def test_every_motion_that_a_file_may_name_is_one():
-    assert tuple(MOTIONS) == NAMES

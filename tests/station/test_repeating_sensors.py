@@ -24,7 +24,7 @@ from uvms_drake.sensing.force_error_bound import error_bound
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector, ForceStatus
 from uvms_drake.sensing.force_faults import FrozenForce
 from uvms_drake.sensing.force_sensor import WristSensor
-from uvms_drake.station.contact_bounds import (
+from uvms_drake.station.contact.bounds import (
     LONGEST_FREEZE,
     pressing_force,
     sensed_contact,

@@ -19,7 +19,7 @@ from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
+from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.modules import import_file
 from uvms_drake.station.scenario.scenario import Scenario

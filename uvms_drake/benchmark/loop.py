@@ -34,11 +34,11 @@ from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.motions.plant import applied_disturbance
+from uvms_drake.station.parts import faults_at, keyed
+from uvms_drake.station.plant import applied_disturbance
 from uvms_drake.station.problem import task_place
-from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import add_chain, keyed
+from uvms_drake.station.series_connection import add_chain
 from uvms_drake.station.signals import LOGGED_AS
 
 LOGGED = ("state", "chi", "force", "penetration")
@@ -161,7 +161,7 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
             signals[name] = uvms.GetOutputPort(name)
     is_tube = controller.HasInputPort("force_valid")
     if is_tube:
-        for name in motion.controller_signals:
+        for name in (*motion.controller_signals, *scenario.contact.controller_signals):
             signals[LOGGED_AS.get(name, name)] = controller.GetOutputPort(name)
 
     # Sensors.

@@ -8,7 +8,7 @@ from uvms_drake.baselines.gains import read_gains
 from uvms_drake.benchmark.loop import Trace
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
+from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.motions.motions import limits_of
 from uvms_drake.station.scenario.scenario import Scenario
 

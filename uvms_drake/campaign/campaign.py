@@ -18,7 +18,7 @@ from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.progress import Progress, part_of, silent
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.motions.motions import models_force
 from uvms_drake.station.problem import load_model, retargeted_ocp
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 
@@ -142,7 +142,7 @@ def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Targe
     """
     own = Target(wall, 1.0, scenario.mpc.terminal_radius)
     force = np.asarray(scenario.task.force, dtype=float)
-    movable = motion_of(scenario).knows_force and scenario.mpc.terminal_set
+    movable = models_force(scenario) and scenario.mpc.terminal_set
     if not (movable and np.any(force)):
         return [own]
 

@@ -20,7 +20,7 @@ from uvms_drake.common.progress import Progress, part_of
 from uvms_drake.common.schema import load_typed
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.frames.euler import wrap_angle
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.motions.motions import models_force
 from uvms_drake.station.scenario.scenario import Scenario
 
 OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
@@ -54,7 +54,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
         progress: Progress callback, as of `certified_once`.
     """
     walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
-    others = OTHER_WALLS if motion_of(scenario).knows_force else ()
+    others = OTHER_WALLS if models_force(scenario) else ()
     for i, (stiffness, tilt) in enumerate(others):
         if tilt and scenario.surface.normal is None:
             continue

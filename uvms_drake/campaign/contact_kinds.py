@@ -15,8 +15,8 @@ from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.plant.surface_error import SurfaceError
-from uvms_drake.station.contact_bounds import largest_force, sensed_contact, sensing_of
-from uvms_drake.station.motions.dynamic import actuation_delay_of
+from uvms_drake.station.command_path import actuation_delay_of
+from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.step_size import friction_rate, largest_rate
@@ -130,12 +130,12 @@ class SensedContactKind(ContactKind):
                 "settling_time_s": wall["settling_time_s"]}
 
 
-CONTACTS: dict[bool, ContactKind] = {False: KnownContactKind(), True: SensedContactKind()}
+CONTACTS: dict[bool, ContactKind] = {True: KnownContactKind(), False: SensedContactKind()}
 
 
 def contact_of(scenario: Scenario) -> ContactKind:
     """Returns the kind of contact of a scenario."""
-    return CONTACTS[scenario.contact.is_sensed]
+    return CONTACTS[scenario.contact.is_modelled]
 
 
 def tips(scenario: Scenario, ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.signals import settling_index
 from uvms_drake.report.summary import summarise_contact
-from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
+from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 from uvms_drake.tube.contact.force_ripple import ripple

@@ -12,10 +12,11 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.frames.spatial import cross
-from uvms_drake.model.surface import SensedContact, ShapedSurface
+from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
 from uvms_drake.model.surface.normal_law import AnyNormalLaw, Bilinear, Hardening, Linear
 from uvms_drake.model.surface.surface_class import SurfaceClass
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 
 SOFTEST = 0.1
 """Smallest slope of a wall's static force over the largest of the class."""
@@ -46,7 +47,7 @@ def share(rng: np.random.Generator, least: float = 0.0) -> float:
     return BELOW if rng.uniform() < AT_THE_BOUND else float(part)
 
 
-def draw_wall(contact: SensedContact, start: np.ndarray, goal: np.ndarray,
+def draw_wall(contact: UnknownContact, start: np.ndarray, goal: np.ndarray,
               rng: np.random.Generator) -> ShapedSurface | None:
     """Returns a wall at the start, its friction with a creep of 1 m/s; None: not in the class.
 
@@ -84,7 +85,7 @@ def draw_law(least: float, most: float, rng: np.random.Generator) -> AnyNormalLa
     return Bilinear(first, transition, second / first, float(rng.uniform(*KNEES)))
 
 
-def within_class(surface: ShapedSurface, contact: SensedContact, start: np.ndarray,
+def within_class(surface: ShapedSurface, contact: UnknownContact, start: np.ndarray,
                  goal: np.ndarray) -> ShapedSurface | None:
     """Returns the surface, softer and less damped if the class requires it; None: not in it."""
     found = membership(surface, contact, start, goal)
@@ -98,7 +99,7 @@ def within_class(surface: ShapedSurface, contact: SensedContact, start: np.ndarr
     return surface if is_member(surface, contact, start, goal) else None
 
 
-def is_member(surface: ShapedSurface, contact: SensedContact, start: np.ndarray, goal: np.ndarray
+def is_member(surface: ShapedSurface, contact: UnknownContact, start: np.ndarray, goal: np.ndarray
               ) -> bool:
     """Returns whether a surface is in the class wherever a tip can touch it."""
     found = membership(surface, contact, start, goal)
@@ -107,7 +108,7 @@ def is_member(surface: ShapedSurface, contact: SensedContact, start: np.ndarray,
         for name in ("stiffness", "angle", "dissipation", "friction"))
 
 
-def membership(surface: ShapedSurface, contact: SensedContact, start: np.ndarray,
+def membership(surface: ShapedSurface, contact: UnknownContact, start: np.ndarray,
                goal: np.ndarray) -> SurfaceClass | None:
     """Returns the class of a surface in the ball of `ball_about`; None if it turns away there."""
     ball = ball_about(surface.anchor, contact, surface.law, start, goal)
@@ -117,7 +118,7 @@ def membership(surface: ShapedSurface, contact: SensedContact, start: np.ndarray
         return None
 
 
-def ball_about(point: np.ndarray, contact: SensedContact, law: AnyNormalLaw, start: np.ndarray,
+def ball_about(point: np.ndarray, contact: UnknownContact, law: AnyNormalLaw, start: np.ndarray,
                goal: np.ndarray) -> Ball:
     """Returns a ball with all contact points of at most the largest static force.
 

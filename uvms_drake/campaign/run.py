@@ -19,8 +19,8 @@ from uvms_drake.control.mpc.solver_faults import solver_fault
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import set_wise_radii
+from uvms_drake.station.parts import faults_at
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.simulation import simulate
 
 PROPORTION = 1.05

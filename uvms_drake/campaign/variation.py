@@ -29,7 +29,7 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.station.motions.motions import make_ocp, motion_of
+from uvms_drake.station.motions.motions import make_ocp, models_force, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
@@ -87,7 +87,7 @@ def vary(campaign: Campaign, index: int) -> Variation:
             if attempt == 0:
                 make_ocp(base)  # Raises if the scenario itself is infeasible.
             continue
-        first = motion_of(base).first_problem(aimed, model, ocp, start)
+        first = base.contact.first_problem(aimed, model, ocp, start)
         plan, conditions = first_plan(first, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
@@ -154,6 +154,6 @@ def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
     if scenario.disturbance.d_bound == 0.0 or has_unknowns(scenario):
         return as_declared(scenario, rng)
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
-    if not (wanted and motion_of(scenario).knows_force):
+    if not (wanted and models_force(scenario)):
         return scenario
     return with_unknowns(scenario, ocp, plan, largest, rng)

@@ -16,17 +16,16 @@ from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.certificate.declared_unknowns import has_unknowns
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.contact_bounds import sensed_contact
-from uvms_drake.station.measurement_path import SENSOR_MAKER, measurement_path
+from uvms_drake.station.contact.contact import OPERATOR
+from uvms_drake.station.contact.measurement_path import SENSOR_MAKER
+from uvms_drake.station.contact.sensed_contact import CERTIFIER
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 
 SCOPE = ("actuation", "sensing", "surface")
 """Subjects whose first assumption is part of the verdict."""
-OPERATOR = "operator"
 MAKER = "robot's maker"
 INTEGRATOR = "integrator of the controller"
-CERTIFIER = "the person who certifies"
 
 
 @dataclass(frozen=True)
@@ -106,21 +105,12 @@ def _actuation(scenario: Scenario, model: ContactModel) -> Lines:
 def _sensing(scenario: Scenario, model: ContactModel) -> Lines:
     """Yields the measured state and the measured force."""
     clock = any(isinstance(part, SampledCommand) for part in scenario.actuation)
-    force = "; a force sensor within its declared errors" if scenario.contact.is_sensed else ""
+    force = list(scenario.contact.about_sensing(scenario))
     yield ("sensing", "exact pose, velocity and joint angles, "
-           + ("at the ticks of the clock" if clock else "in continuous time") + force,
+           + ("at the ticks of the clock" if clock else "in continuous time")
+           + ("; a force sensor within its declared errors" if force else ""),
            "maker of navigation and encoders" + (f", {SENSOR_MAKER}" if force else ""))
-    if scenario.contact.is_sensed:
-        yield ("sensing", "noise, bias, drift, lag and range of the force sensor, and mass and "
-               "inertia of the tool beyond it, are as declared until "
-               f"t = {scenario.duration:g} s", SENSOR_MAKER)
-        yield ("sensing", "between two readings of the force the feedback adds nothing to the "
-               "variation of the tip's acceleration along n that forces, disturbance and plan make "
-               "(tube/contact/theory.md#unevenness-of-the-tips-motion)", CERTIFIER)
-        for element in measurement_path(scenario):
-            covered = element.theorem or "no theorem covers it"
-            yield ("sensing", f"{element.system}, before the law: {element.statement} ({covered})",
-                   element.guaranteed_by)
+    yield from force
 
 
 def _surface(scenario: Scenario, model: ContactModel) -> Lines:
@@ -128,21 +118,7 @@ def _surface(scenario: Scenario, model: ContactModel) -> Lines:
     if not motion_of(scenario).has_forces:
         yield "surface", "none that disturbs the motion", OPERATOR
         return
-    if not scenario.contact.is_sensed:
-        yield ("surface", f"the declared !{type(scenario.surface).__name__}, exactly: its place, "
-               "normal and stiffness, without friction that it does not declare", OPERATOR)
-    else:
-        contact = sensed_contact(scenario)
-        yield ("surface", f"every wall, {contact.clearance:g} m or more off the tip at the start, "
-               f"with its normal within {np.rad2deg(contact.angle):.3g}° of the direction, "
-               f"{contact.stiffness:g} N/m at most with the tool, friction {contact.friction:g}, "
-               f"dissipation {contact.dissipation:g} s/m", OPERATOR)
-        yield ("surface", "friction and a normal that turns change the force by "
-               f"{contact.force_rate:g} N/s at most, and by {contact.force_ripple:g} N at any rate",
-               OPERATOR)
-        if (slow := contact.hold) is not None:
-            yield ("surface", "in a hold they change it by "
-                   f"{slow.force_rate:g} N/s and {slow.force_ripple:g} N at most", OPERATOR)
+    yield from scenario.contact.about_surface(scenario)
     yield "surface", "the tip alone touches anything", OPERATOR
 
 

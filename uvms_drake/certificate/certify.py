@@ -46,12 +46,17 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Component
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.contact_bounds import sensed_contact
-from uvms_drake.station.mission_legs import legs_of
-from uvms_drake.station.motions.dynamic import actuation_delay_of, command_paths
-from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
+from uvms_drake.station.command_path import actuation_delay_of, command_paths
+from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.contact.mission_legs import legs_of
+from uvms_drake.station.motions.motions import (
+    limits_of,
+    make_ocp,
+    models_force,
+    motion_of,
+)
+from uvms_drake.station.parts import uncovered
 from uvms_drake.station.problem import load_model, start_state
-from uvms_drake.station.scenario.faults import uncovered
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants.constants import Constant
@@ -108,7 +113,7 @@ def certify(scenario: Scenario, progress: Progress = silent,
         progress(f"2 of {STAGES}: tube", motion.stages[0])
         found = motion.tubes[type(law)].tube(law, basis)
         if all(condition.holds for condition in found.conditions):
-            found = motion.in_contact(found, scenario, basis)
+            found = scenario.contact.in_contact(found, scenario, basis)
         # These belong to the file even if the tube leaves nothing of a limit.
         draft = replace(
             draft, constants=tuple(basis.constants.values()), tube=found.radii, budget={
@@ -166,9 +171,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set", "none", not mpc.terminal_set)]
-    if scenario.contact.is_sensed:
-        assumed.append(("contact.tangential_lag", "delayed feedback of the friction",
-                        sensed_contact(scenario).tangential_lag))
+    assumed += scenario.contact.assumed_settings()
     assumed += motion_of(scenario).assumed_settings(mpc)
     conditions = [
         assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
@@ -183,7 +186,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
             assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
                        theorem=GUARANTEE)
             for i, part in enumerate(parts) if part.assumption() is not None
-            and not (scenario.contact.is_sensed and part.reading(0.0, 0.0) is not None)
+            and not scenario.contact.bounds_error_of(part)
             and not is_counted(scenario, part, model)]
     return conditions
 
@@ -269,7 +272,7 @@ def certified_once(scenario: Scenario, progress: Progress = silent,
 def declared_set(scenario: Scenario, model: ContactModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
     limits = scenario.limits
-    require(not motion_of(scenario).knows_force or limits.static_force is not None,
+    require(not models_force(scenario) or limits.static_force is not None,
             "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
@@ -310,7 +313,7 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         model: The controller's model.
         names: Names of the constants; those that the scenario's law needs if None.
     """
-    declared, contact = declared_set(scenario, model), motion_of(scenario).contact_force(scenario)
+    declared, contact = declared_set(scenario, model), scenario.contact.force_bounds(scenario)
     weights = weights_of(scenario, model)
     if names is None:
         law = scenario.ancillary
@@ -401,7 +404,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
         return draft
     progress(f"4 of {STAGES}: first plan", plan)
     applied = draft.applied_to(scenario)  # With the terminal set.
-    first = motion_of(scenario).first_problem(applied, model, make_ocp(applied, model), start)
+    first = scenario.contact.first_problem(applied, model, make_ocp(applied, model), start)
     return draft.adding(first_plan(first, start)[1])
 
 

@@ -222,7 +222,7 @@ def payload_acceleration(scenario: Scenario, basis: Basis, radii: TubeRadii,
                          effects: Sequence[UnknownEffect]) -> Estimate | None:
     """Returns the largest acceleration of a payload that a wrist sensor reads; None without one."""
     payload = scenario.model_error.payload
-    if not (payload.present and scenario.contact.is_sensed):
+    if not payload.present or basis.contact is None:
         return None
     bounds, disturbance = UnmodelledBounds(scenario, basis, radii), scenario.disturbance
     left = (1.0 - scenario.model_error.share) * disturbance.axes(basis.model.size)

@@ -9,7 +9,6 @@ import numpy as np
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.table import help_for, scope, verdict, violation
-from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.ultimate_bounds import HOLD
@@ -28,8 +27,7 @@ class ForceBounds(NamedTuple):
 
 def force_bounds(certificate: Certificate, scenario: Scenario) -> ForceBounds:
     """Returns the bounds of the static force; those of a mission are the largest of its steps."""
-    limit = (sensed_contact(scenario).force if scenario.contact.is_sensed
-             else scenario.limits.static_force)
+    limit = scenario.contact.force_limit(scenario)
     bands = [(leg.force, band) for leg in certificate.legs
              if (band := leg.band if leg.hold_band is None else leg.hold_band) is not None]
     if bands:

@@ -80,7 +80,7 @@ def check_scenario(file: str) -> int:
 
 def place_words(scenario: "Scenario") -> list[str]:
     """Returns a line for each approach and slide of a mission: its lengths by compass direction."""
-    from uvms_drake.station.contact_bounds import sensed_contact
+    from uvms_drake.station.contact.bounds import sensed_contact
 
     lines = []
     for i, step in enumerate(scenario.mission.steps):

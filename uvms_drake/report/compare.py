@@ -112,8 +112,7 @@ def normal_force(record: Record) -> tuple[np.ndarray, np.ndarray]:
     Along that of a sensed contact if there is one; the norms where no force is desired.
     """
     last = record.desired_force[-1, :3]
-    contact = record.model.surface.contact
-    direction = last if contact is None else contact.direction
+    direction = record.scenario.contact.force_direction(last)
     size = float(np.linalg.norm(direction))
     if size == 0.0:
         return (np.linalg.norm(record.force[:, :3], axis=1),

@@ -22,7 +22,7 @@ from uvms_drake.report.signals import (
     wrench_unit,
 )
 from uvms_drake.sensing.force_fault_detector import ForceStatus
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.diagram import (
     MONITOR_SLACK,
     monitor_begin,
@@ -112,7 +112,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
                       lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")
     desired = record.desired_force
     yield _Signal("retarget", _changed(desired), lambda when: _wanted_text(desired[when.stop - 1]))
-    if record.scenario.contact.is_sensed:
+    if "target" in record.signals:
         n, target = sensed_contact(record.scenario).direction, record.signals["target"]
         yield _Signal("retarget", _changed(target - np.outer(target @ n, n)),
                       lambda when: "the tip is sent to another point of the wall")

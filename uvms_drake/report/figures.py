@@ -15,7 +15,7 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.mpc.planner import HOVERED, KEPT, SOLVED
 from uvms_drake.model.frames.euler import pose_difference
-from uvms_drake.report.figure.contact_estimate_figure import draw_contact_estimate
+from uvms_drake.report.figure.contact_estimate_figure import ESTIMATE, draw_contact_estimate
 from uvms_drake.report.figure.force_figure import draw_force
 from uvms_drake.report.figure.kinematic_figures import (
     draw_input_norms,
@@ -45,7 +45,7 @@ from uvms_drake.report.mission.mission_figure import draw_mission
 from uvms_drake.report.robot.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits
 from uvms_drake.report.thrusters import draw_thrusters, part_of
-from uvms_drake.station.motions.motions import MOTIONS, motion_of
+from uvms_drake.station.motions.motions import motion_of, motions
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -98,7 +98,7 @@ def _add_footer(figure: Figure, paragraphs: Sequence[str]) -> None:
 
 def figures_of(scenario: Scenario) -> list[str]:
     """Returns the names of the figures of a scenario's run."""
-    special = {name for motion in MOTIONS.values() for name in motion.figures}
+    special = {name for motion in motions() for name in motion.figures}
     own = motion_of(scenario).figures
     missing = {name for name, there in (
         (JOINTS, len(scenario.start.q) > 0), (THRUSTERS, part_of(scenario)),
@@ -108,7 +108,7 @@ def figures_of(scenario: Scenario) -> list[str]:
 
 def draw_contact(record: Record, certified: float | None = None) -> Figure:
     """Draws the force on a surface; for a sensed contact, with the contact estimate."""
-    draw = draw_contact_estimate if record.scenario.contact.is_sensed else draw_force
+    draw = draw_contact_estimate if ESTIMATE in record.signals else draw_force
     return draw(record, certified)
 
 

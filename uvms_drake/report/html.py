@@ -10,6 +10,7 @@ from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, re
 from uvms_drake.certificate.overview import format_overview
 from uvms_drake.certificate.table import format_certificate, scope, verdict
 from uvms_drake.common.program import VERSION
+from uvms_drake.report.figure.contact_estimate_figure import ESTIMATE
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import SCENARIO_FILE, Record, load_record, unusable_folder
 from uvms_drake.station.scenario.scenario import dump_scenario
@@ -107,7 +108,7 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
     scenario = record.scenario
     summary: dict[str, Any] = summarise(record)
     title = html.escape(scenario.name)
-    captions = CAPTIONS | (SENSED_CAPTIONS if scenario.contact.is_sensed else {})
+    captions = CAPTIONS | (SENSED_CAPTIONS if ESTIMATE in record.signals else {})
     drawn = {path.name: _figure(path, captions.get(path.name)) for path in figures}
     portrait = drawn.pop(PORTRAIT, "")
     parts = [

@@ -32,6 +32,7 @@ from uvms_drake.report.signals import (
 )
 from uvms_drake.report.surface_class_check import departures
 from uvms_drake.report.thrusters import format_thrusters, summarise_thrusters
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import true_surface
@@ -162,8 +163,7 @@ def _summarise_class(record: Record) -> dict[str, object]:
 
     Empty without a sensed contact. At the instants of the log, so at least these.
     """
-    specified = record.model.surface.contact
-    if specified is None:
+    if record.scenario.contact.is_modelled:
         return {}
     surface = check_surface(true_surface(record.scenario))
     config, zeta = np.split(record.state, 2, axis=1)
@@ -175,7 +175,8 @@ def _summarise_class(record: Record) -> dict[str, object]:
         return surface.static_force(np.concatenate([places, attitude], axis=1))
 
     observed = departures(
-        specified, record.time, record.chi[:, :3], velocity, record.force[:, :3], static,
+        sensed_contact(record.scenario), record.time, record.chi[:, :3], velocity,
+        record.force[:, :3], static,
         has_stood(record))
     return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 

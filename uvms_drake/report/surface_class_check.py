@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.model.surface import SensedContact
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.tube.contact.force_ripple import ripple
 
 NOTHING = 1e-3
@@ -28,7 +28,7 @@ class Departure(NamedTuple):
     """Observed value."""
 
 
-def departures(specified: SensedContact, time: np.ndarray, tip: np.ndarray, velocity: np.ndarray,
+def departures(specified: UnknownContact, time: np.ndarray, tip: np.ndarray, velocity: np.ndarray,
                force: np.ndarray, static: Callable[[np.ndarray], np.ndarray],
                stood: np.ndarray | None = None) -> dict[str, Departure]:
     """Returns the bounds of a class, by their keys, that a wall has exceeded.

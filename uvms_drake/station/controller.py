@@ -11,12 +11,13 @@ from uvms_drake.model.signals.sensor_actuator import (
     Signals,
 )
 from uvms_drake.sensing.tip_pose import TipPose
+from uvms_drake.station.contact.mission import add_mission
 from uvms_drake.station.force_measurement import add_force_measurement
-from uvms_drake.station.mission import add_mission
 from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.parts import keyed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import add_chain, keyed
+from uvms_drake.station.series_connection import add_chain
 from uvms_drake.station.signals import LOGGED_AS
 
 
@@ -88,10 +89,10 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     measured = add_chain(builder, model, true, signals, keyed("sensing", scenario.sensing),
                          scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
-    for name in motion.controller_signals:
+    for name in (*motion.controller_signals, *scenario.contact.controller_signals):
         signals[LOGGED_AS.get(name, name)] = controller.GetOutputPort(name)
     add_force_measurement(builder, scenario, model, controller, measured, signals)
-    if scenario.contact.is_sensed:
+    if controller.HasInputPort("place"):
         add_mission(builder, scenario, model, controller, measured, signals, None)
     if motion.has_forces and not scenario.mission.steps:
         builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")

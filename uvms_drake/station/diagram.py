@@ -19,15 +19,15 @@ from uvms_drake.model.signals.sensor_actuator import (
     VEHICLE_WRENCH,
     Signals,
 )
+from uvms_drake.station.contact.mission import add_mission
 from uvms_drake.station.force_measurement import add_force_measurement
-from uvms_drake.station.mission import add_mission
 from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.motions.plant import applied_disturbance
+from uvms_drake.station.parts import faults_at, keyed
+from uvms_drake.station.plant import applied_disturbance
 from uvms_drake.station.problem import load_model, start_state
-from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.station.series_connection import add_chain, keyed
+from uvms_drake.station.series_connection import add_chain
 from uvms_drake.station.signals import LOGGED_AS
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
@@ -116,7 +116,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, model, ocp))
     motion.connect_outside(builder, scenario, uvms, controller, meshcat)
     signals = Signals()
-    for system, names in ((uvms, motion.plant_signals), (controller, motion.controller_signals)):
+    for system, names in ((uvms, motion.plant_signals), (
+            controller, (*motion.controller_signals, *scenario.contact.controller_signals))):
         for name in names:
             signals[LOGGED_AS.get(name, name)] = system.GetOutputPort(name)
 
@@ -131,7 +132,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
     add_force_measurement(builder, scenario, model, controller, measured, signals)
-    if scenario.contact.is_sensed:
+    if controller.HasInputPort("place"):
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)
     command = controller.GetOutputPort(motion.command)
     applied = add_chain(builder, model, command, signals,
@@ -158,7 +159,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         disturbance=(
             signals["disturbance"] if bounds_disturbance(scenario, certified) else None),
         pair=controller.GetOutputPort("pair") if shared else None,
-        kinematic=not motion.has_forces, along_run=motion.along_run,
+        kinematic=not motion.has_forces, along_run=scenario.contact.is_modelled,
         period=scenario.log_period, begin=monitor_begin(scenario, certified),
         slack=MONITOR_SLACK,
         floor=monitor_floor(scenario))

@@ -1,6 +1,7 @@
 """The nominal MPC's problem of a scenario: model, task and limits put together, and its start."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +18,13 @@ from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.robot_loading import sound_robot
 from uvms_drake.plant.surface_error import displaced
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
 
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
 
-def load_model(scenario: Scenario, robot: Robot | None = None) -> ContactModel:
+
+def load_model(scenario: "Scenario", robot: Robot | None = None) -> ContactModel:
     """Returns the controller's model of robot and surface.
 
     Args:
@@ -43,24 +46,24 @@ def load_model(scenario: Scenario, robot: Robot | None = None) -> ContactModel:
     return ContactModel(robot.uvms, controller_surface, frame)
 
 
-def true_surface(scenario: Scenario) -> Surface:
+def true_surface(scenario: "Scenario") -> Surface:
     """Returns the simulated surface, which the controller may not know."""
     return displaced(scenario.surface, scenario.surface_error)
 
 
-def shown_surface(scenario: Scenario, model: ContactModel) -> Surface:
+def shown_surface(scenario: "Scenario", model: ContactModel) -> Surface:
     """Returns the surface for drawing and for task errors: the model's, if it has one."""
-    return check_surface(true_surface(scenario)) if scenario.contact.is_sensed else model.surface
+    return scenario.contact.shown_surface(model.surface, true_surface(scenario))
 
 
-def make_kinematic_ocp(scenario: Scenario, model: ContactModel) -> KinematicOcp:
+def make_kinematic_ocp(scenario: "Scenario", model: ContactModel) -> KinematicOcp:
     """Returns the problem of a scenario with kinematic motion; see `motions.make_ocp`."""
     y_des, limits = posed_task(scenario, model, accelerations=False)
     with within("mpc"):
         return KinematicOcp(model, scenario.mpc, y_des, limits)
 
 
-def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> DynamicOcp:
+def make_dynamic_ocp(scenario: "Scenario", model: ContactModel) -> DynamicOcp:
     """Returns the problem of a scenario with dynamic motion; see `motions.make_ocp`."""
     y_des, limits = posed_task(scenario, model, accelerations=True)
     with within("mpc"):
@@ -75,7 +78,7 @@ def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> DynamicOcp:
     return ocp
 
 
-def retargeted_ocp(scenario: Scenario, model: ContactModel, force: np.ndarray) -> DynamicOcp:
+def retargeted_ocp(scenario: "Scenario", model: ContactModel, force: np.ndarray) -> DynamicOcp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
     The tube stays the scenario's: it holds for all forces within `limits.static_force`.
@@ -90,13 +93,13 @@ def retargeted_ocp(scenario: Scenario, model: ContactModel, force: np.ndarray) -
     return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)), model)
 
 
-def posed_task(scenario: Scenario, model: ContactModel, *, accelerations: bool
+def posed_task(scenario: "Scenario", model: ContactModel, *, accelerations: bool
                ) -> tuple[np.ndarray, dict[str, Limit]]:
     """Returns y_des (6+n,) and the tightened limits."""
     surface = model.surface
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, surface,
                                  accelerations=accelerations, thrusters=model.thrusters,
-                                 slides=model.slides),
+                                 slides=model.slides, of_contact=scenario.contact.limits()),
                      scenario.tube)
     task = scenario.task
     with within("task"):
@@ -120,13 +123,13 @@ def _at(model: ContactModel, y: np.ndarray) -> Points:
     return Points(model, model.configuration(y), y)
 
 
-def task_place(scenario: Scenario) -> np.ndarray:
+def task_place(scenario: "Scenario") -> np.ndarray:
     """Returns the position of the task's pose in Σ_I (3,) [m]."""
     with within("task"):
         return vector("pose", scenario.task.pose, 6)[:3]
 
 
-def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
+def start_state(scenario: "Scenario", ocp: Ocp) -> np.ndarray:
     """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
 
     Raises:

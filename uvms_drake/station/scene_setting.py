@@ -4,12 +4,10 @@ import numpy as np
 
 from uvms_drake.control.limits import resolved_radii, tighten
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.contact_bounds import safe_depth_margin, sensed_contact
 from uvms_drake.station.motions.motions import limits_of, motion_of
 from uvms_drake.station.problem import shown_surface
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.visual.limit_use import LimitUse
-from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 from uvms_drake.visual.scene import Setting
 
 PAINTED = 1.5
@@ -34,8 +32,6 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
         has_forces=motion_of(scenario).has_forces,
-        specification=ContactSpecification(
-            sensed_contact(scenario).direction, safe_depth_margin(scenario)
-        ) if scenario.contact.is_sensed else None,
+        specification=scenario.contact.specification(scenario),
         painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
         if scenario.mission.steps else None)

@@ -1,6 +1,5 @@
 """Series connection of parts between plant and controller."""
 
-from collections.abc import Sequence
 from dataclasses import fields
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -13,12 +12,6 @@ from uvms_drake.station.record import Record
 RESERVED = {"plan", "report", "solve_seconds", "tube_alarm",
             *(field.name for field in fields(Record))}
 """Reserved names of signals: a record's own fields and other outputs."""
-
-
-def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
-    """Returns the parts of a scenario's list by their keys."""
-    require(isinstance(parts, Sequence), key, parts, "a list of parts")
-    return {f"{key}[{i}]": part for i, part in enumerate(parts)}
 
 
 def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signals: Signals,

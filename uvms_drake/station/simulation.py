@@ -141,7 +141,7 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
         "state_lost": logs["state_lost"].reshape(-1),
         "input_limited": logs["input_limited"].reshape(-1),
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
-        "chi_des": motion.goal(scenario, model, logs),
+        "chi_des": scenario.contact.goal(scenario, model, logs),
         "joint_lower": joint_lower,
         "joint_upper": joint_upper,
         "certified": np.array(certified),

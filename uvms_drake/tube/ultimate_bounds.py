@@ -4,7 +4,7 @@ import numpy as np
 
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.surface.law import Surface, TipErrors
-from uvms_drake.model.surface.sensed_contact import UnknownSurface
+from uvms_drake.model.surface.unknown_contact import UnknownSurface
 from uvms_drake.tube.contact.hold_band import hold_band
 
 HOLD, LIKELY = "force in a hold", "force in a hold, likely"

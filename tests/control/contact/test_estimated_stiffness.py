@@ -10,7 +10,7 @@ from uvms_drake.control.contact.stiffness_estimate import (
     with_reading,
 )
 from uvms_drake.sensing.force_sensor import quantised
-from uvms_drake.station.contact_bounds import sensed_contact, sensing_of
+from uvms_drake.station.contact.bounds import sensed_contact, sensing_of
 from uvms_drake.station.scenario.scenario import load_scenario
 
 SCENARIO = load_scenario("girona500_contact")

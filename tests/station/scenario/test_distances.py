@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from uvms_drake.report.signals import surface_depth
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact import SensedContact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
@@ -21,7 +22,7 @@ def test_the_distance_that_a_scenario_names_is_that_of_its_start(name):
     model, surface = load_model(scenario), true_surface(scenario)
     chi = model.task_pose(scenario.start.config)[None, :6]
     desired = np.asarray(scenario.task.force, dtype=float)[:3]
-    n = (sensed_contact(scenario).direction if scenario.contact.is_sensed
+    n = (sensed_contact(scenario).direction if isinstance(scenario.contact, SensedContact)
          else desired / np.linalg.norm(desired))
     away = float((surface_depth(surface, chi, n) - chi[:, :3] @ n)[0])
     said = {float(number) for number in SAID.findall(FILES[name])}

@@ -61,7 +61,7 @@ from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.report.events import events
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.scenario.faults import check_faults
+from uvms_drake.station.parts import check_faults
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 

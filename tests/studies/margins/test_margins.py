@@ -20,8 +20,7 @@ from uvms_drake.certificate.declared_unknowns import (
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.sensing import ForceSensor
-from uvms_drake.station.contact_bounds import largest_reading_error
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.contact.bounds import largest_reading_error
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.margins import margins as study
@@ -114,7 +113,7 @@ def test_a_worse_sensor_comes_with_the_allowance_that_it_needs(felt):
     assert noise.today == 0.25
     changed = noise.at(1.0)
     assert np.all(changed.sensing[0].noise == 4.0 * ForceSensor().noise)
-    need, now = (largest_reading_error(each, motion_of(each).contact_force(each), 1.0)
+    need, now = (largest_reading_error(each, each.contact.force_bounds(each), 1.0)
                  for each in (changed, felt))
     more = changed.contact.force_error - felt.contact.force_error
     assert more == pytest.approx(need - now) and more > 1.0

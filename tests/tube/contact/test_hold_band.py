@@ -7,10 +7,10 @@ import pytest
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits.radii import HoldRadii
-from uvms_drake.model.surface.sensed_contact import HoldForces, SensedContact
+from uvms_drake.model.surface.unknown_contact import HoldForces, UnknownContact
 from uvms_drake.tube.contact.hold_band import error_along, hold_band
 
-CONTACT = SensedContact(angle=0.12, stiffness=900.0, dissipation=1.1, friction=0.45, period=0.012,
+CONTACT = UnknownContact(angle=0.12, stiffness=900.0, dissipation=1.1, friction=0.45, period=0.012,
                         force_rate=30.0, force_ripple=1.5,
                         hold=HoldForces(force_rate=6.0, force_ripple=0.05))
 OFF = HoldRadii(time=1.0, depth=5e-4, position=7e-4, advance=0.02, standing=2e-3, reading=1.3,
@@ -18,7 +18,7 @@ OFF = HoldRadii(time=1.0, depth=5e-4, position=7e-4, advance=0.02, standing=2e-3
 FORCE = 17.0
 
 
-def largest_error(contact: SensedContact, count: int, seed: int) -> float:
+def largest_error(contact: UnknownContact, count: int, seed: int) -> float:
     """Returns the largest error of n·F of random holds that keep every bound of the class.
 
     The wall's normal and the force across n are drawn at reading and now, all else is at an end.

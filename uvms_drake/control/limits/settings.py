@@ -7,7 +7,6 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
 from uvms_drake.common.kinds import offer
-from uvms_drake.control.limits.approach_speed import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
 from uvms_drake.control.limits.inputs import Accelerations, Forces
 from uvms_drake.control.limits.joints import Joints
@@ -86,7 +85,8 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
 
 def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surface: Surface,
                 *, accelerations: bool = True, thrusters: ThrusterParameters | None = None,
-                slides: Sequence[bool] | np.ndarray = ()) -> dict[str, Limit]:
+                slides: Sequence[bool] | np.ndarray = (),
+                of_contact: Sequence[Limit] = ()) -> dict[str, Limit]:
     """Returns the limits of the real robot by name.
 
     Args:
@@ -97,6 +97,7 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
         thrusters: Parameters of the robot's thrusters, if they are known.
         slides: Whether a joint is prismatic (n,), for the units; none is, if left out.
+        of_contact: Limits of a kind of contact.
 
     Raises:
         InvalidParameter: A parameter has no meaning.
@@ -115,11 +116,7 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         if settings.thrusters is not None:
             with within("limits"):
                 limits.append(ThrusterForces.of(thrusters, settings.thrusters, 6 + len(q_lower)))
-    if surface.contact is not None:
-        contact = surface.contact
-        limits += [ContactSpeed(contact.walls.axes, contact.speed, contact.speed_across),
-                   ToolAngle(contact.direction, contact.tool_angle)]
-    by_name = {limit.name: limit for limit in limits}
+    by_name = {limit.name: limit for limit in (*limits, *of_contact)}
     for i, limit in enumerate(settings.more):
         with within(f"limits.more[{i}]"):
             limit.check()

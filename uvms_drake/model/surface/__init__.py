@@ -2,19 +2,14 @@
 
 from uvms_drake.common.kinds import offer
 from uvms_drake.model.surface.geometry import Bead, Bumpy, Cylinder, Geometry, Plane
-from uvms_drake.model.surface.known_surface import KnownSurface
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
 from uvms_drake.model.surface.plane import UnilateralPlane, plane_load
-from uvms_drake.model.surface.sensed_contact import SensedContact
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.surface.spring import BilateralSpring
 
-__all__ = ["AnyContact", "Bead", "BilateralSpring", "Bilinear", "Bumpy", "Cylinder", "Geometry",
-           "Hardening", "KnownSurface", "Linear", "Plane", "SensedContact", "ShapedSurface",
+__all__ = ["Bead", "BilateralSpring", "Bilinear", "Bumpy", "Cylinder", "Geometry",
+           "Hardening", "Linear", "Plane", "ShapedSurface",
            "Surface", "UnilateralPlane", "plane_load"]
 
 offer(Surface, UnilateralPlane, BilateralSpring, ShapedSurface)
-
-AnyContact = KnownSurface | SensedContact
-"""Specifications of the contact by tag; the first is the default."""

@@ -18,7 +18,7 @@ from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 
 if TYPE_CHECKING:
-    from uvms_drake.model.surface.sensed_contact import SensedContact
+    pass
 
 TRIALS = 32
 """Poses at which `check_surface` compares derivatives; half of them at rest."""
@@ -80,11 +80,6 @@ class Surface(ABC):
 
     normal: np.ndarray | None = None
     """Unit normal into the water (3,) in Σ_I of a flat surface; None: it is not flat."""
-
-    @property
-    def contact(self) -> "SensedContact | None":
-        """Specification of an unknown surface; None: this is the surface."""
-        return None
 
     @property
     @abstractmethod

@@ -23,13 +23,15 @@ from uvms_drake.report.figure_style import (
 )
 from uvms_drake.report.mission.force_bands import force_bands
 from uvms_drake.report.signals import surface_depth, surface_slope
-from uvms_drake.station.contact_bounds import safe_depth_margin, sensed_contact
+from uvms_drake.station.contact.bounds import safe_depth_margin, sensed_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
 WALL: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "label": "wall"}
 ESTIMATED: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (4, 1.5)), "linewidth": 0.9,
                              "label": "estimated wall"}
+ESTIMATE = "stiffness_estimate"
+"""Signal without which a run has no contact estimate to draw."""
 MARKS = ("first touch", "contact lost", "retargeted", "last plan kept", "sensor lost")
 """Names of the marks on the time axis."""
 BEFORE, AROUND = 1.5, 8.0

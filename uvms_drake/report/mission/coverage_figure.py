@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH
 from uvms_drake.report.mission.attempts import attempts_of
 from uvms_drake.report.mission.inspection import COLUMNS, inspection_table
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.record import Record
 from uvms_drake.station.scene_setting import PAINTED

@@ -13,8 +13,8 @@ import numpy as np
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.report.headline import BANDS
 from uvms_drake.report.mission.attempts import attempts_of, has_mission
-from uvms_drake.station.contact_bounds import sensed_contact
-from uvms_drake.station.motions.hold import STANDING
+from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.contact.hold import STANDING
 from uvms_drake.station.record import Record
 from uvms_drake.tube.contact.hold_band import hold_band
 from uvms_drake.tube.ultimate_bounds import tip_errors
@@ -88,7 +88,7 @@ def summarise_bands(record: Record) -> dict[str, Any]:
 
     Nothing without a certificate, or if the contact is not sensed; a phase that never was is None.
     """
-    if not record.certified or not record.scenario.contact.is_sensed:
+    if not record.certified or record.scenario.contact.is_modelled:
         return {}
     found = force_bands(record)
     out: dict[str, Any] = {}

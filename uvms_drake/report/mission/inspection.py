@@ -22,7 +22,7 @@ import numpy as np
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.report.mission.attempts import progress_of
 from uvms_drake.report.mission.mission import pressing_samples
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.record import Record
 
 WINDOW = 2.0

@@ -8,7 +8,7 @@ from uvms_drake.mission.law import DONE, RETREATED, RUNNING, SKIPPED
 from uvms_drake.mission.steps import Step
 from uvms_drake.report.mission.attempts import attempts_of, has_mission, progress_of
 from uvms_drake.report.mission.force_bands import ForceBands, force_bands, force_error
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.record import Record
 
 OUTCOMES = {RUNNING: "not over at the end of the run", DONE: "done", SKIPPED: "skipped in part",

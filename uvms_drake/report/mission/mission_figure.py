@@ -15,7 +15,7 @@ from uvms_drake.report.figure_style import (
 )
 from uvms_drake.report.mission.attempts import Attempt, attempts_of
 from uvms_drake.report.mission.mission import lateral_errors
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.record import Record
 
 

@@ -1,32 +1,25 @@
 """Dynamic motion: forces move the robot, d is added to its acceleration."""
 
-from dataclasses import replace
-from functools import partial
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from uvms_drake.common.errors import vector, within
+from uvms_drake.common.errors import vector
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
-from uvms_drake.control.limits import Limits
-from uvms_drake.control.mpc.planner import Targets
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
-from uvms_drake.control.ocp.solvers import make_solver
-from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay, CommandPath, Signals
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion, check_waves
 from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp, true_surface
-from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import keyed
+from uvms_drake.station.problem import true_surface
 from uvms_drake.tube.constants.constants import Constant, estimate_constants
 from uvms_drake.tube.constants.covering import prove_constants
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED
@@ -35,16 +28,16 @@ from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.controls import ForceSlider
 
-IMPLICIT = ("implicit_euler", "radau1", "radau3", "velocity_implicit_euler")
-"""Integration schemes whose steps may be much longer than 1/k, with which the command is not cut.
-Their Newton iteration asks the law far from the solution, and where a limit cuts the command it is
-flat: in `paper_dynamic` it would converge in far shorter steps only."""
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
 
 
+@dataclass
 class Dynamic(Motion[DynamicOcp]):
     """Forces move the robot under water, in front of a surface."""
 
-    has_forces = knows_force = True
+    name = "dynamic"
+    has_forces = True
     measured, command, effect = "state", "tau", "tau"
     plant_signals = ("state", "chi", "force", "penetration", "disturbance", "acceleration")
     controller_signals: ClassVar[tuple[str, ...]] = (
@@ -56,7 +49,7 @@ class Dynamic(Motion[DynamicOcp]):
     figures = ("force.png", "inputs.png")
     adversaries = KINDS
 
-    def check(self, scenario: Scenario) -> None:
+    def check(self, scenario: "Scenario") -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
         vector("current", scenario.current, 3)
         check_waves(scenario.waves)
@@ -65,26 +58,20 @@ class Dynamic(Motion[DynamicOcp]):
         """Returns the number of components of d."""
         return size
 
-    def make_ocp(self, scenario: Scenario, model: ContactModel) -> DynamicOcp:
+    def make_ocp(self, scenario: "Scenario", model: ContactModel) -> DynamicOcp:
         """Returns the nominal MPC's problem; see `motions.make_ocp`."""
-        return make_dynamic_ocp(scenario, model)
+        return scenario.contact.make_ocp(scenario, model)
 
-    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+    def make_plant(self, scenario: "Scenario", start: np.ndarray) -> Diagram:
         """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
         return make_simulated_uvms(scenario, None, start)
 
-    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
-        """Returns the tube-based NMPC; see `command_limits`."""
-        targets = Targets(np.asarray(scenario.task.force, dtype=float),
-                          partial(retargeted_ocp, scenario, model))
-        actuation_delay = actuation_delay_of(scenario, model)
-        with within("mpc"):
-            solver = make_solver(ocp)
-        with within("ancillary"):
-            return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
-                                 actuation_delay, solver)
+    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp
+                        ) -> Diagram:
+        """Returns the tube-based NMPC of the scenario's kind of contact."""
+        return scenario.contact.make_controller(scenario, model, ocp)
 
-    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+    def connect_outside(self, builder: DiagramBuilder, scenario: "Scenario", uvms: Diagram,
                         controller: Diagram, meshcat: Meshcat | None) -> None:
         """Adds the water's motion; the desired force comes from a slider in Meshcat or outside.
 
@@ -106,12 +93,12 @@ class Dynamic(Motion[DynamicOcp]):
         errors = {name: monitor.GetOutputPort(name) for name in ("e_y", "r")}
         return disturbance.add_to(builder, model, seed, {**signals, **errors})
 
-    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+    def completed(self, scenario: "Scenario", model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with the effective disturbance."""
         return logs | {"effective_disturbance": effective_disturbance(
             model, logs["state"], sent_input(model, logs), logs["acceleration"],
-            logs.get("force_last_valid"))}
+            scenario.contact.force_in_law(logs))}
 
     def assumed_settings(self, mpc: MpcConfig) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of this motion's assumptions about the MPC; 0 if kept."""
@@ -134,41 +121,12 @@ class Dynamic(Motion[DynamicOcp]):
                             for name, plain in norms.items() if plain in proven}
 
 
-def command_limits(scenario: Scenario) -> Limits | None:
-    """Returns the limits to which the command is cut, `u` and, if declared, `tau`; or None.
-
-    See `IMPLICIT`.
-    """
-    implicit = scenario.simulator.integration_scheme in IMPLICIT
-    return None if implicit else scenario.limits
-
-
-def actuation_delay_of(scenario: Scenario, model: UvmsModel) -> ActuationDelay:
-    """Returns the preview time of the scenario's plans, as the controller estimates it.
-
-    The delay of the actuation, if it has a lag. Behind a clock alone only the knots of a plan are
-    delayed, and with a preview they would come early.
-    """
-    paths = [path for path in command_paths(scenario, model) if path is not None]
-    delays = [] if all(path.whole for path in paths) else [path.actuation_delay for path in paths]
-    return ActuationDelay(*(sum(times) for times in zip(ON_TIME, *delays, strict=True)))
-
-
-def command_paths(scenario: Scenario, model: UvmsModel) -> list[CommandPath | None]:
-    """Returns the command path of each part of the scenario's actuation; None if it has none."""
-    paths = []
-    for key, part in keyed("actuation", scenario.actuation).items():
-        with within(key):
-            paths.append(part.command_path(model))
-    return paths
-
-
-def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,
+def make_simulated_uvms(scenario: "Scenario", disturbance: OpenLoopDisturbance | None,
                         start: np.ndarray | None = None) -> Diagram:
     """Returns the robot and the surface as they are, which the controller may not know.
 
     Args:
-        scenario: Scenario of dynamic motion; its own disturbance is ignored.
+        scenario: "Scenario" of dynamic motion; its own disturbance is ignored.
         disturbance: As of `make_uvms_plant`.
         start: Likewise.
     """

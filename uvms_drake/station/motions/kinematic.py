@@ -1,5 +1,8 @@
 """Kinematic motion: the velocity is the input, w is added to the end-effector's velocity."""
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
@@ -17,17 +20,21 @@ from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.kinematic_plant import make_kinematic_plant
 from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.problem import make_kinematic_ocp
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.constants.constants import Constant, estimate_constants
 from uvms_drake.tube.laws.kinematic import KINEMATIC_TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
 
+
+@dataclass
 class Kinematic(Motion[KinematicOcp]):
     """The robot moves at the commanded velocity, without water and forces."""
 
-    has_forces = knows_force = False
+    name = "kinematic"
+    has_forces = False
     measured, command, effect = "configuration", "u", "zeta"
     plant_signals = ("state", "disturbance")
     controller_signals = ("nominal_state", "nominal_input", "u", "lost")
@@ -38,7 +45,7 @@ class Kinematic(Motion[KinematicOcp]):
     figures = ("position_errors.png", "orientation_errors.png", "input_norms.png")
     adversaries = ("along_task_error", "constant", "sinusoid")
 
-    def check(self, scenario: Scenario) -> None:
+    def check(self, scenario: "Scenario") -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
         require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
                 "zero, without water (motion: kinematic)")
@@ -56,17 +63,17 @@ class Kinematic(Motion[KinematicOcp]):
         """Returns the number of components of w."""
         return 6
 
-    def make_ocp(self, scenario: Scenario, model: ContactModel) -> KinematicOcp:
+    def make_ocp(self, scenario: "Scenario", model: ContactModel) -> KinematicOcp:
         """Returns the nominal MPC's problem; see `motions.make_ocp`."""
         return make_kinematic_ocp(scenario, model)
 
-    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+    def make_plant(self, scenario: "Scenario", start: np.ndarray) -> Diagram:
         """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
         return make_kinematic_plant(
             scenario.model, disturbance=None, seed=scenario.seed, start=start,
             task_frame=np.asarray(scenario.task.frame, dtype=float))
 
-    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: KinematicOcp
+    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: KinematicOcp
                         ) -> Diagram:
         """Returns the tube-based NMPC."""
         with within("mpc"):
@@ -74,7 +81,7 @@ class Kinematic(Motion[KinematicOcp]):
         with within("ancillary"):
             return make_kinematic_tube_mpc(ocp, scenario.ancillary, solver)
 
-    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+    def connect_outside(self, builder: DiagramBuilder, scenario: "Scenario", uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
         """Adds nothing: there is no current, and the task is constant."""
 
@@ -84,7 +91,7 @@ class Kinematic(Motion[KinematicOcp]):
         return disturbance.add_to_kinematic(
             builder, seed, {**signals, "e": monitor.GetOutputPort("e")})
 
-    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+    def completed(self, scenario: "Scenario", model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with the force that the surface's law gives for the pose at rest."""
         chi = model.task_pose(logs["state"][:, : model.size])[:, :6]

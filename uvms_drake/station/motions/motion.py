@@ -1,7 +1,7 @@
 """The interface of a kind of motion, for the station and the rooms above it."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -13,32 +13,30 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.law_tube import Basis, LawTube, Theories
+from uvms_drake.tube.law_tube import Theories
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
+
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
 
 AnyOcp = TypeVar("AnyOcp", bound=Ocp)
 """Problem of a kind of motion."""
 
 
 class Motion(ABC, Generic[AnyOcp]):
-    """Input of the simulated robot: forces, or its velocity.
+    """Kind of motion, the input of the simulated robot: forces, or its velocity; a dataclass.
 
     A plant has the output ports `plant_signals`; one of them, `measured`, goes to the controller's
     input port of the same name. The controller's output `command` goes to the plant's input
     `effect`.
     """
 
+    name: ClassVar[str]
+    """Name in a scenario's file."""
     has_forces: ClassVar[bool]
     """Whether forces move the robot: then accelerations are commanded, and there is a surface."""
-    knows_force: ClassVar[bool]
-    """Whether the controller's model has the force of the surface; constants then hold up to a
-    limit of it."""
-    along_run: ClassVar[bool] = True
-    """Whether the law's bound along the run holds, which covers d alone."""
     measured: ClassVar[str]
     """Name of the port of plant and controller that carries the measured motion."""
     command: ClassVar[str]
@@ -66,7 +64,7 @@ class Motion(ABC, Generic[AnyOcp]):
     """Kinds of disturbance that a campaign draws from."""
 
     @abstractmethod
-    def check(self, scenario: Scenario) -> None:
+    def check(self, scenario: "Scenario") -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
 
     @abstractmethod
@@ -74,19 +72,19 @@ class Motion(ABC, Generic[AnyOcp]):
         """Returns the number of components of the disturbance, `size` = 6 + n."""
 
     @abstractmethod
-    def make_ocp(self, scenario: Scenario, model: ContactModel) -> AnyOcp:
+    def make_ocp(self, scenario: "Scenario", model: ContactModel) -> AnyOcp:
         """Returns the nominal MPC's problem; see `motions.make_ocp`."""
 
     @abstractmethod
-    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+    def make_plant(self, scenario: "Scenario", start: np.ndarray) -> Diagram:
         """Returns the simulated robot, its disturbance an input port, from 𝔮 = `start` (6+n,)."""
 
     @abstractmethod
-    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: AnyOcp) -> Diagram:
+    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: AnyOcp) -> Diagram:
         """Returns the tube-based NMPC that solves a problem of `make_ocp`."""
 
     @abstractmethod
-    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+    def connect_outside(self, builder: DiagramBuilder, scenario: "Scenario", uvms: Diagram,
                         controller: Diagram, meshcat: Meshcat | None) -> None:
         """Connects the external inputs of the loop: the water's motion, the desired force."""
 
@@ -96,27 +94,9 @@ class Motion(ABC, Generic[AnyOcp]):
         """Adds the source of d or w and returns its port; see `Disturbance`."""
 
     @abstractmethod
-    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+    def completed(self, scenario: "Scenario", model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with those fields of a `Record` that this motion alone has."""
-
-    def contact_force(self, scenario: Scenario) -> MeasuredForceBounds | None:
-        """Returns the force bounds of a sensed contact; None, the default: forces are modelled."""
-        return None
-
-    def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
-                      ) -> Ocp:
-        """Returns the problem at t = 0 from (𝔮, ζ) (2(6+n),): `ocp` itself, if it is constant."""
-        return ocp
-
-    def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
-        """Returns the tube of a law with the unmodelled effects of contact: none by default."""
-        return tube
-
-    def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
-             ) -> np.ndarray:
-        """Returns the pose χ_des (6,) that the end-effector was to have at the end."""
-        return model.surface.pose_for(logs["desired_force"][-1], scenario.task.pose)
 
     @abstractmethod
     def assumed_settings(self, mpc: MpcConfig) -> list[tuple[str, str, float]]:

@@ -1,28 +1,46 @@
 """The motions that a scenario can name."""
 
+from typing import TYPE_CHECKING
+
 from uvms_drake.common.errors import require
+from uvms_drake.common.kinds import kinds_of, offer
 from uvms_drake.control.limits import Limit, make_limits
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions.dynamic import Dynamic
 from uvms_drake.station.motions.kinematic import Kinematic
 from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.sensed_contact import SensedContactMotion
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import Scenario
 
-MOTIONS: dict[str, Motion] = {"dynamic": Dynamic(), "kinematic": Kinematic()}
-SENSED_CONTACT = SensedContactMotion()
-"""Dynamic motion with a sensed contact."""
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
+
+offer(Motion, Dynamic, Kinematic)
 
 
-def motion_of(scenario: Scenario) -> Motion:
+def motions() -> tuple[type[Motion], ...]:
+    """Returns the kinds of motion, those of one's own among them."""
+    return kinds_of(Motion)
+
+
+def motion_named(name: str) -> Motion:
+    """Returns the kind of motion of a name, `scenario.motion`; one's own is registered."""
+    kinds = {kind.name: kind for kind in motions()}
+    require(name in kinds, "motion", name, f"one of {', '.join(kinds)}")
+    return kinds[name]()
+
+
+def motion_of(scenario: "Scenario") -> Motion:
     """Returns the kind of motion that a scenario names."""
-    require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
-    return SENSED_CONTACT if scenario.contact.is_sensed else MOTIONS[scenario.motion]
+    return motion_named(scenario.motion)
 
 
-def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> Ocp:
+def models_force(scenario: "Scenario") -> bool:
+    """Returns whether the controller's model has the force of the surface."""
+    return motion_of(scenario).has_forces and scenario.contact.is_modelled
+
+
+def make_ocp(scenario: "Scenario", model: ContactModel | None = None) -> Ocp:
     """Returns the nominal MPC's problem.
 
     Args:
@@ -35,8 +53,8 @@ def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> Ocp:
     return motion_of(scenario).make_ocp(scenario, model or load_model(scenario))
 
 
-def limits_of(scenario: Scenario, model: ContactModel) -> dict[str, Limit]:
+def limits_of(scenario: "Scenario", model: ContactModel) -> dict[str, Limit]:
     """Returns the limits of the real robot by name; the model is the controller's."""
     return make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface,
                        accelerations=motion_of(scenario).has_forces, thrusters=model.thrusters,
-                       slides=model.slides)
+                       slides=model.slides, of_contact=scenario.contact.limits())

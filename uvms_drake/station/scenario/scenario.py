@@ -24,13 +24,15 @@ from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.signals.sensor_actuator import Actuator, Fault, Sensor
-from uvms_drake.model.surface import AnyContact, KnownSurface, Surface, UnilateralPlane
+from uvms_drake.model.surface import Surface, UnilateralPlane
 from uvms_drake.plant import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, check_model_error
 from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
 from uvms_drake.plant.waves import Wave
+from uvms_drake.station.contact import Contact, KnownSurface
+from uvms_drake.station.motions.motions import motion_named
+from uvms_drake.station.parts import check_components, check_faults
 from uvms_drake.station.scenario.cost_check import check_cost
-from uvms_drake.station.scenario.faults import check_components, check_faults
 from uvms_drake.station.scenario.modules import import_modules
 from uvms_drake.station.scenario.scenario_file import (
     apply_overrides,
@@ -43,7 +45,6 @@ from uvms_drake.station.scenario.scenario_file import (
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
-MOTIONS = ("dynamic", "kinematic")
 LARGEST_SEED = 2**63 - 1
 LONGEST_NAME = 100
 """Largest length of a scenario's name [bytes in UTF-8]; file systems allow 255, with a suffix."""
@@ -117,8 +118,8 @@ class Scenario:
     surface: Surface = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
     """Difference of the simulated surface from `surface`, the controller's model."""
-    contact: AnyContact = field(default_factory=KnownSurface)
-    """Specification of the contact: the controller knows `surface`, or senses an unknown wall."""
+    contact: Contact = field(default_factory=KnownSurface)
+    """Kind of contact: the controller knows `surface`, or senses an unknown wall."""
     disturbance: Disturbance = field(default_factory=SinusoidalDisturbance)
     sensing: list[Sensor] = field(default_factory=list)
     """Parts between the robot's state and the controller, from the robot on."""
@@ -193,7 +194,7 @@ def check_scenario(scenario: Scenario) -> None:
     The parts check their own parameters when they are built; these are the remaining ones.
     """
     # Motion, seed, start and times.
-    require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
+    motion_named(scenario.motion)
     require(scenario.seed <= LARGEST_SEED, "seed", scenario.seed, f"at most {LARGEST_SEED}")
     angles = np.asarray(scenario.start.eta, dtype=float)[3:]
     require(bool(np.all(np.abs(angles) <= 2.0 * np.pi)), "start.eta", scenario.start.eta,
@@ -209,12 +210,9 @@ def check_scenario(scenario: Scenario) -> None:
         force = float(np.linalg.norm(vector("force", scenario.task.force, 6)))
     require(force == 0.0 or tolerance < force, "task.force_tolerance", tolerance,
             f"smaller than the desired force itself, {force:g} N")
-    require(not scenario.contact.is_sensed or scenario.motion == "dynamic", "contact",
-            type(scenario.contact).__name__, "!KnownSurface, if the motion is kinematic")
     with within("mission"):
         scenario.mission.checked()
-    require(scenario.contact.is_sensed or not scenario.mission.steps, "mission.steps",
-            scenario.mission.steps, "left out, without a sensed contact")
+    scenario.contact.check(scenario)
     # Errors, parts and faults, the integrator, the picture, and the name.
     with within("model_error"):
         check_model_error(scenario.model_error)

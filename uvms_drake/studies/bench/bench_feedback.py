@@ -8,8 +8,8 @@ from pydrake.systems.framework import Context
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.command_path import command_limits
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.dynamic import command_limits
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.bench.bench_plant import leaf_systems, run_instants
 from uvms_drake.studies.bench.stopwatch import Effort, Timing

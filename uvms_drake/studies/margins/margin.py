@@ -47,7 +47,7 @@ def tube_of(scenario: Scenario, model: ContactModel, basis: Basis
     found = motion.tubes[type(law)].tube(law, basis)
     if not all(condition.holds for condition in found.conditions):
         return found.radii, list(found.conditions)
-    found = motion.in_contact(found, scenario, basis)
+    found = scenario.contact.in_contact(found, scenario, basis)
     tightened = tightening_margins(scenario, found.radii, model)
     if all(condition.holds for condition in tightened):
         tightened += inputs_at_the_task(replace(scenario, tube=found.radii), model)

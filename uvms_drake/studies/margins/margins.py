@@ -26,8 +26,7 @@ from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.sensing import ForceSensor, Navigation
-from uvms_drake.station.contact_bounds import largest_reading_error, sensed_contact
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.contact.bounds import largest_reading_error, sensed_contact
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.margins.margin import Margin, bracket, tube_of, worst_of
@@ -109,7 +108,7 @@ def _values(scenario: Scenario) -> list[_Value]:
 
     found = [_Value("d, disturbance", "m/s², rad/s²", scenario.disturbance.bound, of_disturbance,
                     0.01)]
-    if not scenario.contact.is_sensed:
+    if scenario.contact.is_modelled:
         return found
     contact = sensed_contact(scenario)
 
@@ -158,7 +157,7 @@ def _allowed(scenario: Scenario, base: Scenario) -> Scenario:
     the tip's motion as much as `base` does.
     """
     contact = sensed_contact(scenario)
-    bounds, known = (motion_of(each).contact_force(each) for each in (scenario, base))
+    bounds, known = (each.contact.force_bounds(each) for each in (scenario, base))
     assert bounds is not None and known is not None  # The contact is sensed.
     later = replace(scenario, contact=replace(
         contact, delay=max(contact.delay, LAGS * bounds.lag + bounds.period)))

@@ -33,7 +33,7 @@ from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.payload import Payload
 from uvms_drake.plant.waves import Wave
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.margins.margin import Margin, bracket, tube_of, worst_of
@@ -166,7 +166,7 @@ def settings_of(scenario: Scenario) -> str:
     disturbance = scenario.disturbance
     given = setting(model_error__share=scenario.model_error.share,
                     disturbance__bound=disturbance.bound, disturbance__weights=disturbance.weights)
-    if not scenario.contact.is_sensed:
+    if scenario.contact.is_modelled:
         return given
     given += " " + setting(contact__force_error=sensed_contact(scenario).force_error)
     payload = scenario.model_error.payload

@@ -3,7 +3,7 @@
 import numpy as np
 
 from uvms_drake.control.limits.radii import HoldRadii
-from uvms_drake.model.surface.sensed_contact import SensedContact
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 
 
 def error_along(bound: np.ndarray, angle: float) -> float:
@@ -20,7 +20,7 @@ def error_along(bound: np.ndarray, angle: float) -> float:
     return along * float(np.cos(beta)) + across * float(np.sin(beta))
 
 
-def hold_band(contact: SensedContact, force: float, off: HoldRadii, short: float = 0.0) -> float:
+def hold_band(contact: UnknownContact, force: float, off: HoldRadii, short: float = 0.0) -> float:
     """Returns the largest |n·𝐅 − F| in a hold, with the plan at its target [N]; inf if none is.
 
     With E = E_n + αE_t, the advance s of the tip, d = c₊s < 1, a± = cos θ ± μ sin θ, the error ν of
@@ -35,7 +35,7 @@ def hold_band(contact: SensedContact, force: float, off: HoldRadii, short: float
         contact: Specification of the contact.
         force: F [N].
         off: Radii in the hold.
-        short: ℓ, distance of the plan from its target, as of `SensedContact.band` [m].
+        short: ℓ, distance of the plan from its target, as of `UnknownContact.band` [m].
     """
     lateral, d = contact.friction * float(np.sin(contact.angle)), contact.dissipation * off.advance
     least, most = float(np.cos(contact.angle)) - lateral, float(np.cos(contact.angle)) + lateral
@@ -51,7 +51,7 @@ def hold_band(contact: SensedContact, force: float, off: HoldRadii, short: float
     return min(largest, _of_slow_friction(contact, reading, moved, d, off)) - force
 
 
-def _of_slow_friction(contact: SensedContact, reading: float, moved: float, d: float,
+def _of_slow_friction(contact: UnknownContact, reading: float, moved: float, d: float,
                       off: HoldRadii) -> float:
     """Returns the largest n·𝐅 by the force across n, which changes slowly [N]; inf if unknown.
 

@@ -1,15 +1,19 @@
-"""Dynamic motion against an unknown wall: the contact is sensed by a force sensor."""
+"""Contact with an unknown wall: its force is measured, its place and stiffness are estimated."""
 
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.control.contact.contact_state import initial_contact_state, updated_contact_state
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
-from uvms_drake.control.limits import resolved_radii
+from uvms_drake.control.contact.tangential_filter import TangentialFilter
+from uvms_drake.control.limits import Limit, resolved_radii
+from uvms_drake.control.limits.approach_speed import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
@@ -19,8 +23,14 @@ from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.between_knots import off_parabola, stopping_distance
 from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
+from uvms_drake.model.surface.law import Surface, check_surface
+from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
+from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
+from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.sensing.repeated_readings import CHANCE, chance_of_run, run_of_frozen
-from uvms_drake.station.contact_bounds import (
+from uvms_drake.station.command_path import actuation_delay_of, command_limits
+from uvms_drake.station.contact.bounds import (
     BETWEEN_KNOTS,
     SAFE_REGION,
     between_knots,
@@ -36,22 +46,20 @@ from uvms_drake.station.contact_bounds import (
     sensing_of,
     slower,
 )
-from uvms_drake.station.motions.dynamic import (
-    Dynamic,
-    actuation_delay_of,
-    command_limits,
-    effective_disturbance,
-    sent_input,
-)
-from uvms_drake.station.motions.hold import hold_radii
+from uvms_drake.station.contact.contact import OPERATOR, Contact, Statement
+from uvms_drake.station.contact.hold import hold_radii
+from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.problem import posed_task
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
 from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
 from uvms_drake.tube.contact.uneven_motion import unevenness
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.estimate import Estimate, largest_of, together
+from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
+
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
 
 SAFETY_OF_JERK = 1.1
 """Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
@@ -63,23 +71,48 @@ def _multiple(longer: float, period: float) -> bool:
         np.isclose(longer / period, round(longer / period), rtol=0.0, atol=1e-6))
 
 
-class SensedContactMotion(Dynamic):
-    """Forces move the robot under water, to an unknown wall that a force sensor detects."""
+CERTIFIER = "the person who certifies"
 
-    knows_force = along_run = False
-    controller_signals = (*Dynamic.controller_signals, "target", "turn", "safe_depth", "touched",
-                          "stiffness_estimate", "stiffness_std", "stiffness_used", "contact_depth")
 
-    def check(self, scenario: Scenario) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
-        super().check(scenario)
-        force = scenario.limits.static_force
+@dataclass
+class SensedContact(UnknownContact, Contact):
+    """Contact with a measured force; place and stiffness of the wall are unknown."""
+
+    is_modelled: ClassVar[bool] = False
+    controller_signals: ClassVar[tuple[str, ...]] = (
+        "target", "turn", "safe_depth", "touched", "stiffness_estimate", "stiffness_std",
+        "stiffness_used", "contact_depth")
+    depends_on_duration: ClassVar[bool] = True
+
+    def controller_surface(self, surface: Surface) -> UnknownSurface:
+        """Returns free water, for any true surface."""
+        return UnknownSurface(self)
+
+    def shown_surface(self, nominal: Surface, true: Surface) -> Surface:
+        """Returns the true surface: the nominal model has none."""
+        return check_surface(true)
+
+    def check(self, scenario: "Scenario") -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this contact."""
+        require(scenario.motion == "dynamic", "contact", type(self).__name__,
+                "!KnownSurface, if the motion is kinematic")
+
+    def limits(self) -> list[Limit]:
+        """Returns the limits of the tip's velocity and of the tool's angle."""
+        with within("contact"):
+            contact = self.checked()
+        return [ContactSpeed(contact.walls.axes, contact.speed, contact.speed_across),
+                ToolAngle(contact.direction, contact.tool_angle)]
+
+    def force_limit(self, scenario: "Scenario") -> float:
+        """Returns the declared largest static force [N]."""
+        return self.force
+
+    def make_ocp(self, scenario: "Scenario", model: ContactModel) -> TrackingOcp:
+        """Returns the problem for every target, with inputs for all contact forces."""
+        contact, force = sensed_contact(scenario), scenario.limits.static_force
         require(force is None, "limits.static_force", force,
                 "left out (null) with a sensed contact, whose force contact.force limits")
-
-    def make_ocp(self, scenario: Scenario, model: ContactModel) -> TrackingOcp:
-        """Returns the problem for every target, with inputs for all contact forces."""
-        contact = sensed_contact(scenario)
         y_des, limits = posed_task(scenario, model, accelerations=True)
         cone = ForceCone.of_surface(contact.walls, largest_normal_force(contact))
         limits = {name: UnderContact(limit, cone) if isinstance(limit, InputLimit) else limit
@@ -88,7 +121,8 @@ class SensedContactMotion(Dynamic):
             return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
                                contact.walls.facets, turn=contact.turn)
 
-    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
+    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp
+                        ) -> Diagram:
         """Returns the tube-based NMPC that presses by the measured force."""
         assert isinstance(ocp, TrackingOcp)
         contact, margin = sensed_contact(scenario), safe_depth_margin(scenario)
@@ -107,7 +141,40 @@ class SensedContactMotion(Dynamic):
                 force=force, largest=largest, margin=margin,
                 limits=command_limits(scenario), actuation_delay=actuation_delay, solver=solver)
 
-    def contact_force(self, scenario: Scenario) -> MeasuredForceBounds:
+    def connect_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
+                      controller: Diagram, state: OutputPort, valid: OutputPort | None,
+                      signals: Signals) -> None:
+        """Connects the controller with the measured force, see `Contact.connect_force`.
+
+        ::
+
+            valid ─▶ ForceFaultDetector ─▶ HoldLastValue ─▶ TangentialFilter ─▶ law
+                             └─ force_valid ─▶ contact estimator
+
+        The filter is only there with a `tangential_lag`.
+        """
+        require(valid is not None, "sensing", scenario.sensing,
+                "with a part that measures the force, such as !ForceSensor, for a sensed contact")
+        assert valid is not None  # As required.
+        contact, sensing = sensed_contact(scenario), sensing_of(scenario)
+        detector = ForceFaultDetector.AddToBuilder(
+            builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
+            largest=sensing.largest, state=state, force_measured=valid)
+        valid = detector.GetOutputPort("force_valid")
+        signals["force_status"] = detector.GetOutputPort("force_status")
+        builder.Connect(valid, controller.GetInputPort("force_valid"))
+        signals["force_lost"] = controller.GetOutputPort("force_lost")
+        force = HoldLastValue.AddToBuilder(
+            builder, measured=valid, release=signals["force_lost"]).get_output_port()
+        signals["force_last_valid"] = force
+        if contact.tangential_lag > 0.0:
+            force = TangentialFilter.AddToBuilder(
+                builder, contact.direction, contact.tangential_lag, contact.period,
+                measured=force).get_output_port()
+            signals["force_filtered"] = force
+        builder.Connect(force, controller.GetInputPort(MEASURED_FORCE))
+
+    def force_bounds(self, scenario: "Scenario") -> MeasuredForceBounds:
         """Returns the bounds of the force of all walls of the class, and of its measurement."""
         contact, reading = sensed_contact(scenario), reading_of(scenario)
         speed = fastest_advance(contact)
@@ -119,7 +186,7 @@ class SensedContactMotion(Dynamic):
             torque_error=float(np.linalg.norm(reading.error[3:])) + reading.payload[1],
             lag=reading.lag, period=reading.period, tool_angle=contact.tool_angle)
 
-    def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
+    def in_contact(self, tube: LawTube, scenario: "Scenario", basis: Basis) -> LawTube:
         """Returns the tube with the contact's input error, and the contact's conditions.
 
         These are that readings have no more than the declared error (for one, the tip turns while
@@ -130,7 +197,7 @@ class SensedContactMotion(Dynamic):
             return tube
         # Remainder of the contact's part of the input, with a second search for its check.
         contact, settings, declared = sensed_contact(scenario), basis.settings, basis.declared
-        radii, measured = resolved_radii(tube.radii), self.contact_force(scenario)
+        radii, measured = resolved_radii(tube.radii), self.force_bounds(scenario)
         assert radii.joints is not None and radii.orientation is not None  # they are filled in
         largest = np.hypot(1.0, contact.friction) * largest_normal_force(contact)
         worst, second = contact_input_remainder(
@@ -199,7 +266,7 @@ class SensedContactMotion(Dynamic):
             tube.hold, tube.along)
 
     @staticmethod
-    def _unevenness(scenario: Scenario, tube: LawTube, force: MeasuredForceBounds, jerk: float
+    def _unevenness(scenario: "Scenario", tube: LawTube, force: MeasuredForceBounds, jerk: float
                     ) -> float:
         """Returns the largest variation of the tip's acceleration between two readings [m/s²].
 
@@ -215,7 +282,7 @@ class SensedContactMotion(Dynamic):
         return unevenness(tube.along, force, contact.period, planned,
                           read_between=not _multiple(force.period, contact.period))
 
-    def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
+    def first_problem(self, scenario: "Scenario", model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:
         """Returns the problem at t = 0: no contact at the start, and the target further along n."""
         assert isinstance(ocp, TrackingOcp)
@@ -230,14 +297,55 @@ class SensedContactMotion(Dynamic):
         return ocp.aimed(TrackingTarget(across + (depth + SEARCH_DEPTH) * n,
                                         bounds(contact.walls, known.apex, margin)))
 
-    def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+    def goal(self, scenario: "Scenario", model: ContactModel, logs: Mapping[str, np.ndarray]
              ) -> np.ndarray:
         """Returns the last target, in the attitude of the task, turned as desired."""
         pose = super().goal(scenario, model, logs)
         return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + logs["turn"][-1]])
 
-    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
-                  ) -> dict[str, np.ndarray]:
-        """Returns the logs with the effective disturbance, without the sensor's errors."""
-        return logs | {"effective_disturbance": effective_disturbance(
-            model, logs["state"], sent_input(model, logs), logs["acceleration"], logs["force"])}
+    def force_direction(self, force: np.ndarray) -> np.ndarray:
+        """Returns the direction n into the wall (3,)."""
+        return np.asarray(self.direction, dtype=float)
+
+    def force_in_law(self, logs: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Returns the true force (T, 6): the errors of its measurement count as a disturbance."""
+        return logs["force"]
+
+    def specification(self, scenario: "Scenario") -> ContactSpecification:
+        """Returns the direction into the wall, and the margin of the safe region."""
+        return ContactSpecification(
+            sensed_contact(scenario).direction, safe_depth_margin(scenario))
+
+    def assumed_settings(self) -> list[tuple[str, str, float]]:
+        """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""
+        return [("contact.tangential_lag", "delayed feedback of the friction", self.tangential_lag)]
+
+    def bounds_error_of(self, part: Part) -> bool:
+        """Returns whether a part measures the force."""
+        return part.reading(0.0, 0.0) is not None
+
+    def about_sensing(self, scenario: "Scenario") -> Iterator[Statement]:
+        """Yields the assumptions about the force sensor, and about all between it and the law."""
+        yield ("sensing", "noise, bias, drift, lag and range of the force sensor, and mass and "
+               "inertia of the tool beyond it, are as declared until "
+               f"t = {scenario.duration:g} s", SENSOR_MAKER)
+        yield ("sensing", "between two readings of the force the feedback adds nothing to the "
+               "variation of the tip's acceleration along n that forces, disturbance and plan make "
+               "(tube/contact/theory.md#unevenness-of-the-tips-motion)", CERTIFIER)
+        for element in measurement_path(scenario):
+            covered = element.theorem or "no theorem covers it"
+            yield ("sensing", f"{element.system}, before the law: {element.statement} ({covered})",
+                   element.guaranteed_by)
+
+    def about_surface(self, scenario: "Scenario") -> Iterator[Statement]:
+        """Yields the class of walls, and the rates of a force that is not the normal one."""
+        yield ("surface", f"every wall, {self.clearance:g} m or more off the tip at the start, "
+               f"with its normal within {np.rad2deg(self.angle):.3g}° of the direction, "
+               f"{self.stiffness:g} N/m at most with the tool, friction {self.friction:g}, "
+               f"dissipation {self.dissipation:g} s/m", OPERATOR)
+        yield ("surface", "friction and a normal that turns change the force by "
+               f"{self.force_rate:g} N/s at most, and by {self.force_ripple:g} N at any rate",
+               OPERATOR)
+        if (slow := self.hold) is not None:
+            yield ("surface", "in a hold they change it by "
+                   f"{slow.force_rate:g} N/s and {slow.force_ripple:g} N at most", OPERATOR)

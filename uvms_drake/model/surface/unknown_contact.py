@@ -1,4 +1,4 @@
-"""Contact with a wall of unknown place and stiffness, and its declaration to the controller.
+"""Declared data of a contact with a wall of unknown place and stiffness, and its nominal surface.
 
 The wall is one of a `SurfaceClass`. The law adds the *measured* force to its inverse dynamics, so
 the wall drops out of the error dynamics, and the nominal model is that of free water
@@ -6,7 +6,7 @@ the wall drops out of the error dynamics, and the nominal model is that of free 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import Self
 
 import numpy as np
 
@@ -32,11 +32,8 @@ class HoldForces:
 
 
 @dataclass
-class SensedContact:
-    """Contact with a measured force; place and stiffness of the wall are unknown."""
-
-    is_sensed: ClassVar[bool] = True
-    """Whether the controller uses the measured force."""
+class UnknownContact:
+    """Declared bounds of a contact: class of the wall, forces, speeds, and error of a reading."""
 
     direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     """Direction n into the wall (3,), a unit vector in Σ_I."""
@@ -84,10 +81,6 @@ class SensedContact:
         """Bounds in a hold, declared or not."""
         return self.hold or HoldForces(self.force_rate, self.force_ripple)
 
-    def controller_surface(self, surface: Surface) -> "UnknownSurface":
-        """Returns the surface of the controller's model, for any true one."""
-        return UnknownSurface(self)
-
     @property
     def walls(self) -> SurfaceClass:
         """The class of walls, of which this may be any."""
@@ -104,7 +97,7 @@ class SensedContact:
         """Largest change of φ with the position of the tip, κ₊ / cos α [N/m]."""
         return self.stiffness / float(np.cos(self.angle))
 
-    def checked(self) -> "SensedContact":
+    def checked(self) -> Self:
         """Returns it with arrays, or raises."""
         direction = unit_vector("direction", self.direction)
         require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
@@ -170,20 +163,20 @@ class SensedContact:
 
 
 class UnknownSurface(Surface):
-    """Wall of a `SensedContact` in the controller's model: free water everywhere.
+    """Wall of an `UnknownContact` in the controller's model: free water everywhere.
 
     Args:
         contact: The declared contact.
     """
 
-    def __init__(self, contact: SensedContact):
+    def __init__(self, contact: UnknownContact):
         self._contact = contact.checked()
 
     def __repr__(self) -> str:
         return f"UnknownSurface({self.contact!r})"
 
     @property
-    def contact(self) -> SensedContact:
+    def contact(self) -> UnknownContact:
         """Specification of the contact."""
         return self._contact
 
@@ -240,5 +233,5 @@ class UnknownSurface(Surface):
         return 1.0
 
     def force_error(self, chi: np.ndarray, wrench: np.ndarray, off: TipErrors) -> float:
-        """Returns `SensedContact.band` of the force along n, once the target is reached [N]."""
+        """Returns `UnknownContact.band` of the force along n, once the target is reached [N]."""
         return self.contact.band(float(wrench[:3] @ self.contact.direction), off)

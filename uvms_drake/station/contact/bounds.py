@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -10,14 +10,17 @@ from uvms_drake.common.errors import InvalidParameter, within
 from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.signals.sensor_actuator import ForceReading
-from uvms_drake.model.surface import SensedContact
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.sensing.repeated_readings import run_of_frozen
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.search.constraint_set import ConstraintSet
+
+if TYPE_CHECKING:
+    from uvms_drake.station.contact.sensed_contact import SensedContact
+    from uvms_drake.station.scenario.scenario import Scenario
 
 SAFE_REGION = "control/theory.md#safe-region-of-an-unknown-wall"
 """Theorem of the conditions on readings and forces."""
@@ -28,14 +31,14 @@ LONGEST_FREEZE = 0.25
 region allows for it at every reading. A sensor that needs longer has no detection."""
 
 
-def sensed_contact(scenario: Scenario) -> SensedContact:
+def sensed_contact(scenario: "Scenario") -> "SensedContact":
     """Returns the declared data of the wall."""
-    assert isinstance(scenario.contact, SensedContact)  # Else there is another motion.
+    assert isinstance(scenario.contact, UnknownContact)  # Else there is another contact.
     with within("contact"):
-        return scenario.contact.checked()
+        return cast("SensedContact", scenario.contact.checked())
 
 
-def reading_of(scenario: Scenario) -> ForceReading:
+def reading_of(scenario: "Scenario") -> ForceReading:
     """Returns the error bounds of the measured force until the end."""
     reading = _known_reading(scenario)
     if reading is not None:
@@ -44,7 +47,7 @@ def reading_of(scenario: Scenario) -> ForceReading:
                            "as !ForceSensor, for a sensed contact")
 
 
-def _known_reading(scenario: Scenario) -> ForceReading | None:
+def _known_reading(scenario: "Scenario") -> ForceReading | None:
     """Returns the error bounds of the measured force; None if no part measures it."""
     readings = {i: reading for i, part in enumerate(scenario.sensing) if (
         reading := part.reading(scenario.duration, turning_of(scenario))) is not None}
@@ -56,7 +59,7 @@ def _known_reading(scenario: Scenario) -> ForceReading | None:
                  for reading in readings.values()), None)
 
 
-def _read_of_payload(scenario: Scenario, reading: ForceReading) -> tuple[float, float]:
+def _read_of_payload(scenario: "Scenario", reading: ForceReading) -> tuple[float, float]:
     """Returns bounds of the force [N] and torque [N m] that are read of a payload.
 
     With a tare that is the change since then, at most twice the payload's own wrench:
@@ -72,7 +75,7 @@ def _read_of_payload(scenario: Scenario, reading: ForceReading) -> tuple[float, 
     return times * force, times * torque
 
 
-def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds, uneven: float) -> float:
+def largest_reading_error(scenario: "Scenario", force: MeasuredForceBounds, uneven: float) -> float:
     """Returns the largest difference of a reading from the normal forces of the last `delay` [N].
 
     Added is the motion between two readings: damping by a velocity v off the line between them,
@@ -99,13 +102,13 @@ def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds, uneven
     return float(force.error + force.size * missing + turned + unseen)
 
 
-def turning_of(scenario: Scenario) -> float:
+def turning_of(scenario: "Scenario") -> float:
     """Returns a bound of the angular velocity of the tip [rad/s], whatever the arm."""
     joints = len(np.asarray(scenario.task.posture))
     return scenario.limits.nu2 + float(np.sqrt(joints)) * scenario.limits.qdot
 
 
-def sensing_of(scenario: Scenario) -> ForceSensorModel:
+def sensing_of(scenario: "Scenario") -> ForceSensorModel:
     """Returns the sensor's data for safe region and fault detector.
 
     Equal readings are a fault only if the sensor's noise exceeds its resolution; a sensor slower
@@ -124,29 +127,29 @@ def sensing_of(scenario: Scenario) -> ForceSensorModel:
         window=contact.delay, repeats=repeats, tare=tare, largest=largest)
 
 
-def fastest_advance(contact: SensedContact) -> float:
+def fastest_advance(contact: UnknownContact) -> float:
     """Returns the largest speed of the tip into the wall [m/s], between knots of a plan, too."""
     return (1.0 + BETWEEN_KNOTS) * contact.largest_advance
 
 
-def largest_normal_force(contact: SensedContact) -> float:
+def largest_normal_force(contact: UnknownContact) -> float:
     """Returns the largest normal force that is read [N]: that of damping, and the error, too."""
     return contact.peak(contact.force, fastest_advance(contact)) + contact.force_error
 
 
-def safe_depth_margin(scenario: Scenario) -> float:
+def safe_depth_margin(scenario: "Scenario") -> float:
     """Returns E = E_n + √2 αE_t [m], the largest depth of the real tip beyond the planned one."""
     tube, walls = resolved_radii(scenario.tube), sensed_contact(scenario).walls
     parts = tube.depth, np.sqrt(2.0) * walls.tilt * (tube.position or 0.0), tube.between_knots
     return float(sum(part or 0.0 for part in parts))
 
 
-def pressing_force(scenario: Scenario) -> float:
+def pressing_force(scenario: "Scenario") -> float:
     """Returns the desired force along n [N]."""
     return float(np.asarray(scenario.task.force)[:3] @ sensed_contact(scenario).direction)
 
 
-def largest_force(scenario: Scenario) -> float:
+def largest_force(scenario: "Scenario") -> float:
     """Returns the largest desired force [N].
 
     The safe region lets the planned tip press at F as long as (F_max − (F + 2ν)/a₋)/κ₊ is more than
@@ -160,7 +163,7 @@ def largest_force(scenario: Scenario) -> float:
     return contact.walls.share * left - 2.0 * contact.force_error
 
 
-def mission_conditions(scenario: Scenario) -> list[Condition]:
+def mission_conditions(scenario: "Scenario") -> list[Condition]:
     """Returns the conditions of each mission step on the safe region and the tangential speed.
 
     They do not depend on place and time of a step: model and limits are the same everywhere, and

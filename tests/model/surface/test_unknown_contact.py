@@ -1,13 +1,15 @@
-"""Claims of a `SensedContact` against walls of its class."""
+"""Claims of a `UnknownContact` against walls of its class."""
 
 import numpy as np
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface import KnownSurface, SensedContact, UnilateralPlane
+from uvms_drake.model.surface import UnilateralPlane
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
+from uvms_drake.station.contact import KnownSurface
 
-CONTACT = SensedContact(direction=np.array([0.0, 0.6, 0.8]), angle=0.2, stiffness=800.0,
+CONTACT = UnknownContact(direction=np.array([0.0, 0.6, 0.8]), angle=0.2, stiffness=800.0,
                         force=40.0, dissipation=3.0, friction=0.4)
 
 
@@ -61,7 +63,7 @@ def test_no_tip_within_the_speeds_goes_deeper_faster():
 
 
 def test_a_model_of_it_is_free_water_and_passes_the_check_of_surfaces():
-    controller_surface = CONTACT.controller_surface(UnilateralPlane())
+    controller_surface = UnknownSurface(CONTACT)
     surface = check_surface(controller_surface)
     chi = np.random.default_rng(4).normal(size=(5, 6))
     assert not surface.force(chi, chi).any()
@@ -74,7 +76,7 @@ def test_a_known_surface_is_told_as_it_is():
 
 
 def test_a_task_presses_along_the_direction_and_less_than_the_largest_force():
-    controller_surface, pose = CONTACT.controller_surface(UnilateralPlane()), np.arange(6.0)
+    controller_surface, pose = UnknownSurface(CONTACT), np.arange(6.0)
     assert controller_surface.pose_for(CONTACT.wrench(20.0), pose) == pytest.approx(pose)
     for force in (CONTACT.wrench(-1.0), CONTACT.wrench(40.0), np.array([5.0, 0, 0, 0, 0, 0])):
         with pytest.raises(InvalidParameter, match="force"):
@@ -87,6 +89,6 @@ def test_a_task_presses_along_the_direction_and_less_than_the_largest_force():
     ("direction", np.array([1.0, 1.0, 0.0])), ("angle", 0.6), ("angle", -0.1), ("stiffness", 0.0),
     ("force", np.inf), ("dissipation", -1.0), ("friction", np.nan)])
 def test_a_value_without_a_meaning_is_named(key: str, value: object):
-    settings = SensedContact(**{key: value})
+    settings = UnknownContact(**{key: value})
     with pytest.raises(InvalidParameter, match=key):
-        settings.controller_surface(UnilateralPlane())
+        UnknownSurface(settings)

@@ -1,6 +1,6 @@
 """Certified bounds of each step of a mission: force, time, and the condition that fails.
 
-In a hold the force error is bounded by `SensedContact.band`, with the plan at its target, and by
+In a hold the force error is bounded by `UnknownContact.band`, with the plan at its target, and by
 `hold_band` once that has stood. In a slide the bound depends on the lag behind the target, which is
 known only in the run, see `report.mission.mission`. The static force is at most `contact.force`.
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.mission.steps import Mission
-from uvms_drake.model.surface import SensedContact
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold_band import hold_band
 from uvms_drake.tube.ultimate_bounds import tip_errors
@@ -37,7 +37,7 @@ class Leg:
     """Bound b(0) of a hold in which the plan has stood, see `HoldRadii` [N]."""
 
 
-def legs_of(mission: Mission, contact: SensedContact, tube: TubeRadii,
+def legs_of(mission: Mission, contact: UnknownContact, tube: TubeRadii,
             conditions: Sequence[Condition]) -> list[Leg]:
     """Returns the legs of a mission.
 

@@ -1,4 +1,4 @@
-"""Faults that a scenario's file may name, and their checks."""
+"""Lists of a scenario, of parts and of faults: their keys and checks, and the kinds of faults."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,13 +7,19 @@ from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.kinds import offer
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
-from uvms_drake.model.signals.sensor_actuator import Component, Fault
+from uvms_drake.model.signals.sensor_actuator import Component, Fault, Part
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
 from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 
 offer(Fault, SolverFailure, SolverTimeout, DroppedPeriod, FrozenState, LostState, LostForce,
       FrozenForce, SaturatedForce, JumpedForce, StuckJoint, ExcessDisturbance)
+
+
+def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
+    """Returns the parts of a scenario's list by their keys."""
+    require(isinstance(parts, Sequence), key, parts, "a list of parts")
+    return {f"{key}[{i}]": part for i, part in enumerate(parts)}
 
 
 def check_components(key: str, components: Sequence[Component], motion: str) -> None:

@@ -1,4 +1,4 @@
-"""Tests of `station.motions.sensed_contact`."""
+"""Tests of `station.contact.sensed_contact`."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from uvms_drake.command.run import BROKEN, _report
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.contact_bounds import (
+from uvms_drake.station.contact.bounds import (
     largest_force,
     pressing_force,
     safe_depth_margin,
@@ -20,7 +20,6 @@ from uvms_drake.station.contact_bounds import (
     sensing_of,
 )
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.sensed_contact import SensedContactMotion
 from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
@@ -170,4 +169,4 @@ def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
 def test_a_law_without_a_tube_has_none_in_contact():
     none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0, theorem="t"),))
     scenario = load_scenario("girona500_tip_first")
-    assert SensedContactMotion().in_contact(none, scenario, None) is none
+    assert scenario.contact.in_contact(none, scenario, None) is none

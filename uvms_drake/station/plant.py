@@ -11,8 +11,8 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.parts import faults_at
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 
 

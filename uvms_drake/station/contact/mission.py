@@ -1,22 +1,26 @@
 """The mission of a scenario, between the contact estimate and the controller's targets."""
 
+from typing import TYPE_CHECKING
+
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.mission.system import MissionControl
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import task_place
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.visual.controls import HomeButton
+
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
 
 LOGGED = {"mission_place": "due_place", "mission_force": "due_force",
           "mission_progress": "progress"}
 """Output of the mission for each signal."""
 
 
-def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
+def add_mission(builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
                 controller: Diagram, state: OutputPort, signals: Signals,
                 meshcat: Meshcat | None) -> None:
     """Adds the mission, or exports the ports of its targets if there is none.

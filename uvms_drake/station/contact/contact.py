@@ -1,0 +1,162 @@
+"""The interface of a kind of contact between end-effector and surface, with its defaults."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import require, within
+from uvms_drake.control.limits import Limit
+from uvms_drake.control.mpc.planner import Targets
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.solvers import make_solver
+from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
+from uvms_drake.model.surface.law import Surface
+from uvms_drake.sensing.hold_last_value import HoldLastValue
+from uvms_drake.station.command_path import actuation_delay_of, command_limits
+from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
+from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
+
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
+
+OPERATOR = "operator"
+"""Guarantor of the declared surface."""
+Statement = tuple[str, str, str]
+"""Subject, statement and guarantor of an assumption."""
+
+
+class Contact(ABC):
+    """Kind of contact: a dataclass, whose fields are its settings in a scenario's file.
+
+    It has the surface of the nominal model, the optimal control problem, the controller, the
+    conditions and assumptions of a certificate, and the checks. By default the controller's model
+    has the force of its surface, and a further desired force has a problem of its own; then a kind
+    has to have its surface only.
+    """
+
+    is_modelled: ClassVar[bool] = True
+    """Whether the nominal model has the force of the surface; constants then hold up to a limit of
+    it, and the law's bound along the run holds, which covers d alone."""
+    controller_signals: ClassVar[tuple[str, ...]] = ()
+    """Output ports of the controller that are logged besides those of the motion."""
+    depends_on_duration: ClassVar[bool] = False
+    """Whether a certificate depends on the duration of the run, as by the drift of a sensor."""
+
+    @abstractmethod
+    def controller_surface(self, surface: Surface) -> Surface:
+        """Returns the surface of the nominal model, for the scenario's surface."""
+
+    def shown_surface(self, nominal: Surface, true: Surface) -> Surface:
+        """Returns the surface for drawing and for task errors, of the nominal and the true one."""
+        return nominal
+
+    def check(self, scenario: "Scenario") -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this contact."""
+        require(not scenario.mission.steps, "mission.steps", scenario.mission.steps,
+                "left out, without a sensed contact")
+
+    def limits(self) -> list[Limit]:
+        """Returns the limits that the contact adds to those of the scenario."""
+        return []
+
+    def force_limit(self, scenario: "Scenario") -> float | None:
+        """Returns the largest static force of the plans and their tube [N]; None: not limited."""
+        return scenario.limits.static_force
+
+    # The controller.
+
+    def make_ocp(self, scenario: "Scenario", model: ContactModel) -> DynamicOcp:
+        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+        return make_dynamic_ocp(scenario, model)
+
+    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp
+                        ) -> Diagram:
+        """Returns the tube-based NMPC that solves a problem of `make_ocp`; see `command_limits`."""
+        targets = Targets(np.asarray(scenario.task.force, dtype=float),
+                          partial(retargeted_ocp, scenario, model))
+        actuation_delay = actuation_delay_of(scenario, model)
+        with within("mpc"):
+            solver = make_solver(ocp)
+        with within("ancillary"):
+            return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
+                                 actuation_delay, solver)
+
+    def connect_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
+                      controller: Diagram, state: OutputPort, valid: OutputPort | None,
+                      signals: Signals) -> None:
+        """Connects the controller with the measured force; by default with its last valid value.
+
+        Args:
+            builder: Builder to add to.
+            scenario: The scenario.
+            model: The controller's model.
+            controller: The controller of `make_controller`.
+            state: Output port of the measured (𝔮, ζ).
+            valid: Output port of 𝔉_s (6), which may not be finite; None: no part measures it.
+            signals: Signals, to which those of the measurement are added.
+        """
+        if valid is None:
+            return
+        force = HoldLastValue.AddToBuilder(builder, measured=valid).get_output_port()
+        signals["force_last_valid"] = force
+        builder.Connect(force, controller.GetInputPort(MEASURED_FORCE))
+
+    def first_problem(self, scenario: "Scenario", model: ContactModel, ocp: Ocp, start: np.ndarray
+                      ) -> Ocp:
+        """Returns the problem at t = 0 from (𝔮, ζ) (2(6+n),): `ocp` itself, if it is constant."""
+        return ocp
+
+    # A run.
+
+    def goal(self, scenario: "Scenario", model: ContactModel, logs: Mapping[str, np.ndarray]
+             ) -> np.ndarray:
+        """Returns the pose χ_des (6,) that the end-effector was to have at the end."""
+        return model.surface.pose_for(logs["desired_force"][-1], scenario.task.pose)
+
+    def force_direction(self, force: np.ndarray) -> np.ndarray:
+        """Returns the direction (3,) in which a desired force (3,) is controlled."""
+        return force
+
+    def force_in_law(self, logs: Mapping[str, np.ndarray]) -> np.ndarray | None:
+        """Returns the force 𝔉 (T, 6) that the law should take in place of the model's, if any."""
+        return logs.get("force_last_valid")
+
+    def specification(self, scenario: "Scenario") -> ContactSpecification | None:
+        """Returns the data of an unknown wall for a picture; None: the surface is known."""
+        return None
+
+    # The certificate.
+
+    def force_bounds(self, scenario: "Scenario") -> MeasuredForceBounds | None:
+        """Returns the bounds of a force that is measured, not modelled; None: it is modelled."""
+        return None
+
+    def in_contact(self, tube: LawTube, scenario: "Scenario", basis: Basis) -> LawTube:
+        """Returns the tube of a law with the unmodelled effects of contact: none by default."""
+        return tube
+
+    def assumed_settings(self) -> list[tuple[str, str, float]]:
+        """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""
+        return []
+
+    def bounds_error_of(self, part: Part) -> bool:
+        """Returns whether its tube has the errors of a part of sensing."""
+        return False
+
+    def about_sensing(self, scenario: "Scenario") -> Iterator[Statement]:
+        """Yields the assumptions about a measured force."""
+        yield from ()
+
+    def about_surface(self, scenario: "Scenario") -> Iterator[Statement]:
+        """Yields the assumptions about the surface."""
+        yield ("surface", f"the declared !{type(scenario.surface).__name__}, exactly: its place, "
+               "normal and stiffness, without friction that it does not declare", OPERATOR)
