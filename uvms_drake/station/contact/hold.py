@@ -55,7 +55,7 @@ def hold_radii(scenario: "Scenario", law: HoldLaw, approach: MeasuredForceBounds
         theorem="tube/contact/theory.md#tube-in-a-hold", topic="hold")
     if not condition.holds:
         return None, condition
-    # The reading turns with the tip, see `contact_bounds.largest_reading_error`.
+    # The reading turns with the tip, see `bounds.largest_reading_error`.
     joints = len(np.asarray(scenario.task.posture))
     omega = float(found.speeds[1] + np.sqrt(joints) * found.speeds[2])
     mu, age = contact.friction, approach.age
