@@ -1,4 +1,4 @@
-"""Controller for a known surface: nominal MPC and ancillary feedback as one Diagram."""
+"""The tube-based NMPC: nominal MPC and ancillary feedback as one Diagram."""
 
 from typing import Any
 
@@ -6,6 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import require
+from uvms_drake.control.contact.press_control import PressControl
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.feedback.disturbance_observer import add_observer, export_inputs
 from uvms_drake.control.feedback.feedforward_preview import add_feedforward_preview
@@ -26,7 +27,8 @@ from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
 def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
                   targets: Targets | None = None, limits: Limits | None = None,
                   actuation_delay: ActuationDelay = ON_TIME,
-                  solver: Solver[Any] | None = None) -> Diagram:
+                  solver: Solver[Any] | None = None,
+                  press: PressControl | None = None) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
     ::
@@ -46,7 +48,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         - vehicle_wrench (optional)
         - applied (optional, with an observer)
         - fault (optional)
-        - desired_force (optional, with targets)
+        - desired_force (optional, with targets or a press control)
+        - force_valid, place, deepest (with a press control)
         output_ports:
         - tau
         - u
@@ -58,7 +61,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         - plan
         - report
         - solve_seconds
-        - accepted_force (with targets)
+        - accepted_force (with targets or a press control)
+        - target, turn, safe_depth, ... (with a press control)
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `force_measured`: 𝔉_s (6) [N, N m], see `AncillaryFeedback`.
@@ -69,6 +73,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
     - `limited`: 1 while a limit cuts the law's command, else 0 (1).
     - `pair`: `Pair` of measured and nominal motion, for a `TubeMonitor`.
+    - Those of a press control: see `PressControl`; its law takes the measured force, through a
+      `HoldLastValue` that `force_lost` releases.
     - The others: see `NominalMpc`.
 
     Args:
@@ -79,24 +85,34 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         actuation_delay: Delay of the commands, for a law that takes the thrusters' wrench; see
             `control.feedback.feedforward_preview` and `control.plan.commitment`.
         solver: Solver of the problem; that of its `MpcConfig` if None, see `make_solver`.
+        press: Press on an unknown wall by the measured force, for a `TrackingOcp`; None: the model
+            has the force.
 
     Raises:
-        InvalidParameter: The problem is that of a sensed contact, which needs the force sensor and
-            the press target of `make_sensed_tube_mpc`.
+        InvalidParameter: The problem is that of a sensed contact, without a press control.
     """
-    require(not isinstance(ocp, TrackingOcp), "ocp", type(ocp).__name__,
+    require(press is not None or not isinstance(ocp, TrackingOcp), "ocp", type(ocp).__name__,
             "that of a known surface: for a sensed contact `uv.make_controller(scenario)` connects "
             "force sensor, contact estimator and press target")
+    # The planner, between the systems that make its target from the measured force, if they do.
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
-    mpc = NominalMpc.AddToBuilder(
-        builder, solver or make_solver(ocp), state=measured, targets=targets,
-        committed=committed_intervals(law, actuation_delay, ocp.time_step))
+    committed = committed_intervals(law, actuation_delay, ocp.time_step)
+    pressing = None if press is None else press.add_to(builder, ocp, measured, committed)
+    mpc = NominalMpc.AddToBuilder(builder, solver or make_solver(ocp), state=measured,
+                                  targets=targets, committed=committed)
+    if pressing is not None:
+        pressing.connect(builder, mpc)
+    # Feedback about the plan, with the plan's forces in advance.
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
-    add_feedforward_preview(builder, ocp.model, law, feedback, actuation_delay, nominal=mpc)
+    add_feedforward_preview(
+        builder, ocp.model, law, feedback, actuation_delay, nominal=mpc,
+        estimator=None if pressing is None else pressing.estimator,
+        direction=None if pressing is None else pressing.walls.direction)
 
+    # Ports of the controller: its systems' own, by their names.
     builder.ExportInput(state.get_input_port(), "state")
     export_inputs(builder, feedback, add_observer(
         builder, ocp.model, law, feedback, state=measured))
@@ -105,7 +121,9 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         builder.ExportOutput(feedback.GetOutputPort(name), name)
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
-    if targets is not None:
+    if pressing is not None:
+        pressing.export(builder)
+    elif targets is not None:
         builder.ExportInput(mpc.GetInputPort("desired_force"), "desired_force")
         builder.ExportOutput(mpc.GetOutputPort("accepted_force"), "accepted_force")
     diagram = builder.Build()

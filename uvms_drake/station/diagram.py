@@ -88,7 +88,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         - tube_alarm
 
     `desired_force` (6) [N, N m] and `place` (3) [m] change the task during a run, see `NominalMpc`
-    and `make_sensed_tube_mpc`; unconnected, they stay the scenario's. With a mission, a
+    and `PressControl`; unconnected, they stay the scenario's. With a mission, a
     `MissionControl` sets both, and `deepest`; `stop` (1) above zero, or a button in Meshcat, stops
     it. With kinematic motion the controller reads `configuration`, and its velocity ζ = u goes to
     the plant. The other ports are in `station/README.md`.

@@ -29,7 +29,7 @@ def add_mission(builder: DiagramBuilder, scenario: "Scenario", model: ContactMod
         builder: Builder to add to.
         scenario: The scenario, with a sensed contact.
         model: The controller's model.
-        controller: Controller of `make_sensed_tube_mpc`.
+        controller: Controller of `make_tube_mpc` with a `PressControl`.
         state: Output port of the measured (𝔮, ζ).
         signals: Signals of the loop, to which the mission's are added.
         meshcat: Meshcat of a stop button; None: an input port `stop`.

@@ -9,6 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.control.contact.contact_state import initial_contact_state, updated_contact_state
+from uvms_drake.control.contact.press_control import PressControl
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
@@ -21,7 +22,7 @@ from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.between_knots import off_parabola, stopping_distance
-from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
+from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.surface.law import Surface, check_surface
@@ -136,10 +137,10 @@ class SensedContact(UnknownContact, Contact):
         with within("mpc"):
             solver = make_solver(ocp)
         with within("ancillary"):
-            return make_sensed_tube_mpc(
-                ocp, scenario.ancillary, contact.walls, sensing_of(scenario),
-                force=force, largest=largest, margin=margin,
-                limits=command_limits(scenario), actuation_delay=actuation_delay, solver=solver)
+            return make_tube_mpc(
+                ocp, scenario.ancillary, limits=command_limits(scenario),
+                actuation_delay=actuation_delay, solver=solver, press=PressControl(
+                    contact.walls, sensing_of(scenario), force, largest, margin))
 
     def connect_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
                       controller: Diagram, state: OutputPort, valid: OutputPort | None,

@@ -1,0 +1,128 @@
+"""Press by a measured force: contact estimator, desired force and press target of a controller."""
+
+from dataclasses import dataclass
+
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import require
+from uvms_drake.control.contact.contact_estimator import ContactEstimator
+from uvms_drake.control.contact.contact_state import ForceSensorModel
+from uvms_drake.control.contact.desired_force import DesiredForce
+from uvms_drake.control.contact.press_target import PressTarget, search_speed, touch_to_plan
+from uvms_drake.control.contact.wall_normal import WallNormal
+from uvms_drake.control.mpc.nominal_mpc import NominalMpc
+from uvms_drake.control.mpc.plan_extent import PlanExtent
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.tracking_ocp import TURNED_FREELY, TrackingOcp
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+
+@dataclass(frozen=True)
+class PressControl:
+    """Part of a `tube_mpc` that presses on a wall of a class with a measured force.
+
+    ::
+
+        desired_force ─▶ desired_force ─▶ press_target ◀─ place, deepest
+                                  ▲ contact state  │ target
+                                  │                ▼
+        force_valid ──────▶ contact_estimator ──▶ nominal_mpc ◀─ turn, of wall_normal
+                                  ▲   safe_depth
+                                state
+
+    Input ports of the controller:
+
+    - `force_valid`: 𝔉_s (6) of the sensor, through a `ForceFaultDetector` if its `repeats` are not
+      0; not finite in a gap. The safe region must not be extended by an old value.
+    - `desired_force` (optional): 𝔉_des (6) [N, N m], see `DesiredForce`.
+    - `place` (optional): place across n at which to press (3) in Σ_I [m]; that of y_des if
+      unconnected. It may jump: a plan slides as fast as limits and safe region allow.
+    - `deepest` (optional): largest depth along n to steer for (1) [m]; see `PressTarget`.
+
+    Output ports of the controller:
+
+    - `accepted_force`: desired force, clipped by `DesiredForce` (6) [N, N m].
+    - `target`: target of the end-effector (3) in Σ_I [m].
+    - `turn`: desired turn of the reference about the vertical, after the wall's normal (1) [rad];
+      zero without `ocp.turn`.
+    - `safe_depth`, `touched`, `stiffness_estimate`, `stiffness_std`, `stiffness_used`,
+      `contact_depth`, `force_lost`: see `ContactEstimator`.
+    """
+
+    walls: SurfaceClass
+    """Class of the wall."""
+    sensing: ForceSensorModel
+    """Model of the force sensor."""
+    force: float
+    """Default of the desired force along n [N]."""
+    largest: float
+    """Largest desired force along n that is accepted [N]."""
+    margin: float
+    """E, largest distance of the real tip beyond the planned one [m]; see `ContactEstimator`."""
+
+    def __post_init__(self) -> None:
+        require(self.largest + self.sensing.noise < self.sensing.largest, "largest", self.largest,
+                "a force that is measured before the end of the sensor's range")
+
+    def add_to(self, builder: DiagramBuilder, ocp: DynamicOcp, state: OutputPort,
+               committed: int) -> "PressSystems":
+        """Adds contact estimator, wall normal, desired force and press target.
+
+        Args:
+            builder: Builder of the controller.
+            ocp: A `TrackingOcp`; its model has no contact, its y_des has the place across n.
+            state: Output port of the measured (𝔮, ζ).
+            committed: Number of committed intervals of a plan.
+        """
+        assert isinstance(ocp, TrackingOcp), "a measured force is pressed by a TrackingOcp"
+        walls, sensing = self.walls, self.sensing
+        estimator = ContactEstimator.AddToBuilder(
+            builder, ocp.model, walls, sensing.watched, margin=self.margin, state=state)
+        normal = WallNormal.AddToBuilder(
+            builder, estimator, walls, TURNED_FREELY * ocp.turn, sensing.period)
+        desired = DesiredForce.AddToBuilder(builder, walls.direction, self.force, self.largest)
+        search_lead = ocp.following_lag(committed) * search_speed(
+            1.0, walls.stiffness, touch_to_plan(ocp.time_step, committed, sensing))
+        press = PressTarget.AddToBuilder(
+            builder, estimator, walls.direction, ocp.y_des[:3],
+            desired_force=desired.GetOutputPort("along"), search_lead=search_lead)
+        return PressSystems(ocp, walls, estimator, normal, desired, press)
+
+
+@dataclass(frozen=True)
+class PressSystems:
+    """Systems of a `PressControl`."""
+
+    ocp: TrackingOcp
+    walls: SurfaceClass
+    estimator: ContactEstimator
+    normal: WallNormal
+    desired: DesiredForce
+    press: PressTarget
+
+    def connect(self, builder: DiagramBuilder, mpc: NominalMpc) -> None:
+        """Connects them with the planner, whose extent keeps the safe region from shrinking."""
+        for source, port in ((self.press.get_output_port(), "target"),
+                             (self.normal.get_output_port(), "turn"),
+                             (self.estimator.GetOutputPort("facet_depths"), "safe_depth")):
+            if port in self.ocp.inputs_given:
+                builder.Connect(source, mpc.GetInputPort(port))
+        extent = PlanExtent.AddToBuilder(
+            builder, self.ocp, self.walls, plan=mpc.GetOutputPort("plan"))
+        builder.Connect(extent.get_output_port(), self.estimator.GetInputPort("extent"))
+
+    def export(self, builder: DiagramBuilder) -> None:
+        """Exports their ports, by their names."""
+        builder.ExportInput(self.estimator.GetInputPort("force_measured"), "force_valid")
+        builder.ConnectInput("force_valid", self.normal.GetInputPort("force_measured"))
+        builder.ExportInput(self.desired.GetInputPort("desired_force"), "desired_force")
+        for name in ("place", "deepest"):
+            builder.ExportInput(self.press.GetInputPort(name), name)
+        for system, names in (
+            (self.desired, ("accepted_force",)), (self.press, ("target",)),
+            (self.normal, ("turn",)),
+            (self.estimator, ("safe_depth", "touched", "stiffness_estimate", "stiffness_std",
+                              "stiffness_used", "contact_depth", "force_lost")),
+        ):
+            for name in names:
+                builder.ExportOutput(system.GetOutputPort(name), name)
