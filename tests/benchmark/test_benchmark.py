@@ -10,6 +10,7 @@ from pydrake.systems.framework import LeafSystem
 from uvms_drake.benchmark import benchmark
 from uvms_drake.benchmark.benchmark import Run, run_all, runs_of
 from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, versions_of
+from uvms_drake.benchmark.overview import draw_overview, relative_errors
 from uvms_drake.benchmark.table import format_benchmark, summarise
 from uvms_drake.campaign.pool import Pool
 from uvms_drake.command.main import main
@@ -49,6 +50,7 @@ def test_a_law_of_ones_own_enters_by_one_file_and_one_flag(tmp_path, capsys):
         "ideal"][name]
     assert cell["runs"] == 1 and cell["peak"]["worst"] == 0.0  # It never touches.
     assert (out / "benchmark_girona500_arm5e.png").is_file()
+    assert (out / "benchmark.png").is_file()
     # The same command repeats no run.
     (run,) = (out / "runs").iterdir()
     written = run.stat().st_mtime_ns
@@ -127,6 +129,18 @@ def test_the_first_draw_of_every_case_comes_before_the_second_of_any():
     assert [(run.case, run.index) for run in runs] == [
         ("soft", 0), ("stiff", 0), ("soft", 1), ("stiff", 1)]
     assert len({run.file for run in runs}) == 4
+
+
+def test_the_overview_has_the_medians_over_the_desired_force():
+    summary = summarise([
+        *(result("impedance", i, rms, desired=20.0) for i, rms in enumerate((0.1, 0.2, 0.9))),
+        result("tube_mpc", 0, None, desired=20.0, limits={})])
+    errors = relative_errors(summary, "girona500_arm5e", ["tube_mpc", "impedance"])
+    assert errors.ravel() == pytest.approx([np.inf, 1.0])
+    (axis, _) = draw_overview(summary).axes
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["tube mpc", "impedance"]
+    assert [text.get_text() for text in axis.texts] == ["–", "1.0"]
+    assert len(axis.patches) == 1  # The impedance breaks a limit by 0.2.
 
 
 def test_of_unfinished_runs_the_whole_draws_are_shown(tmp_path):

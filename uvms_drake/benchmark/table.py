@@ -60,6 +60,7 @@ def summarise(results: Sequence[Result]) -> dict[str, Any]:
         "controllers": controllers, "robots": robots, "cases": cases,
         "runs": len(results), "draws": len({result["index"] for result in results}),
         "seed": results[0]["seed"],
+        "desired": {each["robot"]: each["desired"] for each in results if "desired" in each},
         "declared": {name: declared_to(name, next(iter(ROBOTS))) for name in controllers},
         "cells": cells,
         "better_than_tube": [row for robot in robots for case in cases

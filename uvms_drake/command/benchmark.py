@@ -44,6 +44,7 @@ def run_benchmark(args: argparse.Namespace) -> int:
     """Computes the missing runs; writes tables, figures and data, and prints the tables."""
     from uvms_drake.benchmark.benchmark import default_names, run_all, runs_of
     from uvms_drake.benchmark.figure import figure_name, write_figures
+    from uvms_drake.benchmark.overview import OVERVIEW, write_overview
     from uvms_drake.benchmark.table import format_benchmark, summarise
     from uvms_drake.common.jsonable import jsonable
 
@@ -51,7 +52,7 @@ def run_benchmark(args: argparse.Namespace) -> int:
     controllers, robots, cases = (given or known for given, known in zip(
         (args.controllers, args.robots, args.cases), default_names(), strict=True))
     runs = runs_of(controllers, robots, cases, args.runs, args.seed)
-    own = (JSON_FILE, TABLE_FILE, *(figure_name(robot) for robot in robots))
+    own = (JSON_FILE, TABLE_FILE, OVERVIEW, *(figure_name(robot) for robot in robots))
     try:
         with output_folder(args.output, own) as output:
             with closing(Bar("running", stream_of(args))) as progress:
@@ -63,6 +64,7 @@ def run_benchmark(args: argparse.Namespace) -> int:
                 jsonable(summary), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
             (output.folder / TABLE_FILE).write_text(text + "\n", encoding="utf-8")
             write_figures(results, output.folder)
+            write_overview(summary, output.folder)
     except KeyboardInterrupt:
         print("\nuvms-drake: interrupted; the same command goes on with the missing runs",
               file=sys.stderr)
