@@ -190,7 +190,7 @@ def test_an_error_another_version_and_a_changed_file_are_computed_again(tmp_path
         go_on(finished=True)
     computed = computing(monkeypatch, result(str(own), 0, 0.2))
     assert go_on()[0]["force_rms"] == 0.2 and len(computed) == 1
-    monkeypatch.setattr("uvms_drake.benchmark.controllers.source_digest", lambda: "later")
+    monkeypatch.setattr("uvms_drake.benchmark.controllers.source_digest", lambda *_: "later")
     go_on()
     assert len(computed) == 2
 

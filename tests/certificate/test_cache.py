@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from uvms_drake.certificate.cache import cache_dir, cached
+from uvms_drake.certificate.cache import cache_dir, cached, source_digest
 
 VALUE = {"J_max": 2.904009999999997, "worst": [0.1, 1e-300, -0.0], "how": "proven"}
 
@@ -53,6 +53,20 @@ def test_another_source_of_the_package_computes_again(monkeypatch):
     monkeypatch.setattr("uvms_drake.certificate.cache.source_digest", lambda: "another")
     cached({}, compute)
     assert compute.calls == 2
+
+
+def test_further_files_make_another_digest(tmp_path, monkeypatch):
+    monkeypatch.setattr("uvms_drake.certificate.cache.FOLDER", tmp_path)
+    (tmp_path / "law.py").write_text("k = 1\n", encoding="utf-8")
+    (tmp_path / "gains.yaml").write_text("k: 1.0\n", encoding="utf-8")
+    digests = []
+    for gain in ("1.0", "2.0"):
+        (tmp_path / "gains.yaml").write_text(f"k: {gain}\n", encoding="utf-8")
+        source_digest.cache_clear()
+        digests.append((source_digest(), source_digest("*.yaml")))
+    source_digest.cache_clear()
+    (python, whole), (same, changed) = digests
+    assert python == same and len({python, whole, changed}) == 3
 
 
 @pytest.mark.parametrize("damage", [

@@ -121,13 +121,13 @@ def controller_named(name: str) -> Factory:
 
 
 def versions_of(name: str) -> dict[str, str | None]:
-    """Returns the SHA-256 of this package's Python files, and of the file of a controller.
+    """Returns the SHA-256 of the package's source, scenarios and gains, and of a controller's file.
 
     The latter is None for a controller of this package. Modules that the file imports do not count.
     """
     digest = None if name in CONTROLLERS else hashlib.sha256(
         _file_of(name)[0].read_bytes()).hexdigest()
-    return {"uvms_drake": source_digest(), "controller": digest}
+    return {"uvms_drake": source_digest("*.yaml"), "controller": digest}
 
 
 def _file_of(name: str) -> tuple[Path, str]:

@@ -1,4 +1,4 @@
-"""Overview of the benchmark: the error of the force of every controller in every case, in colour."""
+"""Overview of the benchmark: the error of the force of each controller in each case, in colour."""
 
 from pathlib import Path
 from typing import Any

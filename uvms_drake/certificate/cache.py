@@ -41,11 +41,15 @@ def cached(key: Any, compute: Callable[[], Any]) -> Any:
 
 
 @functools.cache
-def source_digest() -> str:
-    """Returns the SHA-256 of this package's Python files: another program, another result."""
+def source_digest(*others: str) -> str:
+    """Returns the SHA-256 of this package's Python files: another program, another result.
+
+    Args:
+        others: Patterns of further files, such as `*.yaml` for scenarios and gains.
+    """
     folder = FOLDER
     digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
+    for path in sorted(path for pattern in ("*.py", *others) for path in folder.rglob(pattern)):
         digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
     return digest.hexdigest()
 
