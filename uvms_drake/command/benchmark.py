@@ -58,6 +58,7 @@ def run_benchmark(args: argparse.Namespace) -> int:
             with closing(Bar("running", stream_of(args))) as progress:
                 results = run_all(runs, args.output, args.processes, progress,
                                   finished=args.finished)
+            # Data, tables and figures of the results.
             summary = summarise(results)
             text = format_benchmark(summary)
             (output.folder / JSON_FILE).write_text(json.dumps(
