@@ -6,6 +6,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import AXES
+from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.signals.sensor_actuator import Actuator, CommandPath, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -37,3 +38,8 @@ class IdealWrench(Actuator):
                signals: Signals, seed: int) -> OutputPort:
         """Returns `port`."""
         return port
+
+    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
+               signals: dict[str, Signal]) -> Signal:
+        """Returns `signal`."""
+        return signal

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_period
+from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Actuator, CommandPath, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -51,3 +52,8 @@ class SampledCommand(Actuator):
             builder, [clock], vector=port, name="sampled_command").get_output_port()
         signals["zoh_command"] = sampled
         return sampled
+
+    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
+               signals: dict[str, Signal]) -> Signal:
+        """Adds its sample and hold; see `Part`."""
+        return loop.sampled("command", signal, self.period, self.delay)

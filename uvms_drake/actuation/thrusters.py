@@ -26,8 +26,12 @@ from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require, require_period
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Actuator, CommandPath, Signals
 from uvms_drake.model.uvms_model import UvmsModel
+
+SMALL = 1e-3
+"""Force below which a thruster's curve has no secant [N]."""
 
 
 @dataclass
@@ -136,3 +140,34 @@ class Thrusters(Actuator):
         signals["wrench_shortfall"] = allocation.GetOutputPort("shortfall")
         signals[VEHICLE_WRENCH] = add_gain("wrench_model", known.B, modelled)
         return exerted.get_output_port()
+
+    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
+               signals: dict[str, Signal]) -> Signal:
+        """Adds the forces behind samples, dead time and lag, where no limit binds; see `Part`.
+
+        The dead band and the curves' kinks are left out: of a wrong curve the slope is that from
+        no force to that of the operating point.
+        """
+        size = at.model.size
+        known, true = self.known(at.model), self.true(at.model)
+        allocation = Allocation.to(known)
+        at_point = allocation.forces(at.tau[:6])
+        real = true.forces_of(known.commands_of(at_point))
+        wanted = allocation.matrix @ signal[:6]
+
+        def forces(name: str, thrusters: ThrusterModel, slope: np.ndarray) -> Signal:
+            sample = slope[:, None] * np.eye(len(slope)) @ wanted
+            for i in range(self._steps(known.dead_time) + 1):
+                before, sample = sample, loop.state(f"{name}, sample {i}", len(slope))
+                loop.update(sample, before, self.period)
+            force = loop.state(name, len(slope))
+            loop.flow(force, np.diag(1.0 / thrusters.lag) @ (sample - force))
+            return force
+
+        slope = np.divide(real, at_point, out=np.ones(known.size), where=np.abs(at_point) > SMALL)
+        modelled = forces("modelled thrust", known, np.ones(known.size))
+        same = np.array_equal(slope, np.ones(known.size)) and np.array_equal(known.lag, true.lag)
+        exerted = modelled if same else forces("thrust", true, slope)
+        signals["thruster_force"] = exerted
+        signals[VEHICLE_WRENCH] = known.B @ modelled
+        return np.eye(size, 6) @ (known.B @ exerted) + np.diag(np.arange(size) >= 6) @ signal

@@ -38,7 +38,7 @@ def force_of_tip(chi: np.ndarray, force: np.ndarray) -> np.ndarray:
 
 
 def pose_rate_matrix_rate(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Returns Ȧ (..., 6, 6) as Σ_E turns by ω (..., 3) in its own axes, real.
+    """Returns Ȧ (..., 6, 6) as Σ_E turns by ω (..., 3) in its own axes.
 
     Ṙ = R S(ω), and the derivatives of T(φ, θ) follow from its entries. With columns t₂, t₃ of T,
     ∂T/∂φ = (0, t₃, −t₂). With its rows T₁ and T₃ without their first entries, which are constant,
@@ -47,11 +47,11 @@ def pose_rate_matrix_rate(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
     R, T = A[..., :3, :3], A[..., 3:, 3:]
     rates = times(T, omega)[..., None, None]
     roll, pitch = rates[..., 0, :, :], rates[..., 1, :, :]
-    out = np.zeros(A.shape)
+    out = np.zeros(A.shape, dtype=np.result_type(A, omega))
     out[..., :3, :3] = R @ skew(omega)
     out[..., 3:, 4:5] = roll * T[..., :, 2:]
     out[..., 3:, 5:] = -roll * T[..., :, 1:2]
-    out[..., 3::2, 4:] += pitch * np.hypot(T[..., 2:, 1:2], T[..., 2:, 2:]) * T[..., ::-2, 1:]
+    out[..., 3::2, 4:] += pitch * np.sqrt(T[..., 2:, 1:2]**2 + T[..., 2:, 2:]**2) * T[..., ::-2, 1:]
     return out
 
 

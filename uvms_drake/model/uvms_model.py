@@ -186,7 +186,7 @@ class UvmsModel:
     def task_motion(
         self, config: np.ndarray, zeta: np.ndarray, kinematics: Kinematics | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns y (..., 6+n), J_x (..., 6+n, 6+n) and J̇_x along 𝔮̇ = Γ(𝔮)ζ, all real.
+        """Returns y (..., 6+n), J_x (..., 6+n, 6+n) and J̇_x along 𝔮̇ = Γ(𝔮)ζ.
 
         `kinematics` is the geometry at 𝔮, if it is known already.
         """
@@ -195,7 +195,7 @@ class UvmsModel:
         return y, self.extended(kinematics.J_chi), self.task_jacobian_rate(kinematics, zeta)
 
     def task_jacobian_rate(self, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
-        """Returns J̇_x (..., 6+n, 6+n) along 𝔮̇ = Γ(𝔮)ζ, real.
+        """Returns J̇_x (..., 6+n, 6+n) along 𝔮̇ = Γ(𝔮)ζ.
 
         J = A J_E, and a column cⱼ of J_E, the motion of joint j or of the vehicle in axes of Σ_E,
         is carried along by the joints beyond it, as these see it: ċⱼ = −Σ cᵢq̇ᵢ × cⱼ, i > j.
@@ -204,7 +204,7 @@ class UvmsModel:
         from_tip = (J_E[..., 6:] * zeta[..., None, 6:]) @ self._beyond
         J_E_rate = _columns(cross_motion(-_columns(from_tip), _columns(J_E)))
         A_E_rate = pose_rate_matrix_rate(kinematics.A_E, times(J_E[..., 3:, :], zeta))
-        J_x_rate = np.zeros((*zeta.shape, self.size))
+        J_x_rate = np.zeros((*zeta.shape, self.size), dtype=J_E_rate.dtype)
         J_x_rate[..., :6, :] = A_E_rate @ J_E + kinematics.A_E @ J_E_rate
         return J_x_rate
 

@@ -19,6 +19,7 @@ A fix may be lost, but not for longer than a declared gap. All random numbers ar
 seed and of the time, so that ε needs no state.
 """
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import pairwise
@@ -28,6 +29,13 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_rate, vector, within
+from uvms_drake.model.signals.linear import (
+    ErrorChannel,
+    LinearLoop,
+    OperatingPoint,
+    Signal,
+    stacked,
+)
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Sensor, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -239,6 +247,39 @@ class Navigation(Sensor):
             builder, clocks, vector=port, name="navigation").get_output_port()
         signals["measured_state"] = measured
         return measured
+
+    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
+               signals: dict[str, Signal]) -> Signal:
+        """Adds sample, latency and errors of each channel; see `Part`."""
+        measured = []
+        for key, rows in channel_rows(at.model.size).items():
+            channel: Channel = getattr(self, key)
+            true, error = signal[rows], loop.entry(key, len(rows))
+            held = loop.sampled(key, error if channel.propagated else true + error,
+                                1.0 / channel.rate, channel.latency)
+            measured.append(true + held if channel.propagated else held)
+            loop.channels += self._errors(key, error)
+        return stacked(measured)
+
+    def _errors(self, key: str, error: Signal) -> list[ErrorChannel]:
+        """Returns the errors of a channel that enter at `error`, with their distributions."""
+        channel: Channel = getattr(self, key)
+        ones, multiple, dvl = np.ones(error.size), self.noise_multiple, self.dvl
+        sigma = channel.noise * ones
+        out = [ErrorChannel(f"noise of {key}", error, multiple * sigma, sigma)]
+        if key == "position":
+            out.append(ErrorChannel("drift of position", error, self.drift.bound * ones,
+                                    kind="slow", rate=self.drift.rate * ones))
+        if key == "velocity":
+            # Samples of the channel from one fix to the next.
+            samples = channel.rate / dvl.rate
+            ticks = max(int(samples), 1), math.ceil(dvl.most * samples)
+            sigma = np.asarray(dvl.noise, dtype=float)
+            out += [ErrorChannel("fixes of velocity", error, multiple * sigma, sigma,
+                                 "held", ticks),
+                    ErrorChannel("bias of accelerometers", error, dvl.growth * ones, None,
+                                 "ramp", ticks)]
+        return [each for each in out if np.any(each.bound)]
 
 
 CHANNELS = ("position", "attitude", "joints", "velocity", "turning", "joint_rates")

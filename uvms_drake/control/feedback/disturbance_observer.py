@@ -11,6 +11,8 @@ whose state is missing, or equal to the last one to the bit (a frozen measuremen
 Derivation: control/feedback/theory.md#disturbance-observer.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import (
@@ -25,6 +27,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback, is_lost
 from uvms_drake.control.laws.law import AncillaryLaw, Observed, Pair
+from uvms_drake.model.signals.linear import LinearLoop, Signal
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -33,6 +36,51 @@ def estimate(before: np.ndarray, mean: np.ndarray, rates: np.ndarray, period: fl
     """Returns δ̂ₖ (...) of (O) from δ̂ₖ₋₁ and mₖ (...), with λ (...) [1/s] and h [s]."""
     out: np.ndarray = before - np.expm1(-rates * period) * (mean - before)
     return out
+
+
+class Prediction(NamedTuple):
+    """Outputs' motion by the model: ÿ_pred = Gτ + c."""
+
+    rate: np.ndarray
+    """ẏ (6+n,)."""
+    c: np.ndarray
+    """c (6+n,)."""
+    G: np.ndarray
+    """G (6+n, 6+n)."""
+
+
+def prediction(model: UvmsModel, observed: Observed, now: Pair) -> Prediction:
+    """Returns the motion of the outputs at a measured state and force, `now.contact`."""
+    out, measured, zeta = observed.outputs(now), now.kinematics.at(0), now.zeta[0]
+    b = model.inverse_dynamics(measured, zeta, np.zeros_like(zeta), now.contact)
+    G = np.linalg.solve(model.mass_matrix(measured), out.J[0].T).T
+    return Prediction(out.rate[0], out.bias[0] - G @ b, G)
+
+
+def add_linear_observer(loop: LinearLoop, model: UvmsModel, observed: Observed,
+                        predicted: Signal, rate: Signal, G: np.ndarray, applied: Signal,
+                        delta: Signal) -> None:
+    """Adds the linear model of a `RowObserver` about a point.
+
+    Args:
+        loop: The loop.
+        model: The controller's model.
+        observed: The outputs and their rates λ.
+        predicted: Deviation of Gτ + c at the τ of the point (6+n,).
+        rate: That of ẏ.
+        G: G at the point.
+        applied: Deviation of the applied τ.
+        delta: Block of δ̂.
+    """
+    h, size = observed.period, model.size
+    impulse, rate_before, predicted_before = (
+        loop.state(f"observer's {name}", size) for name in ("impulse", "rate", "prediction"))
+    loop.flow(impulse, applied)
+    loop.update(impulse, 0.0 * impulse, h)
+    mean = (1.0 / h) * (rate - rate_before - G @ impulse) - 0.5 * (predicted + predicted_before)
+    loop.update(delta, delta + np.diag(-np.expm1(-observed.rates * h)) @ (mean - delta), h)
+    loop.update(rate_before, rate, h)
+    loop.update(predicted_before, predicted, h)
 
 
 class RowObserver(LeafSystem):
@@ -89,15 +137,11 @@ class RowObserver(LeafSystem):
     def _motion(self, context: Context) -> np.ndarray:
         """Returns ẏ, ∫τ, c and the rows of G now."""
         now: Pair = self._pair_port.Eval(context)
-        out, measured, zeta = self._observed.outputs(now), now.kinematics.at(0), now.zeta[0]
-        contact = None
         if self._force_port.HasValue(context) and not is_lost(self._force_port.Eval(context)):
-            contact = self._force_port.Eval(context)
-        b = self._model.inverse_dynamics(measured, zeta, np.zeros_like(zeta), contact)
-        G = np.linalg.solve(self._model.mass_matrix(measured), out.J[0].T).T
+            now = now._replace(contact=self._force_port.Eval(context))
+        rate, c, G = prediction(self._model, self._observed, now)
         return np.concatenate([
-            out.rate[0], context.get_continuous_state_vector().CopyToVector(),
-            out.bias[0] - G @ b, G.ravel()])
+            rate, context.get_continuous_state_vector().CopyToVector(), c, G.ravel()])
 
     def _applied(self, context: Context) -> np.ndarray:
         known = self._applied_port if self._applied_port.HasValue(context) else self._tau_port

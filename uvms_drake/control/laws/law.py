@@ -49,8 +49,8 @@ class Pair(NamedTuple):
 
 
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
-    """Returns the pair of motions at (𝔮, ζ) and at (𝔮̄, ζ̄) (2(6+n),) each."""
-    both = np.array([state, nominal_state], dtype=float)
+    """Returns the pair of motions at (𝔮, ζ) and at (𝔮̄, ζ̄) (2(6+n),) each, real or complex."""
+    both = np.array([state, nominal_state])
     config, zeta = both[:, : model.size], both[:, model.size:]
     kinematics = model.kinematics(config)
     y, J_x, J_x_dot = model.task_motion(config, zeta, kinematics)

@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
+from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.uvms_model import UvmsModel
 
 ONLY_ONCE = 1e9
@@ -173,6 +174,18 @@ class Part(Component, ABC):
 
         Args:
             model: The controller's model.
+        """
+        return None
+
+    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
+               signals: dict[str, Signal]) -> Signal | None:
+        """Adds its linear model, and returns the signal after it; None, the default: unknown.
+
+        Args:
+            loop: Loop to add blocks and errors to.
+            at: Operating point.
+            signal: Deviation of the signal of `port` in `add_to`.
+            signals: Deviations of `state`, `chi` and `force`, to read, and others to add to.
         """
         return None
 
