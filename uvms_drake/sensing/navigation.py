@@ -268,7 +268,8 @@ class Navigation(Sensor):
         sigma = channel.noise * ones
         out = [ErrorChannel(f"noise of {key}", error, multiple * sigma, sigma)]
         if key == "position":
-            out.append(ErrorChannel("drift of position", error, self.drift.bound * ones,
+            drift = self.drift.bound * ones * (self.drift.rate > 0.0)
+            out.append(ErrorChannel("drift of position", error, drift,
                                     kind="slow", rate=self.drift.rate * ones))
         if key == "velocity":
             # Samples of the channel from one fix to the next.

@@ -75,6 +75,7 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
     ends = np.cumsum([len(part) for part in parts])[:-1]
     by_each = complex_step_jacobian(command, np.concatenate(parts) + 0j)
     delta = loop.state("estimate", size)
+    loop.start(delta, -estimate)  # An observer starts from zero.
     none = Signal(6, {})
     tau = by_each @ stacked([
         measured.state, plan.state, plan.acceleration, measured.force or none,

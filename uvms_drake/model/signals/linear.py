@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -36,7 +36,8 @@ class OperatingPoint:
     """Generalised force that acts (6+n,) [N, N m]."""
 
 
-class Block(NamedTuple):
+@dataclass(frozen=True)
+class Block:
     """States, an entry, or a port of a loop."""
 
     name: str
@@ -129,6 +130,8 @@ class LinearLoop:
     channels: list[ErrorChannel] = field(default_factory=list)
     connections: dict[Block, Signal] = field(default_factory=dict)
     """Signals at ports."""
+    starts: dict[Block, np.ndarray] = field(default_factory=dict)
+    """Deviations from the point at the start of a run, if not zero."""
 
     def state(self, name: str, size: int) -> Signal:
         """Returns a new block of states; its flow and its updates follow."""
@@ -141,6 +144,10 @@ class LinearLoop:
     def port(self, name: str, size: int) -> Signal:
         """Returns a signal that is connected later, of a part further on in the loop."""
         return self._new(name, size, "port")
+
+    def start(self, state: Signal, value: np.ndarray) -> None:
+        """Sets the deviation of a block at the start of a run."""
+        self.starts[_block_of(state)] = value
 
     def connect(self, port: Signal, signal: Signal) -> None:
         """Connects a port."""

@@ -20,9 +20,14 @@ from uvms_drake.control.feedback.linear_feedback import (
     add_linear_feedback,
 )
 from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.model.frames.euler import complex_step_jacobian, rotation_matrix
-from uvms_drake.model.frames.spatial import cross
+from uvms_drake.model.frames.euler import (
+    complex_step_jacobian,
+    pose_difference,
+    rotation_matrix,
+)
+from uvms_drake.model.frames.spatial import cross, times
 from uvms_drake.model.signals.linear import (
+    Block,
     ErrorChannel,
     LinearLoop,
     OperatingPoint,
@@ -41,6 +46,8 @@ from uvms_drake.tube.coupled.periodic import PeriodicSystem, compiled
 
 NEWTON = 20
 """Steps to the undriven axes' equilibrium."""
+ROBOT = "robot"
+"""Name of the block of the robot's motion."""
 PLAN = "plan"
 """Name of the entry of a plan's accelerations."""
 NORMAL_FORCE, FORCE_ACROSS = "force along the normal", "force across the normal"
@@ -107,6 +114,36 @@ class CoupledLoop:
     channels: tuple[ErrorChannel, ...]
     """Errors of the sensors."""
     loop: LinearLoop
+    undriven: np.ndarray
+    """Axes of the vehicle that the law leaves undriven."""
+
+    @property
+    def plans(self) -> list[str]:
+        """Names of the blocks of the plan's motion."""
+        return [block.name for block in self.loop.blocks
+                if block.name.startswith(PLAN) and block.size == 2 * self.at.model.size]
+
+    def start(self, config: np.ndarray) -> np.ndarray:
+        """Returns the state (m,) at the start of a run, of a robot at rest where its plan begins.
+
+        Observers begin at zero, and axes that nothing drives off their equilibrium; the other
+        coordinates make no difference here.
+
+        Args:
+            config: 𝔮 at the start (6+n,).
+        """
+        x, size = np.zeros(len(self.system.A)), self.at.model.size
+        for block, value in self.loop.starts.items():
+            x[self.system.states[block]] = value
+        off = np.where(np.isin(np.arange(size), self.undriven), config - self.at.state[:size], 0.0)
+        for block, where in self.system.states.items():
+            if block.name in (ROBOT, *self.plans):
+                x[where][:size] = off
+        return x
+
+    def entry(self, name: str) -> Block:
+        """Returns an entry by its name."""
+        return next(block for block in self.system.entries if block.name == name)
 
 
 def operating_point(parts: LoopParts, config: np.ndarray, wall: Wall) -> OperatingPoint:
@@ -115,7 +152,7 @@ def operating_point(parts: LoopParts, config: np.ndarray, wall: Wall) -> Operati
     Axes that the law leaves undriven move to their own equilibrium.
     """
     config, size = np.array(config, dtype=float), parts.true.size
-    undriven = np.array(getattr(parts.law, "undriven_rows", ()), dtype=int)
+    undriven = _undriven(parts.law)
 
     def tau(config: np.ndarray) -> np.ndarray:
         still = np.zeros(size, dtype=config.dtype)
@@ -155,9 +192,9 @@ def coupled_loop(parts: LoopParts, at: OperatingPoint, wall: Wall, *, planned: b
     wrench, applied = loop.port("wrench", 6), loop.port("applied", size)
     plan = _add_plan(loop, parts, at, wall) if planned else PlanSignals(
         *(Signal(length, {}) for length in (2 * size, size, size)))
+    paths = [part.command_path(at.model) for part in parts.actuation]
     has_wrench = parts.law.takes_wrench and any(
-        part.command_path(at.model) is not None and not part.command_path(at.model).whole
-        for part in parts.actuation)
+        path is not None and not path.whole for path in paths)
     command = add_linear_feedback(loop, parts.law, at, Measured(
         measured, force, wrench if has_wrench else None, applied), plan)
     exerted = _chain(loop, at, signals, parts.actuation, command, "actuation")
@@ -168,7 +205,12 @@ def coupled_loop(parts: LoopParts, at: OperatingPoint, wall: Wall, *, planned: b
         known = stacked([signals[VEHICLE_WRENCH], exerted[6:]])
     loop.connect(applied, known)
     names, rows = _outputs(parts, at, wall, signals["state"] - plan.state)
-    return CoupledLoop(at, compiled(loop, rows), names, tuple(loop.channels), loop)
+    return CoupledLoop(at, compiled(loop, rows), names, tuple(loop.channels), loop,
+                       _undriven(parts.law))
+
+
+def _undriven(law: AncillaryLaw) -> np.ndarray:
+    return np.array(getattr(law, "undriven_rows", ()), dtype=int)
 
 
 def _chain(loop: LinearLoop, at: OperatingPoint, signals: dict[str, Signal],
@@ -206,7 +248,7 @@ def _add_plant(loop: LinearLoop, parts: LoopParts, at: OperatingPoint, wall: Wal
 
     by_each = complex_step_jacobian(
         motion, np.concatenate([at.state, at.tau, np.zeros(6)]) + 0j)
-    state, tau = loop.state("robot", 2 * size), loop.port("tau", size)
+    state, tau = loop.state(ROBOT, 2 * size), loop.port("tau", size)
     out = by_each @ stacked([state, tau, further])
     loop.flow(state, out[: 2 * size])
     return {"state": state, "tau": tau, "force": out[2 * size: 2 * size + 6],
@@ -236,7 +278,7 @@ def _add_plan(loop: LinearLoop, parts: LoopParts, at: OperatingPoint, wall: Wall
         config, zeta, zeta_dot = np.split(x, 3)
         kinematics = model.kinematics(config)
         tau = model.inverse_dynamics(kinematics, zeta, zeta_dot, np.zeros(6))
-        if not wall.force:
+        if not wall.force and not wall.stiffness:
             return tau
         along = wall.force + wall.stiffness * (wall.normal @ (kinematics.chi[:3] - p))
         return tau + along * (wall.normal @ kinematics.J_chi[:3])
@@ -255,14 +297,27 @@ def _add_plan(loop: LinearLoop, parts: LoopParts, at: OperatingPoint, wall: Wall
 def frame_of(normal: np.ndarray) -> np.ndarray:
     """Returns n and two directions across it as columns (3, 3)."""
     n = np.asarray(normal, dtype=float)
-    least = np.eye(3)[int(np.argmin(np.abs(n)))] if abs(n[2]) > SQUARE else np.array([0.0, 0.0, 1.0])
-    second = np.cross(least, n)
+    about = np.eye(3)[int(np.argmin(np.abs(n))) if abs(n[2]) > SQUARE else 2]
+    second = np.cross(about, n)
     second /= np.linalg.norm(second)
     return np.column_stack([n, second, np.cross(n, second)])
 
 
 SQUARE = 0.9
 """Cosine to the vertical beyond which the directions across a normal are not about it."""
+
+
+def row_errors(model: UvmsModel, normal: np.ndarray, state: np.ndarray, nominal: np.ndarray
+               ) -> np.ndarray:
+    """Returns the rows (..., rows) of a real and a nominal motion (..., 2(6+n)) each."""
+    size, axes = model.size, frame_of(normal)
+    both = np.stack([state, nominal])
+    kinematics = model.kinematics(both[..., :size])
+    tip = kinematics.chi[..., :3] @ axes
+    speed = times(kinematics.J_chi[..., :3, :], both[..., size:]) @ axes
+    config = pose_difference(both[0, ..., :size], both[1, ..., :size])
+    return np.concatenate([tip[0] - tip[1], config, speed[0] - speed[1],
+                           both[0, ..., size:] - both[1, ..., size:]], axis=-1)
 
 
 def _outputs(parts: LoopParts, at: OperatingPoint, wall: Wall, error: Signal

@@ -20,8 +20,8 @@ STEP = 0.005
 """Longest step [s]."""
 AT_ONCE = 64
 """Periods of a response computed at once."""
-TAIL = 0.02
-"""Fraction of the slowest mode at which a response ends; the remainder is extrapolated."""
+TAIL = 0.003
+"""Fraction of the slowest mode at which a response ends."""
 LONGEST = 120.0
 """Longest response [s]."""
 STABLE = 1e-9
@@ -145,11 +145,11 @@ class PeriodicSystem:
             out[i: i + AT_ONCE] = rows @ start
             start = far @ start
         size = columns.stop - columns.start
-        out = out.reshape(self.periods, len(self.C), len(inputs), size)
-        out = np.moveaxis(out, 2, 1).reshape(-1, len(self.C), size)
+        by_tick = np.moveaxis(out.reshape(self.periods, len(self.C), len(inputs), size), 2, 1)
+        by_lag = by_tick.reshape(-1, len(self.C), size)
         if order[0] in active:
-            out[0] += self.D[:, columns]
-        return out
+            by_lag[0] += self.D[:, columns]
+        return by_lag
 
 
 def compiled(loop: LinearLoop, outputs: Sequence[Signal]) -> PeriodicSystem:
