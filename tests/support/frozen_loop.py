@@ -19,7 +19,7 @@ from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH, Signals
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.series_connection import add_chain, keyed
 
 LOG_PERIOD = 0.005

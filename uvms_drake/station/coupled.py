@@ -9,8 +9,8 @@ from uvms_drake.control.contact.tangential_filter import add_linear_filter
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.model_error import add_simulated_uvms
-from uvms_drake.station.contact_bounds import pressing_force, sensed_contact
-from uvms_drake.station.motions.dynamic import actuation_delay_of
+from uvms_drake.station.command_path import actuation_delay_of
+from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.coupled.coupled_loop import (
     CoupledLoop,

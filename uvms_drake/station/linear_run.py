@@ -19,7 +19,7 @@ import numpy as np
 from uvms_drake.model.signals.linear import Block
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import CHANNELS, Navigation, channel_rows
-from uvms_drake.station.contact_bounds import sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.coupled import loop_parts, press_configuration
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
