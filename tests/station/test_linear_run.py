@@ -17,7 +17,8 @@ def test_the_linear_loop_has_the_errors_of_a_run():
     run = linear_run(simulate(load_scenario("girona500_real_loop", ["duration=7.0"])))
     settled = run.time > 3.0
     apart, values = (run.of_record - run.values)[settled], run.values[settled]
-    for names, share in ((("depth", "tip y", "tip z"), 0.1), (("vehicle z", "q1", "q2", "q3"), 0.4)):
-        for name in names:
-            i = run.rows.index(name)
-            assert np.std(apart[:, i]) < share * np.std(values[:, i]), name
+    shares = dict.fromkeys(("depth", "tip y", "tip z"), 0.1) | dict.fromkeys(
+        ("vehicle z", "q1", "q2", "q3"), 0.4)
+    for name, share in shares.items():
+        i = run.rows.index(name)
+        assert np.std(apart[:, i]) < share * np.std(values[:, i]), name
