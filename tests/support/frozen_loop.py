@@ -20,7 +20,8 @@ from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRE
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.series_connection import add_chain, keyed
+from uvms_drake.station.parts import keyed
+from uvms_drake.station.series_connection import add_chain
 
 LOG_PERIOD = 0.005
 

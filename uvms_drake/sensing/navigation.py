@@ -255,9 +255,9 @@ class Navigation(Sensor):
         for key, rows in channel_rows(at.model.size).items():
             channel: Channel = getattr(self, key)
             true, error = signal[rows], loop.entry(key, len(rows))
-            held = loop.sampled(key, error if channel.propagated else true + error,
+            hold = loop.sampled(key, error if channel.propagated else true + error,
                                 1.0 / channel.rate, channel.latency)
-            measured.append(true + held if channel.propagated else held)
+            measured.append(true + hold if channel.propagated else hold)
             loop.channels += self._errors(key, error)
         return stacked(measured)
 
@@ -277,7 +277,7 @@ class Navigation(Sensor):
             ticks = max(int(samples), 1), math.ceil(dvl.most * samples)
             sigma = np.asarray(dvl.noise, dtype=float)
             out += [ErrorChannel("fixes of velocity", error, multiple * sigma, sigma,
-                                 "held", ticks),
+                                 "hold", ticks),
                     ErrorChannel("bias of accelerometers", error, dvl.growth * ones, None,
                                  "ramp", ticks)]
         return [each for each in out if np.any(each.bound)]

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from support.frozen_loop import run
 
+from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.model.signals.linear import LinearLoop
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.sensing.navigation import Navigation
-from uvms_drake.station.coupled import loop_parts, press_configuration
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.coupled.coupled_loop import (
@@ -163,12 +163,12 @@ def test_a_plan_that_accelerates_moves_the_diagram_as_the_linear_loop(loop, comp
     n = loop.model.size
     knots = np.zeros((20, n))
     knots[5:9, component] = size * np.array([1.0, -1.0, -1.0, 1.0])
-    step, ahead = loop.parts.time_step, max(loop.parts.delay)
+    step, preview = loop.parts.time_step, max(loop.parts.delay)
     plan = DynamicPlan.from_accelerations(
         0.0, step, loop.at.state[:n], np.zeros(n), knots)
     _, moved = loop.diagram(plan=plan)
     found = loop.of_state(moved - loop.settled()[1])
-    expected = loop.linear(PLAN, lambda time: knots[round((time + ahead) / step)], planned=True)
+    expected = loop.linear(PLAN, lambda time: knots[round((time + preview) / step)], planned=True)
     assert max(deviation(found, expected).values()) < 0.03
 
 

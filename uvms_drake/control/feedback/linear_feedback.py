@@ -50,6 +50,7 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
         measured: The signals that the law reads.
         plan: The plan.
     """
+    # The estimate at the point.
     model, size = at.model, at.model.size
     observed, at_rest = law.observed(model), np.zeros(size)
     contact = None if measured.force is None else at.contact
@@ -71,6 +72,7 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
             return found.tau
         return model.mass_matrix(now.kinematics.at(0)) @ found
 
+    # The command by all that it depends on.
     parts = at.state, at.state, at_rest, at.contact, at.tau[:6], estimate
     ends = np.cumsum([len(part) for part in parts])[:-1]
     by_each = complex_step_jacobian(command, np.concatenate(parts) + 0j)

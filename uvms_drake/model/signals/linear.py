@@ -103,13 +103,13 @@ class ErrorChannel:
     name: str
     """Source in the budget."""
     entry: Signal
-    """Where it enters."""
+    """Place at which it enters."""
     bound: np.ndarray
     """Bound of each component."""
     sigma: np.ndarray | None = None
     """σ of each component of a sample; None: not random."""
     kind: str = "samples"
-    """`samples`, any value at each tick; `held`, one value for `ticks`; `ramp`, `bound` times the
+    """`samples`, any value at each tick; `hold`, one value for `ticks`; `ramp`, `bound` times the
     time since such a value began; `constant`; `slow`, a constant and a rate of at most `rate`;
     `flow`, any function of time; `pulse`, any value at each tick of its own slower clock."""
     ticks: tuple[int, int] = (1, 1)
@@ -189,14 +189,14 @@ class LinearLoop:
             delay: δ [s].
             offset: Time of the first sample [s].
         """
-        held = self.state(name, signal.size)
+        hold = self.state(name, signal.size)
         under_way = math.ceil(delay / period - SAME)
         for i in range(under_way):  # Samples that are taken and do not act yet.
             taken = self.state(f"{name}, sample {i}", signal.size)
             self.update(taken, signal, period, offset)
             signal = taken
-        self.update(held, signal, period, offset + delay)
-        return held
+        self.update(hold, signal, period, offset + delay)
+        return hold
 
 
 def _block_of(state: Signal) -> Block:

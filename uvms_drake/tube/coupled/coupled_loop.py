@@ -264,9 +264,9 @@ def _add_plan(loop: LinearLoop, parts: LoopParts, at: OperatingPoint, wall: Wall
         lambda x: configuration_rate(x[:size], x[size:]), at.state + 0j)
     p = model.task_pose(at.state[:size])[:3]
 
-    def ahead(by: float) -> Signal:
+    def later(by: float) -> Signal:
         """Returns 𝔮̄, ζ̄ and ζ̄̇ of a time later by `by`; knots are ticks at the present time."""
-        name = f"plan {by:g} s ahead"
+        name = f"{PLAN} {by:g} s later"
         acceleration = loop.sampled(f"{name}, acceleration", entry, parts.time_step,
                                     longest - by, -longest)
         state = loop.state(name, 2 * size)
@@ -283,14 +283,15 @@ def _add_plan(loop: LinearLoop, parts: LoopParts, at: OperatingPoint, wall: Wall
         along = wall.force + wall.stiffness * (wall.normal @ (kinematics.chi[:3] - p))
         return tau + along * (wall.normal @ kinematics.J_chi[:3])
 
-    now = ahead(0.0)
+    # The law's plan, and the change of its forces until they act.
+    now = later(0.0)
     preview = Signal(size, {})
     if parts.law.takes_wrench and longest > 0.0:
         by_plan = complex_step_jacobian(forces, np.append(at.state, np.zeros(size)) + 0j)
         rows = np.arange(size) < 6
         for by, chosen in ((delay.vehicle, rows), (delay.joints, ~rows)):
             if by > 0.0:
-                preview += np.diag(1.0 * chosen) @ (by_plan @ (ahead(by) - now))
+                preview += np.diag(1.0 * chosen) @ (by_plan @ (later(by) - now))
     return PlanSignals(now[: 2 * size], now[2 * size:], preview)
 
 

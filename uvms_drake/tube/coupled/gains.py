@@ -3,7 +3,7 @@
 For the impulse responses hₗ of a row, l the number of ticks since an input, and errors within w:
 
     samples    worst Σ|hₗ| w,    variance Σ hₗ² σ²,                                        (1)
-    held       the same of the sums of hₗ over a dwell, largest over all sequences of dwells,
+    hold       the same of the sums of hₗ over a dwell, largest over all sequences of dwells,
     ramp       Σ hₗ · (time since its dwell began), likewise: w is the rate,
     constant   |Σ hₗ| w,    slow  |Σ hₗ| w + ẇ h Σₗ |Σ_{j>l} hⱼ|.
 
@@ -53,7 +53,7 @@ class Responses:
         bound = np.asarray(channel.bound, dtype=float)
         tick = float(self.system.period) / len(self.system.ticks(entry))
         sigma = np.zeros_like(bound) if channel.sigma is None else channel.sigma
-        if channel.kind == "held":
+        if channel.kind == "hold":
             least, most = channel.ticks
             worst = _over_dwells(h, least, most, lambda sums, _: np.abs(sums))
             square = _over_dwells(h, least, most, lambda sums, _: sums**2)

@@ -172,6 +172,7 @@ def compiled(loop: LinearLoop, outputs: Sequence[Signal]) -> PeriodicSystem:
                 by_entry[:, entries[block]] = part
         return by_state, by_entry
 
+    # Flow, and the instants of all clocks over their common period.
     A, B = np.zeros((m, m)), np.zeros((m, w))
     for block, rate in loop.rates.items():
         A[states[block]], B[states[block]] = matrices(rate)
@@ -180,6 +181,7 @@ def compiled(loop: LinearLoop, outputs: Sequence[Signal]) -> PeriodicSystem:
     period = reduce(_common, [every for *_, every, _ in values], values[0][3])
     instants = sorted({offset + k * every for *_, every, offset in values
                        for k in range(int(period / every))})
+    # Steps from one instant to the next, in parts that are short enough.
     steps = []
     for time, end in zip(instants, [*instants[1:], instants[0] + period], strict=True):
         jump, inputs = np.eye(m), np.zeros((m, w))

@@ -1,9 +1,9 @@
-"""Tests of `station.linear_run` against the Diagram with the same draws."""
+"""Tests of `certificate.coupled.linear_run` against the Diagram with the same draws."""
 
 import numpy as np
 import pytest
 
-from uvms_drake.station.linear_run import linear_run
+from uvms_drake.certificate.coupled.linear_run import linear_run
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 

@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
 from uvms_drake.model.signals.linear import Block
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import CHANNELS, Navigation, channel_rows
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.coupled import loop_parts, press_configuration
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.coupled.coupled_loop import (
@@ -116,15 +116,15 @@ def _force_error(sensor: ForceSensor, seed: int) -> Input:
     return error
 
 
-def _accelerations(record: Record, ahead: float, step: float) -> Input:
-    """Returns the plan's ζ̄̇ on the interval that begins `ahead` later."""
+def _accelerations(record: Record, preview: float, step: float) -> Input:
+    """Returns the plan's ζ̄̇ on the interval that begins `preview` later."""
     size = record.nominal_zeta.shape[1]
     knots = np.arange(0.0, record.time[-1] + 0.5 * step, step)
     zeta = np.array([np.interp(knots, record.time, row) for row in record.nominal_zeta.T]).T
     rates = np.diff(zeta, axis=0) / step
 
     def acceleration(time: float) -> np.ndarray:
-        knot = round((time + ahead) / step)
+        knot = round((time + preview) / step)
         return rates[knot] if 0 <= knot < len(rates) else np.zeros(size)
 
     return acceleration
