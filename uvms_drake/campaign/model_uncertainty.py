@@ -135,25 +135,38 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
 def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     """Returns the scenario with its declared unknowns drawn, up to their declared size.
 
-    An error of either sign is drawn, and a current from any horizontal direction, up or down: those
-    that a certificate counts, `certificate.declared_unknowns`. In one draw of four each has all of
-    its size. Parameters that are known stay known.
+    An error of either sign is drawn, a current from any horizontal direction, up or down, and a
+    wave of any direction and phase: those that a certificate counts,
+    `certificate.declared_unknowns`. In one draw of four each has all of its size. Parameters that
+    are known stay known.
 
     Args:
-        scenario: Its `model_error` and `current` are the largest.
+        scenario: Its `model_error`, `current` and `waves` are the largest.
         rng: Source of the draws.
     """
     def part() -> float:
         size = 1.0 if rng.uniform() < AT_FULL_SIZE else rng.uniform()
         return float(rng.choice([-1.0, 1.0]) * size)
 
+    def heading() -> float:
+        return float(rng.uniform(-np.pi, np.pi))
+
     known, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
     relative = {name: 1.0 + (getattr(known, name) - 1.0) * part() for name in FACTORS}
     shift, carried = part() * np.asarray(known.buoyancy_shift, dtype=float), abs(part())
     payload = replace(known.payload, mass=carried * known.payload.mass,
                       displaced=carried * known.payload.displaced)
-    heading, along = rng.uniform(-np.pi, np.pi), part() * float(np.hypot(*current[:2]))
+    toward, along = heading(), part() * float(np.hypot(*current[:2]))
+    water = np.array([along * np.cos(toward), along * np.sin(toward), part() * current[2]])
+    # Drawn after the others, and only where they are declared.
+    friction = known.joint_friction
+    if friction.largest > 0.0:
+        stiff = abs(part())
+        friction = replace(friction, coulomb=stiff * np.asarray(friction.coulomb, dtype=float),
+                           static=stiff * np.asarray(friction.static, dtype=float))
+    waves = [replace(wave, amplitude=abs(part()) * wave.amplitude, direction=heading(),
+                     phase=heading()) for wave in scenario.waves]
     return replace(
-        scenario, current=np.array([
-            along * np.cos(heading), along * np.sin(heading), part() * current[2]]),
-        model_error=replace(known, **relative, buoyancy_shift=shift, payload=payload))
+        scenario, current=water, waves=waves,
+        model_error=replace(known, **relative, buoyancy_shift=shift, payload=payload,
+                            joint_friction=friction))

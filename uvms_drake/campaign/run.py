@@ -111,6 +111,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         "margin": margins[name], "constraint": name, "margins": margins,
         "violations": sum(margin < 0.0 for margin in margins.values()),
         "force_error": force["final_error_norm"], "settling_time_s": force["settling_time_s"],
+        "losses": summary["contact"]["losses"],
         "mpc_failures": own_failures(record), "noted": noted,
         "terminal_slack": summary["mpc"]["worst_terminal_slack"], "limited": limited,
         "within_at_end": within_at_end(record),

@@ -27,17 +27,34 @@ def cached(key: Any, compute: Callable[[], Any]) -> Any:
         key: All that the result depends on, as JSON data; this package's source is added.
         compute: Returns JSON data.
     """
-    text = json.dumps([source_digest(), key], sort_keys=True)
-    path = cache_dir() / f"{hashlib.sha256(text.encode()).hexdigest()}.json"
-    try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
-        if stored["key"] == json.loads(text):
-            return stored["value"]
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
+    found = stored(key)
+    if found is not None:
+        return found
     value = compute()
-    _write(path, json.dumps({"key": json.loads(text), "value": value}))
+    store(key, value)
     return value
+
+
+def stored(key: Any) -> Any:
+    """Returns the value that is kept for a key, as of `cached`; None if there is none."""
+    text, path = _entry(key)
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return found["value"] if found["key"] == json.loads(text) else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def store(key: Any, value: Any) -> None:
+    """Keeps a value, JSON data, for a key, as of `cached`."""
+    text, path = _entry(key)
+    _write(path, json.dumps({"key": json.loads(text), "value": value}))
+
+
+def _entry(key: Any) -> tuple[str, Path]:
+    """Returns the text of a key with this package's source, and the path of its file."""
+    text = json.dumps([source_digest(), key], sort_keys=True)
+    return text, cache_dir() / f"{hashlib.sha256(text.encode()).hexdigest()}.json"
 
 
 @functools.cache

@@ -11,7 +11,7 @@ import json
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
@@ -32,6 +32,11 @@ from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.search.estimate import Estimate
 from uvms_drake.tube.ultimate_bounds import HOLD
 
+if TYPE_CHECKING:
+    from uvms_drake.certificate.in_probability import AnyCertificate
+
+KIND = "worst case"
+"""`kind` of the certificate.json of a `Certificate`; the other is of `in_probability`."""
 CERTIFICATE_FILE = "certificate.json"
 IRRELEVANT = ("name", "description", "modules", "seed", "duration", "log_period", "simulator",
               "tube", "visual")
@@ -144,7 +149,8 @@ class Certificate:
 
     def to_data(self) -> dict[str, Any]:
         """Returns the content as JSON data, with its own SHA-256 as `sha256`."""
-        data = jsonable(dataclasses.asdict(self), names=True) | {"certified": self.certified}
+        data = {"kind": KIND, **jsonable(dataclasses.asdict(self), names=True),
+                "certified": self.certified}
         if self.weights is None:
             del data["weights"]
         if not self.budget:
@@ -152,13 +158,18 @@ class Certificate:
         for name in ("legs", "paper"):
             if not data[name]:
                 del data[name]
-        return data | {"sha256": _digest(data)}
+        return signed(data)
+
+    @staticmethod
+    def inputs_of(scenario: Scenario) -> dict[str, Any]:
+        """Returns the inputs that a certificate of a scenario has now, see `fingerprint`."""
+        return fingerprint(scenario)
 
     @staticmethod
     def from_data(data: dict[str, Any]) -> "Certificate":
         """Returns the certificate of which `to_data` made `data`."""
         data = {key: restored(value) for key, value in data.items()
-                if key not in ("certified", "sha256")}
+                if key not in ("kind", "certified", "sha256")}
         tube, terminal, weights = data["tube"], data["terminal"], data.get("weights")
         return Certificate(**(data | {
             "assumptions": tuple(Assumption(**item) for item in data["assumptions"]),
@@ -182,6 +193,11 @@ def _tube_of(data: dict[str, Any]) -> TubeRadii:
 def _with_arrays(data: dict[str, Any]) -> dict[str, Any]:
     return {key: np.array(value, dtype=float) if isinstance(value, list) else value
             for key, value in data.items()}
+
+
+def signed(data: dict[str, Any]) -> dict[str, Any]:
+    """Returns JSON data with their own SHA-256 as `sha256`."""
+    return data | {"sha256": _digest(data)}
 
 
 def _digest(data: object) -> str:
@@ -213,16 +229,32 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
             "versions": {"uvms_drake": VERSION, "drake": version("drake")}}
 
 
-def write_certificate(certificate: Certificate, folder: Path) -> None:
+def write_certificate(certificate: "AnyCertificate", folder: Path) -> None:
     """Writes `certificate.json` into a folder."""
     text = json.dumps(certificate.to_data(), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / CERTIFICATE_FILE).write_text(text + "\n", encoding="utf-8")
 
 
 def read_certificate(path: Path) -> Certificate:
-    """Returns the certificate of a file; raises `RunFailed` if it was changed since it was made."""
+    """Returns the certificate of a file.
+
+    Raises:
+        RunFailed: It was changed since it was made, or is one in probability.
+    """
+    data = read_data(path)
+    if data.get("kind", KIND) != KIND:
+        raise RunFailed(f"{path}: a certificate {data['kind']}, none for the worst case")
+    return Certificate.from_data(data)
+
+
+def read_data(path: Path) -> dict[str, Any]:
+    """Returns the data of a certificate of any kind, without their SHA-256.
+
+    Raises:
+        RunFailed: They were changed since the certificate was made.
+    """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         claimed = data.pop("sha256")
         intact = _digest(data) == claimed
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
@@ -230,14 +262,17 @@ def read_certificate(path: Path) -> Certificate:
     if not intact:
         raise RunFailed(f"{path}: its content does not match its SHA-256, it was changed; make it "
                         "again with 'certify'")
-    return Certificate.from_data(data)
+    return data
 
 
-def stale_reason(certificate: Certificate, scenario: Scenario) -> str | None:
-    """Returns the input that has changed since a certificate was made, or None."""
-    now = fingerprint(scenario)
+def stale_reason(certificate: "AnyCertificate", scenario: Scenario) -> str | None:
+    """Returns the input that has changed since a certificate was made, or None.
+
+    One in probability is of the program that made its runs.
+    """
+    now = certificate.inputs_of(scenario)
     for key, what in (("files", "a file of the robot"), ("inputs", "the scenario"),
-                      ("versions", "a version")):
-        if getattr(certificate, key) != now[key]:
+                      ("versions", "a version"), ("source", "this package")):
+        if key in now and getattr(certificate, key) != now[key]:
             return what
     return None

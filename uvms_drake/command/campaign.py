@@ -1,21 +1,14 @@
 """The sub-command `campaign`: runs, resumes, sums up and replays."""
 
 import argparse
-import json
-import os
-import sys
 from contextlib import closing
 from pathlib import Path
-from typing import Any, TextIO
 
-from uvms_drake.campaign.campaign import Campaign, make_campaign, require_same_code
-from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
+from uvms_drake.campaign.campaign import make_campaign, require_same_code
 from uvms_drake.campaign.model_uncertainty import check_draws
-from uvms_drake.campaign.pool import Pool, cluster_pool, local_pool, run_all
 from uvms_drake.campaign.store import (
     RUNS_FILE,
     SETUP_FILE,
-    RunLog,
     read_indices,
     read_setup,
     require_same,
@@ -28,8 +21,16 @@ from uvms_drake.campaign.summary import (
     summarise_times,
 )
 from uvms_drake.campaign.variation import vary
-from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
-from uvms_drake.certificate.certify import certified_once, check_inputs
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.command.campaign_runs import (
+    OWN_FILES,
+    check_draws_and_workers,
+    complete,
+    drawable,
+    interrupted,
+    pool_of,
+    write_results,
+)
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
 from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.command.run import BROKEN, note, sound
@@ -42,10 +43,6 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 from uvms_drake.station.simulation import simulate
-from uvms_drake.station.step_size import with_step
-
-CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
-OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES, WALLS_FILE)
 
 
 def run_campaign(args: argparse.Namespace) -> int:
@@ -53,12 +50,7 @@ def run_campaign(args: argparse.Namespace) -> int:
 
     Every completed run is kept, even if others fail.
     """
-    require(args.runs >= 1, "--runs", args.runs, "at least 1")
-    require(args.seed >= 0, "--seed", args.seed, "zero or positive")
-    for override in args.overrides:
-        require(override.partition("=")[0] != "seed", "--set", override,
-                "--seed N: a campaign has a seed of its own")
-    require(args.workers is None or args.workers >= 1, "--workers", args.workers, "at least 1")
+    check_draws_and_workers(args)
     require(0.0 <= args.model_error <= 0.5, "--model-error", args.model_error, "from 0 to 0.5")
     require(args.model_error > 0.0 or not args.outside, "--model-error", args.model_error,
             "above 0 with --outside")
@@ -67,14 +59,9 @@ def run_campaign(args: argparse.Namespace) -> int:
     source = scenario_source(args.scenario, set_options(args.overrides))
     output = folder_of(args, scenario)
     require_own(output, OWN_FILES)
-    pool = (cluster_pool(args.scheduler) if args.scheduler is not None
-            else local_pool(args.workers or _cores()))
+    pool = pool_of(args)
     with reported_in(source):
-        require(not scenario.faults, "faults", [type(fault).__name__ for fault in scenario.faults],
-                "left out: a campaign draws them")
-        require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
-                "left out: no run could be repeated")
-        scenario = with_step(scenario, check_inputs(scenario))
+        scenario = drawable(scenario)
         if args.model_error > 0.0 and motion_of(scenario).has_forces:
             check_draws(scenario, args.model_error)
         require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
@@ -89,15 +76,13 @@ def run_campaign(args: argparse.Namespace) -> int:
     # The runs, and their summary.
     with run_log(output, campaign) as log:
         try:
-            _run(campaign, args.runs, log, pool, stream_of(args))
+            complete(campaign, args.runs, log, pool, stream_of(args))
         except KeyboardInterrupt:
-            print(f"\nuvms-drake: interrupted, {len(log.runs)} runs are in {output}; the same "
-                  "command goes on with the others", file=sys.stderr)
-            return 130
+            return interrupted(log, output)
         runs = [log.runs[index] for index in range(args.runs)]
         summary = summarise_campaign(campaign, [run["result"] for run in runs])
         times = summarise_times([run["wall"] for run in runs])
-        written = _write(output, summary, times, certificate)
+        written = write_results(output, summary, times, certificate)
     print(format_campaign(summary, times, str(output)))
     print(f"\nwritten to {output}: {', '.join(sorted((SETUP_FILE, RUNS_FILE, *written)))}")
     well, never = all_well(summary), summary["counts"]["never_settled"]
@@ -110,35 +95,6 @@ def folder_of(args: argparse.Namespace, scenario: Scenario) -> Path:
     """Returns the folder of a campaign: the one asked for, or out/<scenario>-campaign."""
     kind = "outside" if args.outside else "campaign"
     return args.output if args.output is not None else Path("out") / f"{scenario.name}-{kind}"
-
-
-def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool, stream: TextIO) -> None:
-    missing = [index for index in range(runs) if index not in log.runs]
-    if len(missing) < runs:
-        print(f"{runs - len(missing)} of {runs} runs are there already", file=stream)
-    with closing(Bar("running", stream)) as progress:
-        for done, (_, run) in enumerate(run_all(campaign, missing, pool), 1):
-            log.append(run)
-            progress(f"{done} of {len(missing)} runs", done / len(missing))
-
-
-def _write(output: Path, summary: dict[str, Any], times: dict[str, Any],
-           certificate: Certificate | None) -> list[str]:
-    """Writes the files of a completed campaign, all together, and returns their names."""
-    with output_folder(output, OWN_FILES, replaces=True) as own:
-        folder = own.folder
-        for name, data in ((CAMPAIGN_FILE, summary), (TIMES_FILE, times)):
-            text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
-            (folder / name).write_text(text + "\n", encoding="utf-8")
-        if certificate is not None:
-            write_certificate(certificate, folder)
-        make_campaign_figures(summary, times, folder)
-    return own.kept
-
-
-def _cores() -> int:
-    """Returns the number of cores available to this process; on macOS that of the machine."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def replay_run(args: argparse.Namespace) -> int:

@@ -17,11 +17,7 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
                           help="number of runs (default: %(default)s)")
     campaign.add_argument("--seed", type=int, default=0, metavar="S",
                           help="run i is drawn from this and from i (default: %(default)s)")
-    where = campaign.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="W",
-                       help="processes of this machine (default: one for each core)")
-    where.add_argument("--scheduler", metavar="ADDRESS",
-                       help="of a running Dask cluster, whose workers have this package installed")
+    take_workers(campaign)
     campaign.add_argument("--output", type=folder, metavar="DIR",
                           help="folder to write to (default: out/<scenario>-campaign); a campaign "
                                "in it is continued")
@@ -42,6 +38,15 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
                           help="repeat a single run of the campaign in --output, and write data "
                                "and figures to its folder run-<INDEX>; the campaign determines all "
                                "other options")
+
+
+def take_workers(command: argparse.ArgumentParser) -> None:
+    """Adds the options that say where the runs are computed."""
+    where = command.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="W",
+                       help="processes of this machine (default: one for each core)")
+    where.add_argument("--scheduler", metavar="ADDRESS",
+                       help="of a running Dask cluster, whose workers have this package installed")
 
 
 def run_campaign(args: argparse.Namespace) -> int:

@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -15,6 +16,7 @@ from uvms_drake.certificate.certificate import (
     Certificate,
     write_certificate,
 )
+from uvms_drake.command.campaign_options import take_workers
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.paper import (
     beside_the_paper,
@@ -39,7 +41,7 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
     certify = commands.add_parser("certify", help="compute and check a scenario's certificate",
                                   allow_abbrev=False)
-    certify.set_defaults(command=certify_scenario)
+    certify.set_defaults(command=certify_scenario, parser=certify)
     take_scenario(certify)
     certify.add_argument("--output", type=folder, metavar="DIR",
                          help="folder of certificate.json and, with a budget, budget.png "
@@ -55,10 +57,32 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
                          help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
                               "force error")
     take_comparisons(certify)
+    runs = certify.add_argument_group("certificate in probability, from drawn runs")
+    runs.add_argument("--runs", type=int, metavar="N",
+                      help="draw N runs of the declared distribution and bound the probability "
+                           "that a run leaves the declared tube, violates a limit or loses the "
+                           "contact; no worst-case certificate is computed. The runs are kept in "
+                           "the folder runs inside of DIR: the same command continues them")
+    runs.add_argument("--confidence", type=float, default=0.95, metavar="C",
+                      help="confidence of that bound (default: %(default)s)")
+    runs.add_argument("--seed", type=int, default=0, metavar="S",
+                      help="run i is drawn from this and from i (default: %(default)s)")
+    take_workers(certify)
 
 
 def certify_scenario(args: argparse.Namespace) -> int:
-    """Prints and writes the certificate; returns 0 if it holds, else 1."""
+    """Prints and writes the certificate; returns 0 if it holds, else 1.
+
+    With --runs it is one in probability, and 3 is returned if a run failed.
+    """
+    names = [CERTIFICATE_FILE, BUDGET_FILE, TOLERANCES_FILE]
+    if args.runs is not None:
+        from uvms_drake.command.certify_runs import certify_by_runs
+
+        _require_default(args, ("tolerances", "sweep_gains", "tune", "paper", "compare_laws"),
+                         "with --runs")
+        return certify_by_runs(args, names)
+    _require_default(args, ("confidence", "seed", "workers", "scheduler"), "without --runs")
     from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.overview import format_overview
     from uvms_drake.certificate.table import format_certificate
@@ -74,7 +98,6 @@ def certify_scenario(args: argparse.Namespace) -> int:
     with reported_in(source):
         _check_studies(args, scenario)
     path = args.output if args.output is not None else Path("out") / scenario.name
-    names = [CERTIFICATE_FILE, BUDGET_FILE, TOLERANCES_FILE]
     with output_folder(path, names, replaces=True) as output:
         with reported_in(source):
             model = check_inputs(scenario)  # Before anything is announced.
@@ -117,6 +140,14 @@ def certify_scenario(args: argparse.Namespace) -> int:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
     print_laws(args, scenario, model)
     return 0 if certificate.certified else 1
+
+
+def _require_default(args: argparse.Namespace, options: Sequence[str], where: str) -> None:
+    """Raises `InvalidParameter` for the first given option that must be left out."""
+    for name in options:
+        value = getattr(args, name)
+        require(value == args.parser.get_default(name), f"--{name.replace('_', '-')}", value,
+                f"left out {where}")
 
 
 def _draw_budget(certificate: Certificate, folder: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.in_probability import AnyCertificate
 from uvms_drake.common.errors import InvalidParameter, shortened
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 
@@ -65,17 +66,23 @@ def picture_files() -> tuple[str, ...]:
     return (*FIGURES, REPORT_FILE, REPLAY_FILE)
 
 
-def write_data(record: Record, folder: Path) -> dict[str, Any]:
+def write_data(record: Record, folder: Path, certificate: AnyCertificate | None = None
+               ) -> dict[str, Any]:
     """Writes the data of a run into a folder and returns its summary.
 
     A run with a mission has an `INSPECTION_FILE`.
+
+    Args:
+        record: Record of the run.
+        folder: Folder to write to.
+        certificate: Certificate of the run, if any.
     """
     from uvms_drake.report.log_table import format_log
     from uvms_drake.report.mission.attempts import has_mission
     from uvms_drake.report.mission.inspection import format_inspection
     from uvms_drake.report.summary import summarise
 
-    summary = summarise(record)
+    summary = summarise(record, certificate)
     save_record(record, folder)
     (folder / TABLE_FILE).write_text(format_log(record), encoding="utf-8")
     if has_mission(record):
@@ -85,14 +92,14 @@ def write_data(record: Record, folder: Path) -> dict[str, Any]:
     return summary
 
 
-def write_pictures(record: Record, certificate: Certificate | None, folder: Path, *,
+def write_pictures(record: Record, certificate: AnyCertificate | None, folder: Path, *,
                    figures: bool, replay: bool) -> None:
     """Writes figures and replay of a run into a folder; the report comes with the figures."""
     if figures:
         from uvms_drake.report.figures import make_figures
         from uvms_drake.report.html import format_report
 
-        bounds = certificate.bounds if certificate else None
+        bounds = certificate.bounds if isinstance(certificate, Certificate) else None
         report = format_report(record, make_figures(record, folder, bounds), certificate)
         (folder / REPORT_FILE).write_text(report, encoding="utf-8")
     if replay:

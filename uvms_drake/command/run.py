@@ -7,14 +7,20 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
+from uvms_drake.certificate.cache import stored
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     Certificate,
-    read_certificate,
     stale_reason,
     write_certificate,
+)
+from uvms_drake.certificate.in_probability import (
+    AnyCertificate,
+    ProbabilityCertificate,
+    cache_key,
+    read_any_certificate,
 )
 from uvms_drake.command.files import (
     DATA_FILES,
@@ -48,6 +54,8 @@ if TYPE_CHECKING:
 
 # Slow imports (simulation, summary, figures, replay) are local to their functions.
 
+AnyCert = TypeVar("AnyCert", Certificate, AnyCertificate)
+
 BROKEN = 3
 """Exit status of a completed run that has broken a guarantee or violated a limit."""
 
@@ -64,7 +72,7 @@ keys that are changed most, of {MAIN_SCENARIO} ('uvms-drake keys' lists all):
 A file of your own that begins with 'base: girona500_ideal' has only the differences.
 
 Exit status {BROKEN}: a certified run has left its tube, or pressed a wall that is not of its class;
-or a run has violated a limit.
+or a run has violated a limit, or is not of the distribution of its certificate in probability.
 Ctrl-C ends a run: the data up to then are written, without figures ('uvms-drake plot'), status 130.
 """
 
@@ -110,7 +118,6 @@ def add_plot(commands: argparse._SubParsersAction) -> None:
 
 def run_scenario(args: argparse.Namespace) -> int:
     """Simulates a scenario, prints the summary and writes the files."""
-    from uvms_drake.certificate.table import scope
     from uvms_drake.station.step_size import with_step
 
     require(args.meshcat or args.host is None, "--host", args.host, "left out without --meshcat")
@@ -134,17 +141,17 @@ def run_scenario(args: argparse.Namespace) -> int:
                 certificate = _new_certificate(scenario, model, source, stream_of(args))
                 write_certificate(certificate, output.folder)
             scenario = certificate.applied_to(scenario)
-            for line in scope(certificate):
+            for line in _announced(certificate, scenario, model):
                 print(line, file=sys.stderr)
-            print(f"certified: {certificate.force_sentence}", file=sys.stderr)
         # The run itself, and its files; an interrupted run is kept, too.
         with reported_in(source):
             scenario = with_step(scenario, model)
             note(scenario)
         show = _open_meshcat(args) if args.meshcat else None
         with postponed() as interrupted:
-            record = _simulate(args, scenario, model, source, show, interrupted)
-            summary = write_data(record, output.folder)
+            record = _simulate(args, scenario, model, source, show, interrupted,
+                               certified=isinstance(certificate, Certificate))
+            summary = write_data(record, output.folder, certificate)
             output.keep(replaces=True)  # Even if the pictures fail.
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
                        replay=not args.no_replay)
@@ -164,6 +171,8 @@ def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
 
     certified = summary["tube"]["certified"]
     print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}")
+    if summary["in_probability"] is not None:
+        return _report_in_probability(summary)
     if failed := broken(summary):
         print(f"{'GUARANTEES BROKEN' if certified else 'LIMITS VIOLATED'}: {', '.join(failed)}")
         return BROKEN
@@ -173,6 +182,29 @@ def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
         return BROKEN
     print("all guarantees kept" if certified else "all limits kept, without a certificate")
     return 0
+
+
+def _report_in_probability(summary: dict[str, Any]) -> int:
+    """Prints the verdict of a run with a certificate in probability; returns the exit status."""
+    from uvms_drake.certificate.probability_table import format_coverage
+    from uvms_drake.report.headline import broken
+
+    claim, failed = summary["in_probability"], broken(summary)
+    print(f"this run FAILED: {', '.join(failed)}" if failed else
+          "this run did not fail: tube and all limits kept")
+    print(claim["verdict"] if not claim["outside"] else format_coverage(claim["outside"]))
+    return BROKEN if failed or claim["outside"] else 0
+
+
+def _announced(certificate: AnyCertificate, scenario: Scenario, model: ContactModel) -> list[str]:
+    """Returns the lines that a run begins with: kind and scope of its certificate."""
+    if isinstance(certificate, ProbabilityCertificate):
+        from uvms_drake.certificate.probability_table import format_coverage
+
+        return [certificate.verdict, format_coverage(certificate.outside(scenario, model))]
+    from uvms_drake.certificate.table import scope
+
+    return [*scope(certificate), f"certified: {certificate.force_sentence}"]
 
 
 def plot_run(args: argparse.Namespace) -> int:
@@ -201,7 +233,7 @@ def _named(args: argparse.Namespace) -> list[tuple[str, str]]:
 
 
 def _committed(scenario: Scenario, model: ContactModel, source: str, path: Path, again: str
-               ) -> Certificate | None:
+               ) -> AnyCertificate | None:
     """Returns the certificate in a run's folder if it fits, or None if a new one is needed.
 
     One that `certify` has written is a commitment: if it no longer fits, the run is refused, with
@@ -213,9 +245,11 @@ def _committed(scenario: Scenario, model: ContactModel, source: str, path: Path,
         check_inputs(scenario, model)
     if not path.is_file():
         return None
-    certificate = read_certificate(path)
+    certificate = read_any_certificate(path)
     if changed := stale_reason(certificate, scenario):
         if certificate.made_by == "certify":
+            if isinstance(certificate, ProbabilityCertificate):  # Its runs are of another campaign.
+                again += f" --runs {certificate.runs} --seed {certificate.seed}, in a new folder"
             raise RunFailed(f"{path}: stale, {changed} has changed since 'certify' made it; "
                             f"use another --output, or make it again: {again}")
         return None
@@ -223,11 +257,19 @@ def _committed(scenario: Scenario, model: ContactModel, source: str, path: Path,
 
 
 def _new_certificate(scenario: Scenario, model: ContactModel, source: str, stream: TextIO
-                     ) -> Certificate:
+                     ) -> AnyCertificate:
+    """Returns the worst-case certificate; if it does not hold, one in probability from the cache.
+
+    Raises:
+        RunFailed: There is neither.
+    """
     from uvms_drake.certificate.certify import certified_once
 
     with reported_in(source), closing(Bar(CERTIFYING, stream, is_steady=False)) as progress:
         certificate = certified_once(scenario, progress, model)
+    known = None if certificate.certified else stored(cache_key(scenario))
+    if known is not None:
+        return replace(ProbabilityCertificate.from_data(known), made_by="run")
     return sound(replace(certificate, made_by="run"), source)
 
 
@@ -237,13 +279,14 @@ def note(scenario: Scenario) -> None:
         print(f"note: {line}", file=sys.stderr)
 
 
-def sound(certificate: Certificate, source: str) -> Certificate:
-    """Returns a certificate that holds, or raises `RunFailed`."""
+def sound(certificate: AnyCert, source: str) -> AnyCert:
+    """Returns a certificate that holds, or raises `RunFailed`; one in probability is none less."""
     from uvms_drake.certificate.table import verdict
 
-    if not certificate.certified:
-        raise RunFailed(f"{source}: {verdict(certificate)}; "
-                        "--uncertified takes the scenario's declared tube")
+    if isinstance(certificate, Certificate) and not certificate.certified:
+        raise RunFailed(f"{source}: {verdict(certificate)}; 'certify --runs N' bounds the "
+                        "probability that a run fails, and --uncertified takes the scenario's "
+                        "declared tube")
     return certificate
 
 
@@ -261,10 +304,12 @@ def _open_meshcat(args: argparse.Namespace) -> "Meshcat":
 
 
 def _simulate(args: argparse.Namespace, scenario: Scenario, model: ContactModel, source: str,
-              meshcat: "Meshcat | None", interrupted: Callable[[], bool]) -> Record:
+              meshcat: "Meshcat | None", interrupted: Callable[[], bool], *, certified: bool
+              ) -> Record:
     """Returns the record of a run, with progress and alarms on stderr.
 
-    The button in Meshcat, or an interrupt, ends it before its duration.
+    The button in Meshcat, or an interrupt, ends it before its duration. `certified` is whether the
+    tube is that of a worst-case certificate.
     """
     from uvms_drake.station.simulation import simulate
     from uvms_drake.visual.controls import stop_button
@@ -275,6 +320,6 @@ def _simulate(args: argparse.Namespace, scenario: Scenario, model: ContactModel,
         progress = stack.enter_context(closing(Bar("simulating", stream_of(args))))
         if not args.quiet:  # Else alarms go to Python's logging.
             stack.enter_context(alarms_above(progress))
-        return simulate(scenario, model=model, certified=not args.uncertified, meshcat=meshcat,
+        return simulate(scenario, model=model, certified=certified, meshcat=meshcat,
                         progress=progress, stop=lambda: interrupted() or pressed(),
                         realtime_rate=None if meshcat is None else 1.0)

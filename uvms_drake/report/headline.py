@@ -8,13 +8,18 @@ BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
 """Names of the bands of the force of a sensed contact."""
 
 def broken(summary: dict[str, Any]) -> list[str]:
-    """Returns the limits that a run has violated and, of a certified one, the bounds it left."""
+    """Returns the limits that a run has violated and, of a certified one, the bounds it left.
+
+    With a certificate in probability these are the failures that it counts.
+    """
     names, tube = violated_limits(summary), summary["tube"]
     names += [f"the force band {BANDS[name]}" for name, row in
               summary["contact"].get("force_bands", {}).items() if row and row["exits"]]
+    counted = summary.get("in_probability") is not None
+    names += ["the contact, lost"] * bool(counted and summary["contact"]["losses"])
     return names + [f"the tube, {what}" for key, what in (
         ("exits", "set-wise"), ("exits_along_the_run", "along the run"))
-        if tube["certified"] and tube[key]]
+        if (tube["certified"] or counted) and tube[key]]
 
 
 def violated_limits(summary: dict[str, Any]) -> list[str]:
@@ -27,15 +32,21 @@ def headline(summary: dict[str, Any]) -> str:
     parts = [_task(summary)]
     if summary["contact"]["first_touch_s"] is not None:
         parts.append(f"at most {summary['contact']['largest_force']:.3g} N in contact")
-    parts.append(used(summary["tube"]))
+    parts.append(used(summary["tube"], summary.get("in_probability") is not None))
     failed = violated_limits(summary)
     parts.append(f"VIOLATED: {', '.join(failed)}" if failed else "all limits kept")
     return f"{summary['scenario']}: {'; '.join(parts)}."
 
 
-def used(tube: dict[str, Any]) -> str:
-    """Returns the share of the tube that the run used, the largest of its parts."""
-    name = "certified tube" if tube["certified"] else "declared tube (not certified)"
+def used(tube: dict[str, Any], in_probability: bool = False) -> str:
+    """Returns the share of the tube that the run used, the largest of its parts.
+
+    Args:
+        tube: As of the summary.
+        in_probability: Whether the run has a certificate in probability.
+    """
+    kind = "certified in probability" if in_probability else "not certified"
+    name = "certified tube" if tube["certified"] else f"declared tube ({kind})"
     ratio = tube["worst_ratio"]["set"]
     if tube["worst_e"] is None or ratio is None or not np.isfinite(ratio):
         return f"{name} not watched"

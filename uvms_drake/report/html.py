@@ -6,14 +6,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, read_certificate
+from uvms_drake.certificate.certificate import CERTIFICATE_FILE, read_certificate
+from uvms_drake.certificate.in_probability import (
+    AnyCertificate,
+    ProbabilityCertificate,
+    read_any_certificate,
+)
 from uvms_drake.certificate.overview import format_overview
+from uvms_drake.certificate.probability_table import format_coverage, format_probability
 from uvms_drake.certificate.table import format_certificate, scope, verdict
+from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.figure.contact_estimate_figure import ESTIMATE
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import SCENARIO_FILE, Record, load_record, unusable_folder
-from uvms_drake.station.scenario.scenario import dump_scenario
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
 PAGE_STYLE = """
 :root { color-scheme: light; --ink: #1a1a1a; --soft: #5a5f66; --rule: #d5d9de; --blue: #0072b2; }
@@ -78,16 +85,15 @@ SENSED_CAPTIONS = {
 WIDE = (PORTRAIT, "task_error.png", "inputs.png")
 
 
-def load_run(folder: Path) -> tuple[Record, Certificate | None]:
+def load_run(folder: Path) -> tuple[Record, AnyCertificate | None]:
     """Returns the record and the certificate, if any, of a folder that a run has written.
 
     Raises:
         InvalidParameter: Not such a folder, or a certificate of another run.
     """
-    record = load_record(folder)
+    record, path = load_record(folder), folder / CERTIFICATE_FILE
     if not record.certified:
-        return record, None
-    path = folder / CERTIFICATE_FILE
+        return record, _in_probability(path, record.scenario)
     if not path.is_file():
         raise unusable_folder(folder, f"its {CERTIFICATE_FILE} is missing")
     certificate = read_certificate(path)
@@ -97,7 +103,18 @@ def load_run(folder: Path) -> tuple[Record, Certificate | None]:
     return record, certificate
 
 
-def format_report(record: Record, figures: Sequence[Path], certificate: Certificate | None) -> str:
+def _in_probability(path: Path, scenario: Scenario) -> ProbabilityCertificate | None:
+    """Returns the certificate in probability of a file if it is one and for the scenario."""
+    try:
+        certificate = read_any_certificate(path)
+    except RunFailed:  # Missing or another's: the run has none.
+        return None
+    fits = certificate.inputs == certificate.inputs_of(scenario)["inputs"]
+    return certificate if isinstance(certificate, ProbabilityCertificate) and fits else None
+
+
+def format_report(record: Record, figures: Sequence[Path], certificate: AnyCertificate | None
+                  ) -> str:
     """Returns the report of a run as HTML.
 
     Args:
@@ -106,7 +123,7 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
         certificate: Certificate of the run, if any.
     """
     scenario = record.scenario
-    summary: dict[str, Any] = summarise(record)
+    summary: dict[str, Any] = summarise(record, certificate)
     title = html.escape(scenario.name)
     captions = CAPTIONS | (SENSED_CAPTIONS if ESTIMATE in record.signals else {})
     drawn = {path.name: _figure(path, captions.get(path.name)) for path in figures}
@@ -114,16 +131,13 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
     parts = [
         f"<h1>{title}</h1>",
         f'<p class="lead">{html.escape(" ".join(scenario.description.split()))}</p>',
-        _verdict(certificate), portrait,
+        _verdict(certificate, summary), portrait,
         "<h2>Summary</h2>", f"<pre>{html.escape(format_summary(summary, event_lines=None))}</pre>",
         "<h2>Figures</h2>",
         f'<div class="figures">{"".join(drawn.values())}</div>' if drawn
         else "<p>Made without figures.</p>",
         "<h2>Certificate</h2>",
-        f"<pre>{html.escape(format_overview(certificate, scenario))}</pre>"
-        "<details><summary>Everything: constants, conditions, tube, budget, estimates</summary>"
-        f"<pre>{html.escape(format_certificate(certificate))}</pre></details>" if certificate
-        else "<p>Run without a certificate, with the tube that the scenario declares.</p>",
+        _certificate(certificate, scenario),
         "<h2>Scenario</h2>",
         "<details><summary>Every value, with the defaults filled in "
         f"({SCENARIO_FILE})</summary><pre>{html.escape(dump_scenario(scenario))}</pre></details>",
@@ -136,10 +150,26 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
             + "\n".join(parts) + "\n</body>\n</html>\n")
 
 
-def _verdict(certificate: Certificate | None) -> str:
+def _certificate(certificate: AnyCertificate | None, scenario: Scenario) -> str:
+    """Returns the section of the certificate, of either kind."""
+    if certificate is None:
+        return "<p>Run without a certificate, with the tube that the scenario declares.</p>"
+    if isinstance(certificate, ProbabilityCertificate):
+        return f"<pre>{html.escape(format_probability(certificate))}</pre>"
+    return (f"<pre>{html.escape(format_overview(certificate, scenario))}</pre>"
+            "<details><summary>Everything: constants, conditions, tube, budget, estimates</summary>"
+            f"<pre>{html.escape(format_certificate(certificate))}</pre></details>")
+
+
+def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any]) -> str:
     if certificate is None:
         return ('<p class="verdict no">Run without a certificate: the tube is declared, and '
                 "nothing is guaranteed.</p>")
+    if isinstance(certificate, ProbabilityCertificate):
+        outside = summary["in_probability"]["outside"]
+        text = certificate.verdict if not outside else format_coverage(outside)
+        return (f'<p class="verdict{" no" if outside else ""}">'
+                f"{html.escape(text[:1].upper() + text[1:])}.</p>")
     sentence = certificate.force_sentence
     finally_ = f" {sentence[:1].upper()}{sentence[1:]}." if sentence else ""
     return (f'<p class="verdict{"" if certificate.certified else " no"}">'
@@ -156,7 +186,7 @@ def _figure(path: Path, caption: str | None) -> str:
             f"<figcaption>{caption}</figcaption></figure>")
 
 
-def _reproduction(summary: dict[str, Any], certificate: Certificate | None) -> str:
+def _reproduction(summary: dict[str, Any], certificate: AnyCertificate | None) -> str:
     versions = summary["versions"]
     command = f"uvms-drake run {SCENARIO_FILE}{'' if certificate else ' --uncertified'}"
     return (f"<p>With the scenario above in <code>{SCENARIO_FILE}</code>:</p>"

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
+from uvms_drake.certificate.in_probability import AnyCertificate, ProbabilityCertificate
+from uvms_drake.certificate.probability_table import format_coverage
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
@@ -46,8 +48,13 @@ EVENT_LINES = 12
 """Largest number of lines for events in the table for a terminal."""
 
 
-def summarise(record: Record) -> dict[str, Any]:
-    """Returns the summary of a run, ready for JSON."""
+def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict[str, Any]:
+    """Returns the summary of a run, ready for JSON.
+
+    Args:
+        record: Record of the run.
+        certificate: Certificate of the run; of one in probability the summary tells the claim.
+    """
     scenario = record.scenario
     wall = record.wall_time_s
     summary = {
@@ -69,11 +76,22 @@ def summarise(record: Record) -> dict[str, Any]:
         "tube": summarise_tube(record),
         "assumptions": [asdict(each) for each in assumptions_of(scenario, record.model)]
         if record.certified else [],
+        "in_probability": summarise_claim(record, certificate),
         "events": [{"time_s": event.start, "until_s": event.end, "kind": event.kind,
                     "text": event.text} for event in events(record)],
     }
     data: dict[str, Any] = jsonable(summary)
     return data
+
+
+def summarise_claim(record: Record, certificate: AnyCertificate | None) -> dict[str, Any] | None:
+    """Returns the claim of a certificate in probability, and values outside of its ranges."""
+    if not isinstance(certificate, ProbabilityCertificate):
+        return None
+    return {"verdict": certificate.verdict, "probability": certificate.probability,
+            "confidence": certificate.confidence, "runs": certificate.runs,
+            "failures": certificate.failures,
+            "outside": certificate.outside(record.scenario, record.model)}
 
 
 def summarise_mpc(record: Record) -> dict[str, object]:
@@ -358,14 +376,25 @@ def _format_robustness(summary: dict) -> list[str]:
                        + _semi_axes(disturbance["semi_axes"])
                        + (f", exceeded {disturbance['exceeded']} times"
                           if disturbance["exceeded"] else "")),
-        *_format_tube(tube),
-        f"{'certified':<14}{'yes, for' if tube['certified'] else 'no (declared tube)'}",
+        *_format_tube(tube, summary.get("in_probability") is not None),
+        *_format_certified(summary),
         *(f"{'':<14}{about}: {statement}" for about, statement in scope_of(
             [Assumption(**each) for each in summary["assumptions"]]).items()),
     ]
 
 
-def _format_tube(tube: dict) -> list[str]:
+def _format_certified(summary: dict) -> list[str]:
+    """Returns the kind of certificate that the run has."""
+    claim = summary.get("in_probability")
+    if claim is None:
+        known = "yes, for" if summary["tube"]["certified"] else "no (declared tube)"
+        return [f"{'certified':<14}{known}"]
+    kind = claim["verdict"].removeprefix("certified ")
+    return [f"{'certified':<14}{kind} ({claim['failures']} of {claim['runs']} drawn runs failed)",
+            f"{'':<14}{format_coverage(claim['outside'])}"]
+
+
+def _format_tube(tube: dict, in_probability: bool) -> list[str]:
     error, first = tube["error"], tube["first_exit_s"]
     since = "" if first is None else f" (first at {first:.2f} s)"
     if tube["worst_e"] is None:
@@ -379,7 +408,7 @@ def _format_tube(tube: dict) -> list[str]:
         f"(bound {1e3 * tube['bound_e']:.3g}),",
         f"{'':<14}|zeta - zeta_nominal| {1e3 * tube['worst_z']:.3g} mm/s, mrad/s "
         f"(bound {1e3 * tube['bound_z']:.3g})",
-        f"{'':<14}{used(tube)}"
+        f"{'':<14}{used(tube, in_probability)}"
         + ("" if along is None else f", {100.0 * along:.3g} % of the bound along the run"),
         *([f"{'':<14}exits: {', '.join(exits)}"] if exits else []),
     ]

@@ -1,0 +1,113 @@
+"""Tests of the failures that a certificate in probability counts, and of its distribution."""
+
+from dataclasses import replace
+
+import pytest
+
+from uvms_drake.campaign.campaign import make_campaign
+from uvms_drake.campaign.declared_distribution import declared_distribution, declared_ranges
+from uvms_drake.campaign.failures import certificate_in_probability, failures_of
+from uvms_drake.campaign.variation import vary
+from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.scenario import load_scenario
+
+KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
+        "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "inside": True,
+        "wall": {"static": 0.4, "peak": 0.5, "losses": 0, "in_class": True}}
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("girona500_real_loop")
+
+
+@pytest.fixture(scope="module")
+def campaign(scenario):
+    return make_campaign(scenario, 1, None)
+
+
+def with_wall(**changes):
+    return KEPT | {"wall": KEPT["wall"] | changes}
+
+
+@pytest.mark.parametrize(("result", "kinds"), [
+    (KEPT, ()), (KEPT | {"inside": False}, ()), (with_wall(in_class=False), ()),
+    ({"index": 0, "error": "ValueError: x"}, ("exception",)),
+    (KEPT | {"finite": False}, ("not finite",)), (KEPT | {"exits_set": 1}, ("tube",)),
+    (KEPT | {"exits_trajectory": 2}, ("tube",)), (KEPT | {"violations": 3}, ("limit",)),
+    (KEPT | {"limited": True}, ("saturation",)), (with_wall(static=1.01), ("force",)),
+    (with_wall(peak=1.01, in_class=False), ("force",)), (KEPT | {"mpc_failures": 1}, ("no plan",)),
+    (KEPT | {"losses": 1}, ("contact",)), (with_wall(losses=1), ("contact",)),
+    (KEPT | {"exits_set": 1, "violations": 1}, ("tube", "limit"))])
+def test_every_kind_of_failure_counts(result, kinds):
+    assert failures_of(result) == kinds
+
+
+def test_a_run_that_fails_in_two_ways_is_one_failure(campaign, scenario):
+    results = [KEPT | {"index": i} for i in range(60)]
+    results[7] |= {"exits_set": 1, "violations": 2}
+    results[9] |= {"exits_set": 1}
+    found = certificate_in_probability(campaign, scenario, results[::-1], 0.95)
+    assert (found.runs, found.failures, found.failed) == (60, 2, (7, 9))
+    assert (found.kinds["tube"], found.kinds["limit"]) == (2, 1)
+    assert found.probability == pytest.approx(0.1012, abs=1e-4)
+    assert certificate_in_probability(
+        campaign, scenario, [KEPT | {"index": i} for i in range(60)], 0.95
+    ).probability == pytest.approx(1.0 - 0.05**(1.0 / 60.0))
+
+
+def test_no_run_can_be_left_out(campaign, scenario):
+    with pytest.raises(AssertionError, match="a run is missing"):
+        certificate_in_probability(campaign, scenario, [KEPT, KEPT | {"index": 2}], 0.95)
+
+
+def test_the_distribution_is_told_with_the_scenarios_own_sizes(scenario):
+    text = "\n".join(declared_distribution(scenario))
+    for part in ("mass 0.1", "current 0.1 m/s from any heading", "uniform from 5 to 21.1 N",
+                 "friction up to 0.5", "stiffness from 0.1 of 1000 N/m"):
+        assert part in text, part
+    assert "waves" not in text
+    wavy = load_scenario(scenario.name, [
+        "waves=[{amplitude: 0.1}]", "model_error.joint_friction.coulomb=[0.5]",
+        "model_error.payload.mass=0.5", "disturbance.bound=0.02"])
+    text = "\n".join(declared_distribution(wavy))
+    for part in ("waves 0.0", "joint friction 0.5 N m", "payload 0.5 kg", "full bound 0.02"):
+        assert part in text, part
+
+
+@pytest.mark.slow
+def test_what_is_drawn_is_in_the_declared_ranges(campaign):
+    """But for the place of the vehicle, which is shifted with everything."""
+    ranges = [each for each in declared_ranges(campaign.base) if "start.eta" not in each.name]
+    drawn = [vary(campaign, index).scenario for index in range(4)]
+    values = [drawn_values(each, load_model(each)) for each in drawn]
+    for each in values:
+        assert {entry.name for entry in ranges} <= each.keys()
+        assert outside_ranges(ranges, each) == []
+    for name in ("task.force", "wall, distance", "current, horizontal", "model_error.mass"):
+        assert len({each[name] for each in values}) > 1, name
+
+
+def test_waves_and_friction_are_drawn_where_they_are_declared(scenario):
+    import numpy as np
+
+    from uvms_drake.campaign.model_uncertainty import as_declared
+
+    declared = load_scenario(scenario.name, [
+        "waves=[{amplitude: 0.1, period: 6.0}]", "model_error.joint_friction.static=[0.5]"])
+    drawn = [as_declared(declared, np.random.default_rng(seed)) for seed in range(20)]
+    ranges = [each for each in declared_ranges(declared)
+              if each.name in ("waves", "model_error.joint_friction")]
+    model = load_model(declared)
+    values = [drawn_values(each, model) for each in drawn]
+    assert all(outside_ranges(ranges, each) == [] for each in values)
+    for entry in ranges:
+        reached = [each[entry.name] for each in values]
+        assert max(reached) == pytest.approx(entry.high)
+        assert min(reached) < 0.5 * entry.high
+    assert len({each.waves[0].phase for each in drawn}) == 20
+    # Without them the same numbers are drawn as ever.
+    plain = as_declared(scenario, np.random.default_rng(0))
+    assert plain.model_error.mass == drawn[0].model_error.mass
+    assert replace(scenario).waves == []

@@ -1,0 +1,129 @@
+"""Tests of the certificate in probability: data, wording, ranges, staleness."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    Certificate,
+    fingerprint,
+    read_certificate,
+    stale_reason,
+    write_certificate,
+)
+from uvms_drake.certificate.drawn_values import DrawnRange, drawn_values, outside_ranges
+from uvms_drake.certificate.in_probability import (
+    FAILURES,
+    ProbabilityCertificate,
+    read_any_certificate,
+)
+from uvms_drake.certificate.probability_table import format_probability, sentences
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.scenario import load_scenario
+
+NAME = "girona500_real_loop"
+RANGES = (DrawnRange("current, horizontal", 0.0, 0.1, "m/s"),
+          DrawnRange("model_error.mass", 0.9, 1.1, ""),
+          DrawnRange("wall, friction", 0.0, 0.5, ""), DrawnRange("task.force", 5.0, 30.0, "N"))
+
+
+def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
+    scenario = load_scenario(NAME)
+    kinds = dict.fromkeys(FAILURES, 0) | ({"tube": len(failed)} if failed else {})
+    return ProbabilityCertificate(**({
+        "scenario": NAME, "runs": runs, "failures": len(failed), "confidence": 0.95,
+        "probability": p, "kinds": kinds, "failed": tuple(failed),
+        "distribution": ("start: anywhere", "wall: any"), "ranges": RANGES, "seed": 3,
+        "campaign": "c0ffee", **ProbabilityCertificate.inputs_of(scenario)} | changes))
+
+
+def test_the_verdict_is_its_exact_sentence():
+    assert made().verdict == (
+        "certified in probability: at most 4.87 % per run at 95 % confidence, for the declared "
+        "distribution")
+
+
+def test_every_part_is_one_sentence_and_no_word_claims_more():
+    for certificate in (made(), made((2, 7, 9), p=0.123)):
+        text = format_probability(certificate)
+        assert "proven" not in text
+        assert text.count("certified") == text.count("certified in probability") == 1
+        for sentence in sentences(certificate):
+            assert sentence.endswith(".")
+            assert sentence.count(". ") == 0
+        assert "start: anywhere" in text
+
+
+def test_failures_are_told_by_number_and_kind():
+    assert sentences(made())[0] == "0 of 60 runs failed."
+    count, bound, *_ = sentences(made((2, 7, 9), p=0.123))
+    assert count == "3 of 60 runs failed (2, 7, 9): 3 left the declared tube."
+    assert "at most 12.3 %, unless these 60 runs were an event of probability 5 % or less" in bound
+
+
+def test_it_is_written_and_read_and_its_kind_is_told(tmp_path):
+    certificate = made((1,))
+    write_certificate(certificate, tmp_path)
+    data = json.loads((tmp_path / CERTIFICATE_FILE).read_text("utf-8"))
+    assert {"kind", "runs", "failures", "confidence", "probability", "distribution", "ranges",
+            "source", "sha256"} <= data.keys()
+    assert data["kind"] == "in probability"
+    assert "certified" not in data
+    assert read_any_certificate(tmp_path / CERTIFICATE_FILE) == certificate
+    with pytest.raises(RunFailed, match="a certificate in probability, none for the worst case"):
+        read_certificate(tmp_path / CERTIFICATE_FILE)
+    (tmp_path / CERTIFICATE_FILE).write_text(json.dumps(data | {"failures": 0}), encoding="utf-8")
+    with pytest.raises(RunFailed, match="SHA-256"):
+        read_any_certificate(tmp_path / CERTIFICATE_FILE)
+
+
+def test_a_worst_case_certificate_tells_its_kind_too(tmp_path):
+    scenario = load_scenario("girona500_ideal")
+    write_certificate(Certificate(
+        scenario=scenario.name, law="resolved", k=1.0, sigma=1.0, d_bound=0.1,
+        **fingerprint(scenario)), tmp_path)
+    assert '"kind": "worst case"' in (tmp_path / CERTIFICATE_FILE).read_text("utf-8")
+    assert isinstance(read_any_certificate(tmp_path / CERTIFICATE_FILE), Certificate)
+
+
+@pytest.mark.parametrize(("change", "reason"), [
+    ("seed=4", None), ("current=[0.0, 0.05, 0.0]", None), ("model_error.mass=0.95", None),
+    ("surface.friction=0.4", None), ("surface.geometry.point=[0.1, 0.0, 0.0]", None),
+    ("start.eta=[-1.41, -0.11, -0.12, 0.03, 0.04, 0.02]", None), ("duration=40", None),
+    ("task.force=[15.0, 0.0, 0.0, 0.0, 0.0, 0.0]", None), ("log_period=0.1", None),
+    ("current=[0.0, 0.3, 0.0]", None),  # Drawn, though it is out of its range.
+    ("ancillary.tip.k=19", "the scenario"), ("tube.z=0.4", "the scenario"),
+    ("contact.friction=0.4", "the scenario"), ("mpc.hover=3", "the scenario"),
+    ("disturbance.bound=0.01", "the scenario")])
+def test_only_a_change_of_drawn_values_leaves_it_fresh(change, reason):
+    assert stale_reason(made(), load_scenario(NAME, [change])) == reason
+
+
+def test_another_program_makes_it_stale():
+    assert stale_reason(made(source="another"), load_scenario(NAME)) == "this package"
+    versions = {"uvms_drake": "0", "drake": "0"}
+    assert stale_reason(made(versions=versions), load_scenario(NAME)) == "a version"
+
+
+@pytest.mark.parametrize(("change", "phrase"), [
+    ("current=[0.0, 0.3, 0.0]", "current, horizontal is 0.3, declared from 0 to 0.1 m/s"),
+    ("model_error.mass=1.2", "model_error.mass is 1.2, declared from 0.9 to 1.1"),
+    ("surface.friction=0.6", "wall, friction is 0.6, declared from 0 to 0.5"),
+    ("task.force=[40.0, 0.0, 0.0, 0.0, 0.0, 0.0]", "task.force is 40, declared from 5 to 30 N"),
+    ("seed=9", None)])
+def test_a_value_out_of_its_range_is_told(change, phrase):
+    scenario = load_scenario(NAME, [change])
+    found = made().outside(scenario, load_model(scenario))
+    assert found == ([] if phrase is None else [phrase])
+
+
+def test_the_values_of_the_wall_are_those_where_the_tip_faces_it():
+    scenario = load_scenario(NAME)
+    values = drawn_values(scenario, load_model(scenario))
+    assert values["wall, angle"] == pytest.approx(0.05236, abs=1e-4)  # 3 degrees.
+    assert values["wall, distance"] == pytest.approx(0.4, abs=0.05)
+    assert values["wall, largest stiffness"] == values["wall, smallest stiffness"] == 700.0
+    assert not outside_ranges([replace(RANGES[0], high=0.1)], values)

@@ -1,0 +1,168 @@
+"""Tests of `certify --runs` and of `run` with a certificate in probability."""
+
+import json
+import shlex
+import shutil
+
+import pytest
+from support.campaigns import CLOSE
+from support.outputs import DATA, DATA_ONLY, written
+
+from uvms_drake.certificate.certificate import Certificate, fingerprint
+from uvms_drake.certificate.in_probability import read_any_certificate
+from uvms_drake.command.main import main
+from uvms_drake.tube.conditions import assumption
+
+SHORT = ["girona500_ideal", "--set", "duration=0.4", *CLOSE]
+CERTIFY = ["certify", *SHORT, "--runs", "2", "--seed", "3", "--workers", "1"]
+VERDICT = ("certified in probability: at most 77.7 % per run at 95 % confidence, for the declared "
+           "distribution")
+OUTSIDE = ["--set", "current=[0.1, 0.0, 0.0]"]
+
+
+@pytest.mark.parametrize(("args", "words"), [
+    (["--runs", "0"], "--runs = 0: must be at least 1"),
+    (["--runs", "2", "--confidence", "1"], "--confidence = 1.0: must be above 0 and below 1"),
+    (["--runs", "2", "--seed", "-1"], "--seed = -1"),
+    (["--runs", "2", "--workers", "0"], "--workers = 0"),
+    (["--runs", "2", "--set", "seed=4"], "--set = 'seed=4': must be --seed N"),
+    (["--runs", "2", "--set", "mpc.deadline=0.1"], "mpc.deadline"),
+    (["--runs", "2", "--tune", "9"], "--tune = 9.0: must be left out with --runs"),
+    (["--runs", "2", "--paper"], "--paper = True: must be left out with --runs"),
+    (["--confidence", "0.9"], "--confidence = 0.9: must be left out without --runs"),
+    (["--workers", "2"], "--workers = 2: must be left out without --runs"),
+    (["--runs", "2", "--workers", "1", "--scheduler", "tcp://x:1"], "not allowed with")])
+def test_bad_input_is_one_line_and_nothing_is_written(capsys, tmp_path, args, words):
+    assert main(["certify", *SHORT, "--output", str(tmp_path / "out"), *args]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert words in err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The folder of a certificate of two runs, which must not be changed."""
+    folder = tmp_path_factory.mktemp("probability") / "out"
+    assert main([*CERTIFY, "--quiet", "--output", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def copied(made, tmp_path, capsys):
+    capsys.readouterr()
+    return shutil.copytree(made, tmp_path / "out")
+
+
+@pytest.mark.slow
+def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
+    assert written(made) == {"certificate.json", "runs"}
+    assert {"setup.json", "runs.jsonl", "campaign.json"} <= written(made / "runs")
+    certificate = read_any_certificate(made / "certificate.json")
+    assert (certificate.runs, certificate.failures, certificate.made_by) == (2, 0, "certify")
+    assert certificate.probability == pytest.approx(1.0 - 0.05**0.5)
+    assert certificate.source == json.loads(
+        (made / "runs" / "setup.json").read_text("utf-8"))["source"]
+    capsys.readouterr()
+    # A run of it is repeated as of any campaign.
+    again = shutil.copytree(made, tmp_path / "out")
+    assert main(["campaign", "--output", str(again / "runs"), "--replay", "1"]) == 0
+
+
+@pytest.mark.slow
+def test_an_interrupted_one_goes_on_to_the_same_certificate(copied, made, capsys):
+    log = copied / "runs" / "runs.jsonl"
+    first, second = log.read_bytes().splitlines(keepends=True)
+    log.write_bytes(first + second[:40])
+    (copied / "certificate.json").unlink()
+    assert main([*CERTIFY, "--output", str(copied)]) == 0
+    out, err = capsys.readouterr()
+    assert "1 of 2 runs are there already" in err
+    assert out.startswith(f"girona500_ideal: {VERDICT}\n\n0 of 2 runs failed.\n")
+    assert (copied / "certificate.json").read_bytes() == (made / "certificate.json").read_bytes()
+    # Runs that are there cannot be left out by asking for fewer.
+    assert main([*CERTIFY, "--runs", "1", "--full", "--output", str(copied)]) == 0
+    out, err = capsys.readouterr()
+    assert "2 of 2 runs are there already" in err
+    assert VERDICT in out
+    assert "girona500_ideal, seed 3: 2 runs of 0.4 s" in out
+    # Of another seed they are others'.
+    assert main([*CERTIFY, "--seed", "4", "--output", str(copied)]) == 2
+    assert "another campaign" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_run_takes_it_from_its_folder_and_says_its_kind(copied, capsys):
+    command = ["run", *SHORT, "--output", str(copied), "--no-replay"]
+    assert main(command) == 0
+    out, err = capsys.readouterr()
+    assert VERDICT in err
+    assert "every value of this run is within its declared range" in err
+    assert out.splitlines()[-2:] == ["this run did not fail: tube and all limits kept", VERDICT]
+    assert "declared tube (certified in probability)" in out
+    assert "all guarantees kept" not in out
+    summary = json.loads((copied / "summary.json").read_text("utf-8"))
+    assert summary["in_probability"]["verdict"] == VERDICT
+    assert summary["in_probability"]["outside"] == []
+    assert summary["tube"]["certified"] is False
+    for draw in ([], ["plot", str(copied)]):  # As it was drawn, and drawn again.
+        assert not draw or main(draw) == 0
+        text = (copied / "report.html").read_text("utf-8")
+        assert VERDICT[1:] in text
+        assert "all conditions hold" not in text
+        assert "proven" not in text
+        assert "Run without a certificate" not in text
+    assert "<pre>uvms-drake run scenario.yaml</pre>" in text
+
+
+@pytest.mark.slow
+def test_a_run_outside_of_the_distribution_says_so(copied, capsys):
+    assert main(["run", *SHORT, *OUTSIDE, "--output", str(copied), *DATA_ONLY]) == 3
+    out, err = capsys.readouterr()
+    said = "current, horizontal is 0.1, declared from 0 to 0 m/s"
+    assert said in err
+    assert out.splitlines()[-1].startswith("NOT OF THE DECLARED DISTRIBUTION")
+    assert said in out.splitlines()[-1]
+    summary = json.loads((copied / "summary.json").read_text("utf-8"))
+    assert summary["in_probability"]["outside"] == [said]
+
+
+@pytest.mark.slow
+def test_one_of_another_scenario_is_stale(copied, capsys):
+    assert main(["run", *SHORT, "--set", "ancillary.k=21", "--output", str(copied)]) == 1
+    err = capsys.readouterr().err
+    assert "stale, the scenario has changed since 'certify' made it" in err
+    assert "--runs 2 --seed 3, in a new folder" in err
+
+
+@pytest.mark.slow
+def test_a_run_elsewhere_finds_it_where_no_worst_case_certificate_holds(
+        made, tmp_path, capsys, monkeypatch):
+    def not_certified(scenario, progress=None, model=None):
+        return Certificate(
+            scenario=scenario.name, law="resolved", k=1.0, sigma=1.0, d_bound=0.1,
+            conditions=(assumption("thrusters", "delay", theorem="actuation"),), **fingerprint(scenario))
+
+    monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", not_certified)
+    command = ["run", *SHORT, "--output", str(tmp_path), *DATA_ONLY]
+    assert main([*command, "--seed", "5"]) == 0
+    assert VERDICT in capsys.readouterr().out
+    assert written(tmp_path) == DATA | {"certificate.json"}
+    assert read_any_certificate(tmp_path / "certificate.json").made_by == "run"
+    # One that nobody has made is not found.
+    assert main(["run", *SHORT, *OUTSIDE, "--output", str(tmp_path / "other"), *DATA_ONLY]) == 1
+    assert "'certify --runs N' bounds the probability" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_run_that_fails_is_counted(tmp_path, capsys):
+    """The declared tube is left by any motion at all."""
+    narrow = shlex.split("--set tube.z=1e-7 --confidence 0.9")
+    assert main([*CERTIFY, *narrow, "--quiet", "--output", str(tmp_path)]) == 3
+    out = capsys.readouterr().out
+    assert "2 of 2 runs failed (0, 1): 2 left the declared tube." in out
+    assert "at most 100 % per run at 90 % confidence" in out
+    certificate = read_any_certificate(tmp_path / "certificate.json")
+    assert (certificate.failures, certificate.probability) == (2, 1.0)
+    assert main(["run", *SHORT, "--set", "tube.z=1e-7", "--output", str(tmp_path), *DATA_ONLY]) == 3
+    assert "this run FAILED: the tube, set-wise" in capsys.readouterr().out

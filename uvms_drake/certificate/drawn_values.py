@@ -1,0 +1,94 @@
+"""Values of a scenario that a certificate in probability has drawn, and their declared ranges."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.plant.waves import largest_speed
+from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.problem import true_surface
+from uvms_drake.station.scenario.scenario import Scenario, Start
+
+ROUNDING = 1e-9
+"""Part of a range by which a value at its end may be off."""
+
+
+@dataclass(frozen=True)
+class DrawnRange:
+    """Interval of a drawn quantity."""
+
+    name: str
+    """Name of the quantity, as of `drawn_values`."""
+    low: float
+    high: float
+    unit: str
+    """Unit; empty without one."""
+
+    def __str__(self) -> str:
+        return f"{self.name} from {self.low:.4g} to {self.high:.4g} {self.unit}".rstrip()
+
+    def holds(self, value: float) -> bool:
+        """Returns whether a value is in the interval."""
+        slack = ROUNDING * max(abs(self.low), abs(self.high), 1.0)
+        return self.low - slack <= value <= self.high + slack
+
+
+def drawn_values(scenario: Scenario, model: ContactModel) -> dict[str, float]:
+    """Returns the values of a scenario that may differ between runs, by name, in SI units.
+
+    Those of an unknown wall are at its point nearest to the tip at the start.
+    """
+    error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
+    out = {f"start.eta.{i}": float(value) for i, value in enumerate(scenario.start.eta)}
+    out |= {f"start.q.{i}": float(value) for i, value in enumerate(scenario.start.q)}
+    out |= {"duration": scenario.duration, "current, horizontal": float(np.hypot(*current[:2])),
+            "current, up or down": abs(float(current[2])), "waves": largest_speed(scenario.waves)}
+    out |= {f"model_error.{name}": float(getattr(error, name)) for name in FACTORS}
+    out |= {"model_error.buoyancy_shift": float(np.linalg.norm(error.buoyancy_shift)),
+            "model_error.payload.mass": error.payload.mass,
+            "model_error.payload.displaced": error.payload.displaced,
+            "model_error.joint_friction": error.joint_friction.largest}
+    return out | ({} if scenario.contact.is_modelled else _wall(scenario, model))
+
+
+def _wall(scenario: Scenario, model: ContactModel) -> dict[str, float]:
+    """Returns the desired force and the values of the simulated wall."""
+    force = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
+    surface = true_surface(scenario)
+    if not isinstance(surface, ShapedSurface):
+        return {"task.force": force}
+    surface = surface.checked()
+    tip = model.task_pose(scenario.start.config)[:3]
+    depth, into = surface.geometry.depth_and_gradient(tip)
+    along = float(sensed_contact(scenario).direction @ into) / float(np.linalg.norm(into))
+    least, most = surface.law.slopes
+    return {"task.force": force, "wall, distance": -float(depth),
+            "wall, angle": float(np.arccos(np.clip(along, -1.0, 1.0))),
+            "wall, smallest stiffness": least, "wall, largest stiffness": most,
+            "wall, friction": surface.friction, "wall, dissipation": surface.dissipation}
+
+
+def outside_ranges(ranges: Sequence[DrawnRange], values: Mapping[str, float]) -> list[str]:
+    """Returns a phrase for each value that is outside of its declared range."""
+    return [f"{each.name} is {values[each.name]:.4g}, declared from {each.low:.4g} to "
+            f"{each.high:.4g} {each.unit}".rstrip()
+            for each in ranges if each.name in values and not each.holds(values[each.name])]
+
+
+def without_drawn(scenario: Scenario) -> Scenario:
+    """Returns the scenario with defaults for its drawn values: the part that all runs share."""
+    error, zero = scenario.model_error, np.zeros(1)
+    fixed = replace(
+        scenario, start=Start(), duration=1.0, seed=0, current=np.zeros(3),
+        waves=[replace(wave, amplitude=0.0, direction=0.0, phase=0.0) for wave in scenario.waves],
+        model_error=replace(
+            error, **dict.fromkeys(FACTORS, 1.0), buoyancy_shift=np.zeros(3),
+            payload=replace(error.payload, mass=0.0, displaced=0.0),
+            joint_friction=replace(error.joint_friction, coulomb=zero, static=zero)))
+    if scenario.contact.is_modelled:
+        return fixed
+    return replace(fixed, surface=ShapedSurface(), task=replace(fixed.task, force=np.zeros(6)))

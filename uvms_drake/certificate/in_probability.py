@@ -1,0 +1,152 @@
+"""A certificate in probability: a bound on how likely a run fails, from drawn runs.
+
+It proves nothing about the worst case. N runs are drawn from the distribution that the scenario
+declares, each simulated by the whole Diagram; of the number that failed follows a bound p of the
+probability of failure, `failure_probability`. A run with the declared values, or others of their
+ranges, is one that might have been drawn.
+"""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydrake.common.yaml import yaml_load_data
+
+from uvms_drake.certificate.cache import source_digest
+from uvms_drake.certificate.certificate import (
+    IRRELEVANT,
+    Certificate,
+    fingerprint,
+    read_data,
+    signed,
+)
+from uvms_drake.certificate.drawn_values import (
+    DrawnRange,
+    drawn_values,
+    outside_ranges,
+    without_drawn,
+)
+from uvms_drake.certificate.failure_probability import percent_above
+from uvms_drake.common.jsonable import jsonable
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.scenario.faults import uncovered
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
+
+KIND = "in probability"
+"""`kind` of its certificate.json."""
+FAILURES = {
+    "exception": "ended in an exception",
+    "not finite": "had a signal that is not finite",
+    "tube": "left the declared tube",
+    "limit": "violated a limit",
+    "saturation": "had a command that was cut",
+    "force": "pressed the wall harder than allowed",
+    "no plan": "had a sample without a plan",
+    "contact": "lost the contact",
+}
+"""Kinds of failure of a run, in words."""
+
+
+@dataclass(frozen=True)
+class ProbabilityCertificate:
+    """Bound of the probability that a run fails, and the distribution that it is for."""
+
+    scenario: str
+    """Name of the scenario."""
+    runs: int
+    """Number N of runs."""
+    failures: int
+    """Number of runs that failed."""
+    confidence: float
+    """Confidence of the bound."""
+    probability: float
+    """Upper confidence bound p of the probability that a run fails."""
+    kinds: dict[str, int]
+    """Number of runs that failed in each way; a run may fail in several."""
+    failed: tuple[int, ...]
+    """Numbers of the runs that failed."""
+    distribution: tuple[str, ...]
+    """The declared distribution, a sentence for each part."""
+    ranges: tuple[DrawnRange, ...]
+    """Ranges of the drawn values."""
+    seed: int
+    """Seed of the draws."""
+    campaign: str
+    """Identity of the campaign of these runs, see `campaign.Campaign`."""
+    files: dict[str, str]
+    """SHA-256 of the robot's files, by name."""
+    inputs: str
+    """SHA-256 of the scenario without its drawn values."""
+    versions: dict[str, str]
+    source: str
+    """SHA-256 of the package's Python files that made the runs."""
+    made_by: str = "certify"
+    """The command that wrote it."""
+
+    @property
+    def verdict(self) -> str:
+        """The bound in words."""
+        return (f"certified in probability: at most {percent_above(self.probability)} per run at "
+                f"{100.0 * self.confidence:g} % confidence, for the declared distribution")
+
+    def applied_to(self, scenario: Scenario) -> Scenario:
+        """Returns the scenario unchanged: the tube is the declared one."""
+        return scenario
+
+    def outside(self, scenario: Scenario, model: ContactModel) -> list[str]:
+        """Returns a phrase for each value of a scenario outside of the declared ranges."""
+        return outside_ranges(self.ranges, drawn_values(scenario, model))
+
+    def to_data(self) -> dict[str, Any]:
+        """Returns the content as JSON data, with its own SHA-256 as `sha256`."""
+        return signed({"kind": KIND, **jsonable(dataclasses.asdict(self), names=True)})
+
+    @staticmethod
+    def from_data(data: Mapping[str, Any]) -> "ProbabilityCertificate":
+        """Returns the certificate of which `to_data` made `data`."""
+        known = {key: value for key, value in data.items() if key not in ("kind", "sha256")}
+        lists = {key: tuple(known[key]) for key in ("failed", "distribution")}
+        return ProbabilityCertificate(**(known | lists | {
+            "ranges": tuple(DrawnRange(**item) for item in known["ranges"])}))
+
+    @staticmethod
+    def inputs_of(scenario: Scenario) -> dict[str, Any]:
+        """Returns the inputs that a certificate of a scenario has now: hashes and versions."""
+        return fingerprint(scenario) | {
+            "inputs": _fixed_inputs(scenario), "source": source_digest()}
+
+
+AnyCertificate = Certificate | ProbabilityCertificate
+
+
+def read_any_certificate(path: Path) -> AnyCertificate:
+    """Returns the certificate of a file, of either kind; as `read_certificate`."""
+    data = read_data(path)
+    if data.get("kind") == KIND:
+        return ProbabilityCertificate.from_data(data)
+    return Certificate.from_data(data)
+
+
+def cache_key(scenario: Scenario) -> dict[str, Any]:
+    """Returns the key in the cache of the certificate in probability of a scenario."""
+    declared = dataclasses.replace(scenario, name="", description="", seed=0)
+    return {KIND: dump_scenario(declared), "files": fingerprint(scenario)["files"]}
+
+
+def _fixed_inputs(scenario: Scenario) -> str:
+    """Returns the SHA-256 of all but the drawn values, the tube included: it is the declared one.
+
+    Of the disturbance, bound and weights count: every kind of it is drawn.
+    """
+    fixed = yaml_load_data(dump_scenario(without_drawn(scenario)))
+    for key in IRRELEVANT:
+        if key != "tube":
+            fixed.pop(key, None)
+    fixed["disturbance"] = [scenario.disturbance.bound, *scenario.disturbance.weights]
+    fixed["faults"] = uncovered(scenario.faults)
+    text = json.dumps(jsonable(fixed, names=True), sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
