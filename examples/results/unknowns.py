@@ -22,7 +22,7 @@ import uvms_drake as uv
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.certificate.declared_unknowns import declared_sources
-from uvms_drake.command.campaign import CAMPAIGN_FILE
+from uvms_drake.command.campaign.campaign import CAMPAIGN_FILE
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.simulation import simulate

@@ -17,7 +17,7 @@ from uvms_drake.campaign.summary import (
     summarise_campaign,
 )
 from uvms_drake.campaign.variation import vary
-from uvms_drake.command.campaign import replayed
+from uvms_drake.command.campaign.campaign import replayed
 from uvms_drake.command.main import main
 from uvms_drake.common.output import MANIFEST_FILE
 from uvms_drake.report.summary import summarise

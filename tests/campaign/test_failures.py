@@ -5,8 +5,11 @@ from dataclasses import replace
 import pytest
 
 from uvms_drake.campaign.campaign import make_campaign
-from uvms_drake.campaign.declared_distribution import declared_distribution, declared_ranges
-from uvms_drake.campaign.failures import certificate_in_probability, failures_of
+from uvms_drake.campaign.probability.declared_distribution import (
+    declared_distribution,
+    declared_ranges,
+)
+from uvms_drake.campaign.probability.failures import certificate_in_probability, failures_of
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
 from uvms_drake.station.problem import load_model

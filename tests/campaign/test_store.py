@@ -42,7 +42,7 @@ def test_the_folder_is_looked_at_before_anything_is_certified(reference, capsys,
     def certify(*args, **kwargs):
         pytest.fail("a certificate was begun")
 
-    monkeypatch.setattr("uvms_drake.command.campaign.certified_once", certify)
+    monkeypatch.setattr("uvms_drake.command.campaign.campaign.certified_once", certify)
     assert main(["campaign", "--seed", "3", "--output", str(reference)]) == 2
     assert "another campaign" in capsys.readouterr().err
 

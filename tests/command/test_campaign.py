@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.command.campaign`."""
+"""Tests of `uvms_drake.command.campaign.campaign`."""
 
 
 import pytest
@@ -6,7 +6,7 @@ from support.campaigns import refusal
 from support.field import copied
 
 from uvms_drake.campaign.model_uncertainty import check_draws
-from uvms_drake.command import campaign as module
+from uvms_drake.command.campaign import campaign as module
 from uvms_drake.command.main import main
 from uvms_drake.plant import model_error
 from uvms_drake.station.scenario.scenario import load_scenario

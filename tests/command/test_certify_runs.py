@@ -141,7 +141,8 @@ def test_a_run_elsewhere_finds_it_where_no_worst_case_certificate_holds(
     def not_certified(scenario, progress=None, model=None):
         return Certificate(
             scenario=scenario.name, law="resolved", k=1.0, sigma=1.0, d_bound=0.1,
-            conditions=(assumption("thrusters", "delay", theorem="actuation"),), **fingerprint(scenario))
+            conditions=(assumption("thrusters", "delay", theorem="actuation"),),
+            **fingerprint(scenario))
 
     monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", not_certified)
     command = ["run", *SHORT, "--output", str(tmp_path), *DATA_ONLY]

@@ -33,7 +33,7 @@ from uvms_drake.certificate.drawn_values import (
 from uvms_drake.certificate.failure_probability import percent_above
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.scenario.faults import uncovered
+from uvms_drake.station.parts import uncovered
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
 KIND = "in probability"

@@ -16,7 +16,7 @@ from uvms_drake.certificate.certificate import (
     Certificate,
     write_certificate,
 )
-from uvms_drake.command.campaign_options import take_workers
+from uvms_drake.command.campaign.options import take_workers
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.paper import (
     beside_the_paper,
@@ -77,7 +77,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     """
     names = [CERTIFICATE_FILE, BUDGET_FILE, TOLERANCES_FILE]
     if args.runs is not None:
-        from uvms_drake.command.certify_runs import certify_by_runs
+        from uvms_drake.command.campaign.certify_runs import certify_by_runs
 
         _require_default(args, ("tolerances", "sweep_gains", "tune", "paper", "compare_laws"),
                          "with --runs")

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from uvms_drake.campaign.campaign import make_campaign
-from uvms_drake.campaign.failures import certificate_in_probability
+from uvms_drake.campaign.probability.failures import certificate_in_probability
 from uvms_drake.campaign.store import require_same, run_log
 from uvms_drake.campaign.summary import format_campaign, summarise_campaign, summarise_times
 from uvms_drake.campaign.variation import vary
@@ -13,7 +13,7 @@ from uvms_drake.certificate.cache import store
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.certificate.in_probability import cache_key
 from uvms_drake.certificate.probability_table import format_probability
-from uvms_drake.command.campaign_runs import (
+from uvms_drake.command.campaign.runs import (
     check_draws_and_workers,
     complete,
     drawable,

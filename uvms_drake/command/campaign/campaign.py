@@ -22,7 +22,7 @@ from uvms_drake.campaign.summary import (
 )
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.certify import certified_once
-from uvms_drake.command.campaign_runs import (
+from uvms_drake.command.campaign.runs import (
     OWN_FILES,
     check_draws_and_workers,
     complete,

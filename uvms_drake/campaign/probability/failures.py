@@ -8,7 +8,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.declared_distribution import declared_distribution, declared_ranges
+from uvms_drake.campaign.probability.declared_distribution import (
+    declared_distribution,
+    declared_ranges,
+)
 from uvms_drake.certificate.failure_probability import failure_bound
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import Scenario

@@ -51,6 +51,6 @@ def take_workers(command: argparse.ArgumentParser) -> None:
 
 def run_campaign(args: argparse.Namespace) -> int:
     """Runs a campaign, or repeats one of its runs."""
-    from uvms_drake.command.campaign import replay_run, run_campaign
+    from uvms_drake.command.campaign.campaign import replay_run, run_campaign
 
     return run_campaign(args) if args.replay is None else replay_run(args)

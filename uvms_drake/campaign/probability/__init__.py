@@ -1,0 +1,1 @@
+"""Certificates in probability from the runs of a campaign."""

@@ -1,0 +1,1 @@
+"""The sub-command `campaign`, and `certify --runs`, which is one, too."""
