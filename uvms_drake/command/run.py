@@ -285,7 +285,7 @@ def sound(certificate: AnyCert, source: str) -> AnyCert:
 
     if isinstance(certificate, Certificate) and not certificate.certified:
         raise RunFailed(f"{source}: {verdict(certificate)}; 'certify --runs N' bounds the "
-                        "probability that a run fails, and --uncertified takes the scenario's "
+                        "probability that a run fails; --uncertified takes the scenario's "
                         "declared tube")
     return certificate
 
