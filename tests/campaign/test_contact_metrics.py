@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.synthetic import synthetic_record
 
-from uvms_drake.campaign.contact_kinds import contact_of
 from uvms_drake.campaign.contact_metrics import (
     PRESS_METRICS,
+    contact_metrics,
     format_walls,
     press_metrics,
     summarise_walls,
@@ -162,7 +162,7 @@ def test_a_campaign_with_felt_walls_says_how_they_were_pressed(campaign, results
 
 def test_a_felt_contact_is_judged_by_its_kind():
     record = pressing(depths((0.0, -0.1), (4.0, deep(20.0))))
-    metrics = contact_of(record.scenario).metrics(record)
+    metrics = contact_metrics(record)
     assert metrics["wall"] == press_metrics(record)
     assert metrics["force_error"] == pytest.approx(20.0 * (1.0 - np.cos(TILT)))
     assert metrics["settling_time_s"] == pytest.approx(4.0)

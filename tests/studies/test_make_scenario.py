@@ -51,6 +51,17 @@ def test_it_is_the_scenario_of_the_file_that_the_command_writes(robot, tmp_path)
         np.testing.assert_allclose(now, before, rtol=1e-3, atol=1e-4, err_msg=key)
 
 
+def test_it_takes_a_kind_of_contact_with_the_sensor_that_it_needs():
+    sensor = uv.sensors.ForceSensor(rate=500.0, lag=0.004)
+    contact = uv.SensedContact(force=20.0, angle=0.08, speed=0.06, delay=0.03)
+    press = uv.make_scenario(GIRONA, uv.UnilateralPlane(stiffness=900.0), force=5.0,
+                             posture=POSTURE, contact=contact, sensing=[sensor])
+    press.duration = 0.04
+    assert uv.simulate(press).signals["touched"].max() == 0.0
+    with pytest.raises(InvalidParameter, match="a part that measures the force"):
+        uv.make_scenario(GIRONA, force=5.0, posture=POSTURE, contact=contact)
+
+
 def test_with_a_wall_that_is_turned_the_start_turns_and_the_input_at_rest_stays():
     yaw, place = 0.8, np.array([1.0, -2.0, 3.0])
     turn = rotation_matrix(np.array([0.0, 0.0, yaw]))

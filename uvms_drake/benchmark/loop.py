@@ -32,13 +32,12 @@ from uvms_drake.model.signals.sensor_actuator import (
 )
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.sensing.hold_last_value import HoldLastValue
-from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.plant import applied_disturbance
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import add_chain
+from uvms_drake.station.series_connection import add_chain, add_force_measurement
 from uvms_drake.station.signals import LOGGED_AS
 
 LOGGED = ("state", "chi", "force", "penetration")

@@ -12,7 +12,6 @@ from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
 from pydrake.math import RotationMatrix
 
-from uvms_drake.campaign.contact_kinds import contact_of
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import InvalidParameter
@@ -142,7 +141,7 @@ def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
     error = replace(error, shift=R @ np.asarray(error.shift, dtype=float),
                     turn=R @ np.asarray(error.turn, dtype=float))
     return replace(
-        contact_of(scenario).turned(scenario, R), surface=scenario.surface.moved(R, shift),
+        scenario, contact=scenario.contact.turned(R), surface=scenario.surface.moved(R, shift),
         surface_error=error,
         current=R @ np.asarray(scenario.current, dtype=float),
         waves=[replace(wave, direction=wave.direction + yaw) for wave in scenario.waves],

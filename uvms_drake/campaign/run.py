@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
-from uvms_drake.campaign.contact_kinds import contact_of
+from uvms_drake.campaign.contact_metrics import contact_metrics
 from uvms_drake.campaign.outside_assumptions import MEASURED_WRONG
 from uvms_drake.campaign.variation import Variation, vary
 from uvms_drake.common.alarm import LOGGER
@@ -119,7 +119,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         "proportional": None if size is None or ratio is None or unpromised else bool(
             ratio <= PROPORTION * max(1.0, size)),
         "finite": is_finite(record),
-        **contact_of(record.scenario).metrics(record),
+        **contact_metrics(record),
     }
 
 

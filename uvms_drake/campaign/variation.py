@@ -14,7 +14,6 @@ import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, with_target
 from uvms_drake.campaign.certified_surfaces import moved, turns_freely
-from uvms_drake.campaign.contact_kinds import contact_of
 from uvms_drake.campaign.model_uncertainty import as_declared, with_unknowns
 from uvms_drake.campaign.outside_assumptions import kinds_outside, step_outside
 from uvms_drake.certificate.certify import first_plan
@@ -92,7 +91,7 @@ def vary(campaign: Campaign, index: int) -> Variation:
         if plan is None or not all(condition.holds for condition in conditions):
             continue
         # An unknown surface, and all disturbances.
-        scenario = contact_of(base).drawn(scenario, first, rng)
+        scenario = base.contact.drawn(scenario, first, rng)
         scenario = replace(scenario, disturbance=_disturbance(scenario, ocp.model.size, rng))
         if outside is not None:
             scenario = step_outside(outside, scenario, campaign.model_error, rng)

@@ -86,7 +86,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.overview import format_overview
     from uvms_drake.certificate.table import format_certificate
-    from uvms_drake.station.step_size import floored, largest_step
+    from uvms_drake.station.step_bounds import largest_step
+    from uvms_drake.station.step_size import floored
     from uvms_drake.studies.margins.margins import format_margins, margins
     from uvms_drake.studies.pareto_front import format_pareto_front, pareto_front
     from uvms_drake.studies.propose_gains import propose_gains

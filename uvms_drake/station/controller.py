@@ -12,12 +12,11 @@ from uvms_drake.model.signals.sensor_actuator import (
 )
 from uvms_drake.sensing.tip_pose import TipPose
 from uvms_drake.station.contact.mission import add_mission
-from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import keyed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import add_chain
+from uvms_drake.station.series_connection import add_chain, add_force_measurement
 from uvms_drake.station.signals import LOGGED_AS
 
 

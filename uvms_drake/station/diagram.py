@@ -20,14 +20,13 @@ from uvms_drake.model.signals.sensor_actuator import (
     Signals,
 )
 from uvms_drake.station.contact.mission import add_mission
-from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.plant import applied_disturbance
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.station.series_connection import add_chain
+from uvms_drake.station.series_connection import add_chain, add_force_measurement
 from uvms_drake.station.signals import LOGGED_AS
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration

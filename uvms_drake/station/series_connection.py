@@ -1,13 +1,16 @@
-"""Series connection of parts between plant and controller."""
+"""Series connections of parts between plant and controller, and that of the measured force."""
 
 from dataclasses import fields
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, within
-from uvms_drake.model.signals.sensor_actuator import Part, Signals
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.parts import faults_at
 from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.scenario import Scenario
 
 RESERVED = {"plan", "report", "solve_seconds", "tube_alarm",
             *(field.name for field in fields(Record))}
@@ -40,3 +43,37 @@ def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signa
         for system in builder.GetSystems()[before:]:
             system.set_name(f"{key}.{system.get_name()}")
     return port
+
+
+def add_force_measurement(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
+                          controller: Diagram, state: OutputPort, signals: Signals) -> None:
+    """Connects the controller with the measured force, if a part of sensing provides it.
+
+    ::
+
+        force_measured ─▶ faults ─▶ parts of the kind of contact ─▶ law
+
+    See `Contact.connect_force`.
+
+    Args:
+        builder: Builder to add to.
+        scenario: Scenario with its contact, the faults of the force, and the law.
+        model: The controller's model.
+        controller: Controller that takes the force.
+        state: Output port of the measured (𝔮, ζ).
+        signals: Signals, maybe with `force_measured`; the pipeline's are added.
+
+    Raises:
+        InvalidParameter: No part measures a force that a fault or the contact needs, or the law
+            takes none.
+    """
+    faults = faults_at("force", scenario.faults)
+    for key, fault in faults.items():
+        require(MEASURED_FORCE in signals, key, type(fault).__name__,
+                "left out: no part measures the force")
+    valid = None
+    if MEASURED_FORCE in signals:
+        require(scenario.ancillary.takes_force, "ancillary", scenario.law,
+                "a law that takes the measured force, such as resolved")
+        valid = add_chain(builder, model, signals[MEASURED_FORCE], signals, faults, scenario.seed)
+    scenario.contact.connect_force(builder, scenario, model, controller, state, valid, signals)

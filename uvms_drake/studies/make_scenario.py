@@ -14,10 +14,12 @@ from uvms_drake.common.schema import parse_yaml
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.description.robot_folder import model_dir, shipped_robots
 from uvms_drake.model.robot import Robot
+from uvms_drake.model.signals.sensor_actuator import Sensor
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.robot_loading import sound_robot
+from uvms_drake.station.contact import Contact
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario, check_scenario, typed_scenario
 from uvms_drake.station.scenario.scenario_file import with_base
@@ -35,10 +37,12 @@ def make_scenario(
     posture: Sequence[float] | np.ndarray | None = None,
     law: AncillaryLaw | None = None,
     disturbance: Disturbance | float | None = None,
+    contact: Contact | None = None,
+    sensing: Sequence[Sensor] = (),
     distance: float = 0.2,
     name: str = "press",
 ) -> Scenario:
-    """Returns a scenario in which a robot swims to a known surface and presses on it.
+    """Returns a scenario in which a robot swims to a surface and presses on it.
 
     Arguments that are left out follow from the robot, and so do limits and weights of the MPC, as
     in a file of `uvms-drake scenario --new`. All of it can be set in the scenario afterwards,
@@ -57,6 +61,9 @@ def make_scenario(
             force by a fifth.
         disturbance: A `Disturbance`, or the bound of the 2-norm of a sinusoidal one [m/s²,
             rad/s²]; None: a current of 0.2 m/s on the hull and friction of the joints.
+        contact: Kind of contact, also of a class of one's own; None: the surface is known. With a
+            `SensedContact` the force is along its direction, and a part of `sensing` measures it.
+        sensing: Parts between the robot's state and the controller, from the robot on.
         distance: Distance of the tip from the surface at the start [m].
         name: Name of the scenario, of its files.
 
@@ -70,7 +77,8 @@ def make_scenario(
     if isinstance(disturbance, float | int):
         disturbance = SinusoidalDisturbance(bound=float(disturbance))
     for key, value, base in (("surface", surface, Surface), ("law", law, AncillaryLaw),
-                             ("disturbance", disturbance, Disturbance)):
+                             ("disturbance", disturbance, Disturbance),
+                             ("contact", contact, Contact)):
         require(value is None or isinstance(value, base), key, value,
                 f"of the type {base.__name__}")
     if surface is not None:
@@ -102,7 +110,9 @@ def make_scenario(
     scenario.start = replace(scenario.start, q=found.posture)
     scenario.ancillary = law or scenario.ancillary
     scenario.disturbance = disturbance or scenario.disturbance
-    if type(scenario.surface).static_force_rows is Surface.static_force_rows:
+    scenario.contact, scenario.sensing = contact or scenario.contact, list(sensing)
+    if (not scenario.contact.is_modelled
+            or type(scenario.surface).static_force_rows is Surface.static_force_rows):
         scenario.limits.static_force = None
     check_scenario(scenario)
     return with_step(scenario, check_inputs(scenario, load_model(scenario, robot)))

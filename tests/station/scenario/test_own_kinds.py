@@ -92,6 +92,16 @@ class Weak(uv.Actuator):
         builder.Connect(port, gain.get_input_port())
         return gain.get_output_port()
 """, "actuation: [!Weak {share: 0.99}]", lambda scenario: scenario.actuation[0].share == 0.99),
+    "contact": ("""
+@uv.register
+@dataclass
+class GuessedSurface(uv.Contact):
+    stiffness: float = 1.0  # over the true one
+
+    def controller_surface(self, surface):
+        return surface.stiffened(self.stiffness)
+""", "contact: !GuessedSurface {stiffness: 0.9}", lambda scenario: (
+        uv.load_model(scenario).surface.stiffness == 0.9 * scenario.surface.stiffness)),
     "disturbance": ("""
 @uv.register
 @dataclass

@@ -30,7 +30,7 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.step_size import step_of
+from uvms_drake.station.step_bounds import step_of
 from uvms_drake.tube.laws.resolved import resolved_task_radius
 
 LAWS: tuple[AncillaryLaw, ...] = (

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
@@ -133,6 +133,22 @@ class Contact(ABC):
     def specification(self, scenario: "Scenario") -> ContactSpecification | None:
         """Returns the data of an unknown wall for a picture; None: the surface is known."""
         return None
+
+    # A campaign.
+
+    def turned(self, R: np.ndarray) -> Self:
+        """Returns the contact turned by R (3, 3); by default it has no direction."""
+        return self
+
+    def drawn(self, scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "Scenario":
+        """Returns a scenario with a surface that is drawn; by default with the declared one.
+
+        Args:
+            scenario: Scenario with its place and start.
+            ocp: Optimal control problem at t = 0.
+            rng: Random generator.
+        """
+        return scenario
 
     # The certificate.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
@@ -48,6 +48,7 @@ from uvms_drake.station.contact.bounds import (
     slower,
 )
 from uvms_drake.station.contact.contact import OPERATOR, Contact, Statement
+from uvms_drake.station.contact.drawn_contact import drawn_contact
 from uvms_drake.station.contact.hold import hold_radii
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.problem import posed_task
@@ -316,6 +317,16 @@ class SensedContact(UnknownContact, Contact):
         """Returns the direction into the wall, and the margin of the safe region."""
         return ContactSpecification(
             sensed_contact(scenario).direction, safe_depth_margin(scenario))
+
+    def turned(self, R: np.ndarray) -> Self:
+        """Returns the contact with n turned by R (3, 3)."""
+        with within("contact"):
+            contact = self.checked()
+        return replace(contact, direction=R @ contact.direction)
+
+    def drawn(self, scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "Scenario":
+        """Returns the scenario with a wall and a desired force of its class."""
+        return drawn_contact(scenario, ocp, rng)
 
     def assumed_settings(self) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""

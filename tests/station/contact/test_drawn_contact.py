@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.campaign.contact_kinds`: draws of scenarios with unknown surfaces."""
+"""Tests of `uvms_drake.station.contact.drawn_contact`: draws of scenarios with unknown surfaces."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,19 +8,6 @@ import pytest
 
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.certified_surfaces import moved, turns_freely
-from uvms_drake.campaign.contact_kinds import (
-    FARTHEST,
-    FORCES,
-    PART,
-    SETTLING,
-    SPARE,
-    SensedContactKind,
-    contact_of,
-    pace,
-    steepest_friction,
-    tips,
-)
-from uvms_drake.campaign.drawn_surfaces import is_member
 from uvms_drake.campaign.variation import vary
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
@@ -30,10 +17,23 @@ from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.contact import KnownSurface
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
-from uvms_drake.station.motions.motions import make_ocp, motion_of
+from uvms_drake.station.contact.drawn_contact import (
+    FARTHEST,
+    FORCES,
+    PART,
+    SETTLING,
+    SPARE,
+    drawn_contact,
+    pace,
+    steepest_friction,
+    tips,
+)
+from uvms_drake.station.contact.drawn_surfaces import is_member
+from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
-from uvms_drake.station.step_size import friction_rate, with_step
+from uvms_drake.station.step_bounds import friction_rate
+from uvms_drake.station.step_size import with_step
 from uvms_drake.tube.terminal_set import TerminalLoop
 
 pytestmark = pytest.mark.long
@@ -49,21 +49,20 @@ def ocp(base):
     """The problem at t = 0, with the safe region before any contact."""
     model = load_model(base)
     problem = make_ocp(base, model)
-    return motion_of(base).first_problem(base, model, problem, start_state(base, problem))
+    return base.contact.first_problem(base, model, problem, start_state(base, problem))
 
 
 @pytest.fixture(scope="module")
 def drawn(base, ocp):
     """Scenarios with walls of their own, from the start of the file."""
-    return [SensedContactKind().drawn(base, ocp, np.random.default_rng(seed)) for seed in range(40)]
+    return [drawn_contact(base, ocp, np.random.default_rng(seed)) for seed in range(40)]
 
 
 def test_a_wall_that_is_known_is_not_drawn_anew():
     scenario = load_scenario("girona500_ideal")
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    assert contact_of(scenario).drawn(scenario, None, rng) is scenario
-    assert contact_of(scenario).metrics(None) == {}
+    assert scenario.contact.drawn(scenario, None, rng) is scenario
     assert rng.bit_generator.state == before
 
 
@@ -81,7 +80,7 @@ def test_every_wall_is_of_the_class_and_stands_in_front_of_the_tip(drawn, base, 
 
 def test_a_drawn_wall_has_no_error_of_the_scenarios_own_wall(base, ocp):
     wrong = replace(base, surface_error=SurfaceError(shift=[0.05, 0.0, 0.0], stiffness=1.4))
-    error = SensedContactKind().drawn(wrong, ocp, np.random.default_rng(0)).surface_error
+    error = drawn_contact(wrong, ocp, np.random.default_rng(0)).surface_error
     assert error.stiffness == 1.0
     assert not np.any(error.shift)
 
@@ -101,7 +100,7 @@ def test_what_is_asked_for_can_be_given_in_the_time(drawn, base, ocp):
 
 
 def test_a_wall_is_near_where_the_time_is_short(base, ocp):
-    drawn = SensedContactKind().drawn(replace(base, duration=2.0), ocp, np.random.default_rng(0))
+    drawn = drawn_contact(replace(base, duration=2.0), ocp, np.random.default_rng(0))
     start, _ = tips(base, ocp)
     way = (drawn.surface.anchor - start) @ sensed_contact(base).direction
     assert way == pytest.approx(sensed_contact(base).clearance + SPARE)

@@ -1,13 +1,19 @@
-"""Tests of `uvms_drake.campaign.drawn_surfaces`: no wall that is drawn is outside of the class."""
+"""Tests of `station.contact.drawn_surfaces`: no wall that is drawn is outside of the class."""
 
 import numpy as np
 import pytest
 from support.shapes import in_ball_of
 
-from uvms_drake.campaign.drawn_surfaces import BELOW, SOFTEST, ball_about, draw_law, draw_wall
 from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
 from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
 from uvms_drake.model.surface.unknown_contact import UnknownContact
+from uvms_drake.station.contact.drawn_surfaces import (
+    BELOW,
+    SOFTEST,
+    ball_about,
+    draw_law,
+    draw_wall,
+)
 
 pytestmark = pytest.mark.long
 

@@ -1,0 +1,118 @@
+"""Walls and forces that a campaign draws for a sensed contact."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
+from uvms_drake.control.plan.commitment import committed_intervals
+from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.station.command_path import actuation_delay_of
+from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
+from uvms_drake.station.contact.drawn_surfaces import draw_wall
+from uvms_drake.station.step_bounds import friction_rate, largest_rate
+
+if TYPE_CHECKING:
+    from uvms_drake.station.scenario.scenario import Scenario
+
+FORCES = (5.0, 30.0)
+"""Range of the desired force, limited to the largest that the class allows [N]."""
+SPARE, FARTHEST = 0.02, 0.5
+"""Smallest distance to a wall along n beyond the class's clearance, and largest distance [m]."""
+PART = 0.8
+"""Safety factor on the estimated speed."""
+SETTLING = 3.0
+"""Duration of a run after the expected settling of the force [s]."""
+LEAST_CREEP = 0.005
+"""Smallest creep of friction [m/s]."""
+ATTEMPTS = 1000
+
+
+def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "Scenario":
+    """Returns the scenario with an unknown wall of the class, and any admissible desired force.
+
+    Its distance is limited so that it should be reached and pressed in time; a very soft one, or a
+    long slide along it, may take longer all the same. A run lasts as long as its wall should need,
+    and no longer than the scenario.
+
+    Raises:
+        RunFailed: No draw is in the class.
+    """
+    assert isinstance(ocp, TrackingOcp)  # The problem of a sensed contact.
+    contact = sensed_contact(scenario)
+    force = float(rng.uniform(*np.minimum(FORCES, largest_force(scenario))))
+    steepest = steepest_friction(scenario, ocp)
+    scenario = replace(scenario, task=replace(scenario.task, force=contact.wrench(force)))
+    start, goal = tips(scenario, ocp)
+    # A wall of the class, at a distance that leaves time to reach it and to settle.
+    for _ in range(ATTEMPTS):
+        far = float(rng.uniform())
+        wall = draw_wall(contact, start, goal, rng)
+        if wall is None:
+            continue
+        speed, pressing = pace(scenario, ocp, wall, force)
+        remaining = scenario.mpc.hover + pressing + SETTLING
+        most = min(FARTHEST, speed * (scenario.duration - remaining))
+        nearest = contact.clearance + SPARE
+        gap = nearest + far * max(most - nearest, 0.0)
+        wall = wall.moved(np.eye(3), gap * contact.direction)
+        if wall.geometry.depth(start) > -contact.clearance:
+            continue
+        # A run of whole samples, and friction no steeper than the integration step resolves.
+        samples = int(np.ceil((gap / speed + remaining) / ocp.time_step))
+        drawn = replace(scenario, surface=wall, surface_error=SurfaceError(),
+                        duration=min(samples * ocp.time_step, scenario.duration))
+        at_unit_creep = friction_rate(drawn, ocp.model, ocp.model.configuration(ocp.y_des))
+        creep = max(LEAST_CREEP, at_unit_creep / steepest)
+        return replace(drawn, surface=replace(wall, creep=creep))
+    raise RunFailed(f"none of {ATTEMPTS} drawn walls is in the class")
+
+
+def tips(scenario: "Scenario", ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the start of the tip, and its desired position but for the depth (3,) [m]."""
+    return ocp.model.task_pose(scenario.start.config)[:3], ocp.y_des[:3]
+
+
+def pace(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: float
+         ) -> tuple[float, float]:
+    """Returns the approach speed v to a wall [m/s], and the time to press [s].
+
+    A tip follows a moving target with a lag T (committed horizon included), so a target always s
+    away is followed at s/T, up to the speed limit. In free water s is the distance s₀ to the end of
+    the safe region; a light press is slower, see `control.contact.press_target`. In a wall of
+    stiffness κ it is the lesser of two: to the end of the safe region, s₀ − F/κ', and to the
+    target, (F_des − F)/κ̂ with κ̂ ≤ 2κ. With Ḟ = κ s/T, F is within ε of F_des after T times the
+    larger of
+
+        κ'/κ ln(s₀/(s₀ − F_des/κ'))    and    2 ln(F_des/ε),    κ' = a₋κ₊ (`SurfaceClass.share`),
+
+    plus the time of the distance F_des/κ at the largest speed. Both are conservative estimates.
+    """
+    committed = committed_intervals(
+        scenario.ancillary, actuation_delay_of(scenario, ocp.model), ocp.time_step)
+    contact, lag = sensed_contact(scenario), ocp.following_lag(committed)
+    distance = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH_DEPTH
+    fastest = contact.speed - (scenario.tube.depth_speed or 0.0)
+    speed = min(distance / lag, fastest, search_speed(force, contact.stiffness, touch_to_plan(
+        ocp.time_step, committed, sensing_of(scenario))))
+    slope, stiffest = wall.law.slopes[0], contact.walls.share * contact.stiffness
+    slower = max(
+        stiffest / slope * np.log(distance / (distance - force / stiffest)),
+        2.0 * np.log(force / scenario.task.force_tolerance))
+    pressing = lag * slower + force / (slope * min(distance / lag, fastest))
+    return PART * speed, float(pressing) / PART
+
+
+def steepest_friction(scenario: "Scenario", ocp: Ocp) -> float:
+    """Returns the largest rate of a drawn wall's friction [1/s], see `with_step`.
+
+    It is that of the scenario's own wall, for which the step is short enough; if that has no
+    friction, the largest rate that the step resolves.
+    """
+    own = friction_rate(scenario, ocp.model, ocp.model.configuration(ocp.y_des))
+    return min(own or np.inf, largest_rate(scenario))
