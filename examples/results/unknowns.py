@@ -35,7 +35,7 @@ BASE, STEPS, DURATION = "girona500_contact", 8, 20.0
 RUNS, LONGEST = 100, 11.0
 """Runs of a campaign, and their longest duration [s]."""
 ADVICE = re.compile(r"--set (\S+)")
-PARTS, LONG = (0.95, 0.91, 0.8), "mpc.horizon=35"
+PARTS, LONG = (0.95, 0.91, 0.8), "mpc.horizon=60"
 """Fractions of the tolerance that are tried until one is certified, and the horizon with which:
 little of the inputs is left."""
 HEAD = """# Declared unknowns, each alone
