@@ -1,6 +1,7 @@
 """Who may know whom: the order of the rooms, from what knows nothing to what knows all."""
 
 import ast
+import functools
 import graphlib
 import tomllib
 from pathlib import Path
@@ -31,6 +32,7 @@ controller must not see the true plant, nor the plant its controller."""
 FLOOR = {room: floor for floor, rooms in enumerate(ROOMS) for room in rooms}
 
 
+@functools.cache
 def imported(path: Path, typing: bool = True) -> set[str]:
     """Returns every module that a file imports, wherever it does so.
 

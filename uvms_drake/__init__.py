@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from uvms_drake.station.controller import make_controller as make_controller
     from uvms_drake.station.diagram import make_station as make_station
     from uvms_drake.station.diagram import read_logs as read_logs
+    from uvms_drake.station.motions.motion import Motion as Motion
     from uvms_drake.station.motions.motions import make_ocp as make_ocp
     from uvms_drake.station.plant import make_plant as make_plant
     from uvms_drake.station.problem import load_model as load_model
@@ -112,6 +113,7 @@ _HOME = {
     "make_station": "station.diagram",
     "make_tube_mpc": "control.tube_mpc",
     "make_uvms_plant": "plant.uvms_plant",
+    "Motion": "station.motions.motion",
     "OcpProgram": "control.ocp.ocp_program",
     "open_meshcat": "visual.server",
     "OpenLoopDisturbance": "plant.disturbance",

@@ -29,13 +29,13 @@ from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.limit_stack import Inputs
 from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import DynamicPlan, Plan
 from uvms_drake.control.plan.points import Points
+from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
 
 
 class ZeroOrderHoldOcp(DynamicOcp):

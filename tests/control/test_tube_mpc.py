@@ -6,12 +6,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.control.laws import Resolved
-from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
+from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.scenario.scenario import load_scenario
 
 
 def ports_of(controller) -> tuple[dict[str, int], dict[str, int]]:
@@ -27,14 +25,6 @@ def test_it_has_the_documented_ports(short_ocp):
         {"state": 20, "force_measured": 6, "vehicle_wrench": 6, "fault": 1},
         {"tau": 10, "u": 10, "lost": 1, "limited": 1, "pair": 0, "nominal_state": 20,
          "nominal_input": 10, "plan": 0, "report": 8, "solve_seconds": 1})
-
-
-def test_that_of_kinematic_motion_has_the_documented_ports():
-    ocp = make_ocp(load_scenario("paper_kinematic"))
-    assert ports_of(make_kinematic_tube_mpc(ocp, Resolved())) == (
-        {"configuration": 10, "fault": 1},
-        {"u": 10, "lost": 1, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 8,
-         "solve_seconds": 1})
 
 
 def closed_loop(short_ocp, plane, start, ancillary, bound: float):

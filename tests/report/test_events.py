@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
+import uvms_drake.papers.nikou2018  # noqa: F401  it registers the motion
 from uvms_drake.campaign import run
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.command.main import main

@@ -20,7 +20,6 @@ TIMED = {"task_error.png", "force.png", "velocities.png", "joints.png", "inputs.
          "disturbance.png", "mpc.png", "deviation.png"}
 NAMES = TIMED | {"robot.png"}
 SETTLED = "counts as settled, $\\pm$"
-PAPERS = {"position_errors.png", "orientation_errors.png", "input_norms.png"}
 WITH_TUBE = {"task_error.png", "velocities.png", "joints.png", "inputs.png", "deviation.png"}
 
 
@@ -58,7 +57,7 @@ def texts_of(figure):
 def test_every_figure_is_a_readable_png_at_column_width(record, tmp_path):
     paths = make_figures(record, str(tmp_path / "not" / "there"))
     rare = {"coverage.png", "mission.png", "thrusters.png"}
-    assert {path.name for path in paths} == NAMES == set(FIGURES) - PAPERS - rare
+    assert {path.name for path in paths} == NAMES == set(FIGURES) - rare
     for path in paths:
         width = imread(path).shape[1]
         assert width in (COLUMN_WIDTH * STYLE["savefig.dpi"], 2 * COLUMN_WIDTH * 300)

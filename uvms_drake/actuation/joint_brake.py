@@ -29,7 +29,7 @@ class StuckJoint(Fault, Part):
     """
 
     place = "actuation"
-    motions = ("dynamic",)  # A brake needs torques.
+    needs_forces = True  # A brake needs torques.
 
     joint: int = 0
     """Index of the joint, from 0."""

@@ -43,7 +43,7 @@ class Thrusters(Actuator):
     `wrench_shortfall`, the undelivered part of the commanded wrench.
     """
 
-    motions = ("dynamic",)
+    needs_forces = True
 
     period: float = 0.01
     """Time between two commands to the thrusters [s]."""

@@ -238,7 +238,7 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
     dynamic = motion_of(scenario).has_forces
     check_limits(scenario.limits, model.num_joints, accelerations=dynamic)
     with within("ancillary"):
-        scenario.ancillary.check(kinematic=not dynamic)
+        scenario.ancillary.check()
     weights_of(scenario, model)
     none = np.zeros(model.size if dynamic else 0)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))

@@ -7,6 +7,7 @@ import numpy as np
 from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.control.limits import HoldRadii
+from uvms_drake.station.motions.motions import motion_named
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import QUANTITIES, Constant
 from uvms_drake.tube.contact.tip_jerk import JERK
@@ -39,7 +40,6 @@ HELP = {
     "mpc.terminal_weight": "terminal_weight: null, so that P is computed",
     "mpc.terminal_set": "terminal_set: true",
     "mpc.input_reference": "input_reference: equilibrium",
-    "joints of weight zero": "positive joint weights in mpc.weight_y",
     "current": "still water, an ideal wrench without a clock, or --uncertified",
     "waves": "still water, an ideal wrench without a clock, or --uncertified",
     "model_error": "leaving it out",
@@ -107,9 +107,11 @@ def _assumption_rows(certificate: Certificate) -> list[str]:
 
 
 def _gains(certificate: Certificate) -> str:
-    if certificate.motion == "kinematic":
+    motion = motion_named(certificate.motion)
+    if not motion.has_forces:
         known = f"σ = {certificate.sigma:g} 1/s, " if math.isfinite(certificate.sigma) else ""
-        return f"{known}w̃ = {certificate.d_bound:.4g} m/s, rad/s"
+        symbol, unit = motion.disturbance_symbol, motion.disturbance_unit
+        return f"{known}{symbol}̃ = {certificate.d_bound:.4g} {unit}"
     gains = (("k", certificate.k), ("σ", certificate.sigma))
     known = "".join(f"{name} = {gain:g} 1/s, " for name, gain in gains if math.isfinite(gain))
     if certificate.weights is None:

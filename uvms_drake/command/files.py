@@ -61,9 +61,9 @@ def take_quiet(command: argparse.ArgumentParser) -> None:
 
 def picture_files() -> tuple[str, ...]:
     """Returns the names of all the files that `write_pictures` may write."""
-    from uvms_drake.report.figures import FIGURES
+    from uvms_drake.report.figures import all_figures
 
-    return (*FIGURES, REPORT_FILE, REPLAY_FILE)
+    return (*all_figures(), REPORT_FILE, REPLAY_FILE)
 
 
 def write_data(record: Record, folder: Path, certificate: AnyCertificate | None = None

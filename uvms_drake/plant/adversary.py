@@ -4,7 +4,7 @@ State-dependent ones read the error that they drive through ports, and know the 
 but not the controller. `make_uvms_plant` with `disturbance=None` has an input port for them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -19,7 +19,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.wiring import added
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance, unit_vector
 
@@ -78,14 +78,6 @@ class AdversarialDisturbance(Disturbance):
         return Adversary.AddToBuilder(
             builder, model, self, state=signals["state"], e_y=signals["e_y"], r=signals["r"]
         ).get_output_port()
-
-    def add_to_kinematic(self, builder: DiagramBuilder, seed: int,
-                         signals: Mapping[str, OutputPort]) -> OutputPort:
-        """Adds the one adversary of kinematic motion, a `TaskAdversary`; see `Disturbance`."""
-        require(self.kind == "along_task_error", "kind", self.kind,
-                "along_task_error, if the motion is kinematic")
-        return TaskAdversary.AddToBuilder(
-            builder, self.bound, self.direction, e=signals["e"]).get_output_port()
 
 
 def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -220,41 +212,3 @@ class Adversary(LeafSystem):
             name: Name of the system.
         """
         return added(builder, name, Adversary(model, settings), state=state, e_y=e_y, r=r)
-
-
-class TaskAdversary(LeafSystem):
-    """A disturbance w of the kinematic model χ̇ = J(𝔮)ζ + w with ‖w‖₂ = w̃, along the task error.
-
-    Under the law `resolved`, 𝔢̇ = −σ𝔢 + w: no other w of this size makes ‖𝔢‖ larger.
-
-    .. pydrake_system::
-
-        name: TaskAdversary
-        input_ports:
-        - e
-        output_ports:
-        - disturbance
-
-    - `e` (6): 𝔢 = χ − χ̄, differences of Euler angles wrapped; of a `TubeMonitor`.
-    - `disturbance` (6) [m/s, rad/s]: w, along 𝔢, or along the fixed direction where 𝔢 vanishes.
-
-    It has no state.
-
-    Args:
-        bound: w̃ [m/s, rad/s].
-        direction: The fixed direction (6,), of any length; empty means the same in all components.
-    """
-
-    def __init__(self, bound: float, direction: Sequence[float] | np.ndarray = ()):
-        super().__init__()
-        require(0.0 <= bound < np.inf, "bound", bound, "zero or positive")
-        wanted, e = unit_vector(np.asarray(direction), 6), self.DeclareVectorInputPort("e", 6)
-        output_of(self, "disturbance", 6, lambda c: bound * toward(e.Eval(c), wanted),
-                  {e.ticket()})
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, bound: float,
-                     direction: Sequence[float] | np.ndarray = (), *, e: OutputPort | None = None,
-                     name: str = "adversary") -> "TaskAdversary":
-        """Adds the adversary; `e` is the port of 𝔢, left to the caller if None."""
-        return added(builder, name, TaskAdversary(bound, direction), e=e)

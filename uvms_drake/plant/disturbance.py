@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.common.errors import InvalidParameter, require, require_rate, vector
+from uvms_drake.common.errors import require, require_rate, vector
 from uvms_drake.common.wiring import output_of
 from uvms_drake.model.signals.sensor_actuator import Fault
 from uvms_drake.model.uvms_model import UvmsModel
@@ -62,7 +62,7 @@ class Disturbance(ABC):
     """
 
     bound: float = 0.0
-    """Bound d̃ of ‖d‖₂ [m/s², rad/s²]; with kinematic motion w̃ of ‖w‖₂ [m/s, rad/s]."""
+    """Bound d̃ of ‖d‖₂ [m/s², rad/s²], or in the units of the motion's disturbance."""
     weights: np.ndarray = field(default_factory=lambda: np.zeros(0), kw_only=True)
     """Bound of each component of d over `bound`, 6+n positive numbers: d is in the ellipsoid with
     the semi-axes `bound` times `weights`. Empty means ones, a ball."""
@@ -110,17 +110,6 @@ class Disturbance(ABC):
             signals: Signals of the closed loop, with `e_y` and `r` (6+n) of its `TubeMonitor`.
         """
 
-    def add_to_kinematic(self, builder: DiagramBuilder, seed: int,
-                         signals: Mapping[str, OutputPort]) -> OutputPort:
-        """Adds the source of w and returns its port (6) [m/s, rad/s]; by default there is none.
-
-        Args:
-            builder: Builder to add to.
-            seed: Seed of random numbers, zero or positive.
-            signals: Signals of the closed loop, with `e` (6) of its `TubeMonitor`.
-        """
-        raise InvalidParameter("kind", type(self).__name__, "another, if the motion is kinematic")
-
 
 class OpenLoopDisturbance(Disturbance):
     """A disturbance that is a function of time and seed alone."""
@@ -140,11 +129,6 @@ class OpenLoopDisturbance(Disturbance):
                signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds the source of d; see `Disturbance`."""
         return self.add_source(builder, model.size, seed).get_output_port()
-
-    def add_to_kinematic(self, builder: DiagramBuilder, seed: int,
-                         signals: Mapping[str, OutputPort]) -> OutputPort:
-        """Adds the source of w; see `Disturbance`."""
-        return self.add_source(builder, 6, seed).get_output_port()
 
 
 @dataclass

@@ -17,11 +17,6 @@ from uvms_drake.control.mpc.planner import HOVERED, KEPT, SOLVED
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.report.figure.contact_estimate_figure import ESTIMATE, draw_contact_estimate
 from uvms_drake.report.figure.force_figure import draw_force
-from uvms_drake.report.figure.kinematic_figures import (
-    draw_input_norms,
-    draw_orientation_errors,
-    draw_position_errors,
-)
 from uvms_drake.report.figure_style import (
     BLUE,
     DARKER,
@@ -49,8 +44,8 @@ from uvms_drake.station.motions.motions import motion_of, motions
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 
-JOINTS, THRUSTERS, MISSION, COVERAGE = (
-    "joints.png", "thrusters.png", "mission.png", "coverage.png")
+FORCE, INPUTS, JOINTS, THRUSTERS, MISSION, COVERAGE = (
+    "force.png", "inputs.png", "joints.png", "thrusters.png", "mission.png", "coverage.png")
 UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
 """Rounding of the components of a disturbance [m/s², rad/s²]."""
@@ -69,7 +64,7 @@ def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, fl
         output_dir: Folder of the files, created if missing.
         bounds: Ultimate bounds of the run's certificate, if it has one.
     """
-    figures = FIGURES | {"force.png": partial(
+    figures = FIGURES | motion_of(record.scenario).figures() | {FORCE: partial(
         draw_contact, certified=(bounds or {}).get("force"))}
     paths, folder = [], Path(output_dir)
     certified_for = [f"certified for {about}: {statement}" for about, statement in scope_of(
@@ -98,12 +93,17 @@ def _add_footer(figure: Figure, paragraphs: Sequence[str]) -> None:
 
 def figures_of(scenario: Scenario) -> list[str]:
     """Returns the names of the figures of a scenario's run."""
-    special = {name for motion in motions() for name in motion.figures}
-    own = motion_of(scenario).figures
+    motion = motion_of(scenario)
     missing = {name for name, there in (
         (JOINTS, len(scenario.start.q) > 0), (THRUSTERS, part_of(scenario)),
-        (MISSION, scenario.mission.steps), (COVERAGE, scenario.mission.steps)) if not there}
-    return [name for name in FIGURES if name in own or name not in special | missing]
+        (MISSION, scenario.mission.steps), (COVERAGE, scenario.mission.steps),
+        (FORCE, motion.has_forces), (INPUTS, motion.has_forces)) if not there}
+    return [name for name in (*FIGURES, *motion.figures()) if name not in missing]
+
+
+def all_figures() -> list[str]:
+    """Returns the names of the figures of any scenario's run."""
+    return [*FIGURES, *(name for motion in motions() for name in motion().figures())]
 
 
 def draw_contact(record: Record, certified: float | None = None) -> Figure:
@@ -294,17 +294,14 @@ def _name_tube(axis: Axes, record: Record, taken: float | None = None) -> None:
 FIGURES: dict[str, Callable[[Record], Figure]] = {
     "robot.png": draw_robot,
     "task_error.png": draw_task_error,
-    "force.png": draw_contact,
+    FORCE: draw_contact,
     MISSION: draw_mission,
     COVERAGE: draw_coverage,
     "velocities.png": draw_velocities,
     JOINTS: draw_joints,
-    "inputs.png": draw_inputs,
+    INPUTS: draw_inputs,
     THRUSTERS: draw_thrusters,
     "disturbance.png": draw_disturbance,
     "mpc.png": draw_mpc,
     "deviation.png": draw_deviation,
-    "position_errors.png": draw_position_errors,
-    "orientation_errors.png": draw_orientation_errors,
-    "input_norms.png": draw_input_norms,
 }

@@ -72,9 +72,6 @@ CAPTIONS = {
     "mpc.png": "Time of each step of the MPC, its active rows of limits, and the slack of the "
                "terminal set.",
     "deviation.png": "Deviation of the real from the nominal motion, and its bounds.",
-    "position_errors.png": "Position errors, as in the paper.",
-    "orientation_errors.png": "Orientation errors, as in the paper.",
-    "input_norms.png": "Norms of the inputs, as in the paper.",
 }
 SENSED_CAPTIONS = {
     "force.png": "Force along the direction into the wall, real and measured; depth of tip, plan, "

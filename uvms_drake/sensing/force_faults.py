@@ -18,7 +18,7 @@ class ForceFault(SensorFault):
     """A fault of the measured force 𝔉_s, of any sensor."""
 
     place = "force"
-    motions = ("dynamic",)
+    needs_forces = True
 
 
 @dataclass

@@ -158,7 +158,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         disturbance=(
             signals["disturbance"] if bounds_disturbance(scenario, certified) else None),
         pair=controller.GetOutputPort("pair") if shared else None,
-        kinematic=not motion.has_forces, along_run=scenario.contact.is_modelled,
+        run_bound=motion.run_bound(scenario.ancillary, scenario.disturbance.d_bound),
+        along_run=scenario.contact.is_modelled,
         period=scenario.log_period, begin=monitor_begin(scenario, certified),
         slack=MONITOR_SLACK,
         floor=monitor_floor(scenario))

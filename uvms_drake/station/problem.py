@@ -9,7 +9,6 @@ from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.limits import Limit, make_limits, tighten
 from uvms_drake.control.limits.attitude import ANGLES
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
@@ -54,13 +53,6 @@ def true_surface(scenario: "Scenario") -> Surface:
 def shown_surface(scenario: "Scenario", model: ContactModel) -> Surface:
     """Returns the surface for drawing and for task errors: the model's, if it has one."""
     return scenario.contact.shown_surface(model.surface, true_surface(scenario))
-
-
-def make_kinematic_ocp(scenario: "Scenario", model: ContactModel) -> KinematicOcp:
-    """Returns the problem of a scenario with kinematic motion; see `motions.make_ocp`."""
-    y_des, limits = posed_task(scenario, model, accelerations=False)
-    with within("mpc"):
-        return KinematicOcp(model, scenario.mpc, y_des, limits)
 
 
 def make_dynamic_ocp(scenario: "Scenario", model: ContactModel) -> DynamicOcp:

@@ -52,21 +52,18 @@ class Signal(NamedTuple):
 BODY = "Σ_B"
 STATE = Signal((*POSE, JOINTS, *TWIST, SPEEDS), "Σ_I; ν Σ_B", "plant: (𝔮, ζ)")
 INPUT: Components = (*ACCELERATION, RATES)
-KINEMATIC_INPUT: Components = (*TWIST, SPEEDS)
-MOTION_INPUTS = ("u", "nominal_input")
-"""Signals that are velocities if the motion is kinematic."""
 SIGNALS: dict[str, Signal] = {
     "state": STATE,
     "measured_state": STATE._replace(source="navigation: measured (𝔮, ζ)"),
     "nominal_state": STATE._replace(source="nominal MPC: (𝔮̄, ζ̄)"),
     "chi": Signal(POSE, "Σ_I", "plant: pose χ of the end-effector"),
     "chi_nominal": Signal(POSE, "Σ_I", "nominal MPC: pose χ̄; derived, no port"),
-    "u": Signal(INPUT, BODY, "ancillary law: command 𝔲; a velocity with kinematic motion"),
-    "nominal_input": Signal(INPUT, BODY, "nominal MPC: ū; a velocity with kinematic motion"),
+    "u": Signal(INPUT, BODY, "ancillary law: command 𝔲"),
+    "nominal_input": Signal(INPUT, BODY, "nominal MPC: ū"),
     "tau": Signal((*BODY_WRENCH, TORQUES), BODY, "ancillary law: command τ = M𝔲"),
     "zoh_command": Signal((*BODY_WRENCH, TORQUES), BODY, "actuation: τ under the hold"),
     "acceleration": Signal(INPUT, BODY, "plant: ζ̇"),
-    "disturbance": Signal(INPUT, BODY, "disturbance: d; with kinematic motion w of χ̇"),
+    "disturbance": Signal(INPUT, BODY, "disturbance: d"),
     "effective_disturbance": Signal(
         INPUT, BODY, "residual ζ̇ − f(𝔮, ζ) − 𝔲: d and all model errors; derived, no port"),
     "force": Signal(WRENCH, "Σ_I", "plant: 𝔉 on the surface"),
@@ -123,8 +120,8 @@ MPC_SIGNALS = {
 """Signals of the samples of the nominal MPC, in `log.npz` alone."""
 
 
-def column_names(name: str, size: int, slides: Sequence[bool], kinematic: bool = False
-                 ) -> list[str]:
+def column_names(name: str, size: int, slides: Sequence[bool],
+                 own: Mapping[str, Components] | None = None) -> list[str]:
     """Returns the columns of a signal in `log.csv`: name, component and unit.
 
     Those of a signal of a user's own part are numbered.
@@ -133,16 +130,12 @@ def column_names(name: str, size: int, slides: Sequence[bool], kinematic: bool =
         name: Name of the signal.
         size: Number of its components.
         slides: Whether each joint slides.
-        kinematic: Whether the motion is kinematic.
+        own: Components of signals of this motion that are others than in `SIGNALS`.
     """
     known = SIGNALS.get(name)
     if known is None:
         return [name] if size == 1 else [f"{name}/{i}" for i in range(size)]
-    components = known.components
-    if kinematic and name in MOTION_INPUTS:
-        components = KINEMATIC_INPUT
-    if kinematic and size == len(POSE) and components == INPUT:
-        components = tuple((part, f"{unit}/s") for part, unit in POSE)
+    components = (own or {}).get(name, known.components)
     names = []
     for component in components:
         names += ([component] if isinstance(component, tuple)
@@ -161,14 +154,14 @@ def _block(word: str, size: int, slides: Sequence[bool]) -> list[Component]:
             for i in range(count)]
 
 
-def columns_of(signals: Mapping[str, np.ndarray], slides: Sequence[bool], kinematic: bool
-               ) -> dict[str, np.ndarray]:
+def columns_of(signals: Mapping[str, np.ndarray], slides: Sequence[bool],
+               own: Mapping[str, Components] | None = None) -> dict[str, np.ndarray]:
     """Returns the columns (T,) of signals (T, size) or (T,) by their names with units."""
     columns: dict[str, np.ndarray] = {}
     for name, values in signals.items():
         table = values.reshape(len(values), -1)
         if table.shape[1]:
-            columns.update(zip(column_names(name, table.shape[1], slides, kinematic), table.T,
+            columns.update(zip(column_names(name, table.shape[1], slides, own), table.T,
                                strict=True))
     return columns
 

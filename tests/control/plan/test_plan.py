@@ -6,7 +6,6 @@ from pydrake.math import RollPitchYaw
 
 from uvms_drake.control.plan.plan import (
     DynamicPlan,
-    KinematicPlan,
     Plan,
     advance,
     advance_derivatives,
@@ -158,28 +157,3 @@ def test_the_derivatives_of_a_step_are_those_of_differences(derivative):
                 return advance(*changed, H)
 
             np.testing.assert_allclose(by_argument[..., j], derivative(moved), atol=1e-9)
-
-
-def test_a_plan_of_velocities_is_that_of_accelerations_without_any():
-    zeta = random_plan(6).zeta[:-1]
-    plan = KinematicPlan.from_velocities(1.0, H, random_plan(6).config[0], zeta)
-    for k in range(6):
-        same = DynamicPlan.from_accelerations(
-            1.0 + k * H, H, plan.config[k], zeta[k], np.zeros((1, 10)))
-        np.testing.assert_allclose(plan.config[k + 1], same.config[1], atol=1e-14)
-        time = 1.0 + (k + 0.3) * H
-        config, velocity = plan.at(time)
-        np.testing.assert_allclose(config, same.at(time)[0], atol=1e-14)
-        np.testing.assert_array_equal(velocity, zeta[k])
-    np.testing.assert_array_equal(plan.at(1.0 + 2 * H)[1], zeta[1])  # the interval that ends there
-
-
-def test_a_shifted_plan_of_velocities_goes_on_with_the_last_decision():
-    zeta = random_plan(7).zeta[:-1]
-    plan = KinematicPlan.from_velocities(1.0, H, np.zeros(10), zeta)
-    last = np.full(10, 0.1)
-    shifted = plan.shifted(last)
-    assert shifted.start_time == pytest.approx(1.0 + H)
-    np.testing.assert_array_equal(shifted.decision, [*zeta[1:], last])
-    again = shifted.redone(shifted.start, shifted.decision)
-    np.testing.assert_allclose(again.config, shifted.config, atol=1e-14)

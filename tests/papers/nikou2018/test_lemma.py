@@ -9,7 +9,7 @@ from support.random_systems import integrate, norm
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.papers.nikou2018.comparison_system import smallest_k, transpose_tube
-from uvms_drake.papers.nikou2018.kinematic_tube import kinematic_tubes
+from uvms_drake.papers.nikou2018.kinematics.tube import kinematic_tubes
 from uvms_drake.papers.nikou2018.lemma import LemmaConstants, paper_conditions
 
 CALM = LemmaConstants(J_min=1.0, J_max=1.0, J_dot=0.0, L_c=0.0, L_1=0.0, L_2=0.0)

@@ -28,7 +28,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added, cached, output_of
-from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, pair_of
+from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, RunBound, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
 ALARMS = ("set", "trajectory", "disturbance")
@@ -121,10 +121,11 @@ class TubeMonitor(LeafSystem):
     Args:
         model: The controller's model.
         law: The law and its gains.
-        d_bound: d̃, bound of ‖Ŵ⁻¹d‖₂, or w̃.
+        d_bound: d̃, bound of ‖Ŵ⁻¹d‖₂.
         radii: Set-wise bounds by the names of `FIELDS`; others are not checked.
-        weights: Diagonal of Ŵ (6+n,), at most 1; 1 for a ball.
-        kinematic: Whether the velocity is the input and w, not d, the disturbance.
+        weights: Diagonal of Ŵ, one for each component of the disturbance, at most 1; 1 for a ball
+            of 6 + n.
+        run_bound: Bound along the run in place of the law's own, for other dynamics; None: its own.
         along_run: Whether the law's bound along the run is monitored; it holds for d alone.
         period: Period of the samples [s]; zero for one at the beginning of each step of the
             simulation, which does not change the steps.
@@ -139,10 +140,10 @@ class TubeMonitor(LeafSystem):
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw, d_bound: float,
                  radii: Mapping[str, float], *, weights: np.ndarray | float = 1.0,
-                 kinematic: bool = False, along_run: bool = True, period: float = 0.01,
+                 run_bound: RunBound | None = None, along_run: bool = True, period: float = 0.01,
                  begin: float = 0.0, slack: float = 1e-6, floor: float = FLOOR):
         super().__init__()
-        law.check(kinematic=kinematic)
+        law.check()
         require(0.0 <= d_bound < np.inf, "d_bound", d_bound, "zero or positive")
         require(0.0 <= period < np.inf, "period", period, "zero or positive")
         require(0.0 <= begin < np.inf, "begin", begin, "zero or positive")
@@ -154,11 +155,11 @@ class TubeMonitor(LeafSystem):
         self._begin, self._slack, self._floor = begin, slack, floor
         self._radii = np.array([radii.get(field, np.inf) for field in FIELDS])
         require(not np.any(self._radii < 0.0), "radii", self._radii, "zero or positive")
-        self._weights = weights * np.ones(6 if kinematic else model.size)
+        self._weights = np.full(model.size, weights) if np.ndim(weights) == 0 else (
+            np.asarray(weights, dtype=float))
         self._along = None
         if along_run:
-            self._along = (law.kinematic_run_bound(d_bound) if kinematic
-                           else law.run_bound(d_bound, self._weights))
+            self._along = run_bound or law.run_bound(d_bound, self._weights)
         self._declare_ports(len(self._weights))
         # The samples, which a simulation takes at a period or at its own steps.
         never = np.full(len(ALARMS), np.inf)

@@ -1,7 +1,7 @@
 """Interface of an ancillary law: its command, its errors and its bound along the run.
 
-A law is a dataclass of its gains that derives from `AncillaryLaw`. A closed loop needs only one of
-`command` and `velocity`. It has a certificate if `tube.law_tube.register_tube` has its tube.
+A law is a dataclass of its gains that derives from `AncillaryLaw`. A closed loop needs only its
+`command`. It has a certificate if `tube.law_tube.register_tube` has its tube.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.errors import require
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
@@ -162,12 +162,8 @@ class AncillaryLaw(ABC):
         """Whether the law feeds back 𝔢_y, the joints in it, and not 𝔢 of the end-effector alone."""
         return True
 
-    def check(self, *, kinematic: bool = False) -> None:  # noqa: B027  there may be no gains
-        """Raises `InvalidParameter` for a gain that has no meaning.
-
-        Args:
-            kinematic: Whether the velocity is the input, so that some gains are not read.
-        """
+    def check(self) -> None:  # noqa: B027  there may be no gains
+        """Raises `InvalidParameter` for a gain that has no meaning."""
 
     @abstractmethod
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
@@ -181,17 +177,6 @@ class AncillaryLaw(ABC):
             nominal_input: Function that returns ū (6+n,) [m/s², rad/s²]; it costs an evaluation of
                 f.
         """
-
-    def velocity(self, model: UvmsModel, configuration: np.ndarray, nominal_state: np.ndarray
-                 ) -> np.ndarray:
-        """Returns the command ζ (6+n,) of kinematic motion; by default there is none.
-
-        Args:
-            model: Supplies J_x.
-            configuration: 𝔮 measured (6+n,).
-            nominal_state: (𝔮̄, ζ̄) (2(6+n),).
-        """
-        raise InvalidParameter("ancillary", self.name, "a law with a velocity (motion: kinematic)")
 
     def observed(self, model: UvmsModel) -> Observed | None:
         """Returns the outputs of which `Pair.estimate` is the disturbance, if there are any."""
@@ -211,17 +196,9 @@ class AncillaryLaw(ABC):
         """
         return None
 
-    def kinematic_run_bound(self, w_bound: float) -> RunBound | None:
-        """Returns the bound along a run of χ̇ = J(𝔮)ζ + w, if the law has one.
 
-        Args:
-            w_bound: w̃, bound of ‖w‖₂.
-        """
-        return None
-
-
-def check_gains(law: AncillaryLaw, *, kinematic: bool) -> None:
-    """Raises `InvalidParameter` unless σ, and with dynamics k, are positive."""
-    for key in ("sigma",) if kinematic else ("k", "sigma"):
+def check_gains(law: AncillaryLaw) -> None:
+    """Raises `InvalidParameter` unless k and σ are positive."""
+    for key in ("k", "sigma"):
         value = getattr(law, key)
         require(bool(0.0 < value < math.inf), key, value, "positive")

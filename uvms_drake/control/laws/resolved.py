@@ -6,8 +6,8 @@ With J_x = [J; 0 I], 𝔢_y = y − ȳ and Euler angles compared modulo 2π,
 
 leaves exactly 𝔢̇_y = −σ 𝔢_y + J_x(𝔮) 𝔯 and 𝔯̇ = −k 𝔯 + d: a cascade without f in it, and
 ‖𝔢_y‖ ≤ J̄ d̃/(kσ), ‖𝔯‖ ≤ d̃/k for every k, σ > 0. τ = M(𝔮)u is the inverse dynamics at ζ̇_ref − k𝔯,
-with the measured contact force 𝔉_s in place of the model's, if there is one. Where the velocity is
-the input, ζ = ζ_ref leaves 𝔢̇_y = −σ 𝔢_y + (w, 0). Proof: control/laws/theory.md#law-resolved.
+with the measured contact force 𝔉_s in place of the model's, if there is one. Proof:
+control/laws/theory.md#law-resolved.
 """
 
 from collections.abc import Callable
@@ -33,14 +33,14 @@ class Resolved(AncillaryLaw):
     """The law `resolved` and its gains."""
 
     k: float = 20.0
-    """Gain of the velocity error [1/s]; not read where the velocity is the input."""
+    """Gain of the velocity error [1/s]."""
     sigma: float = 5.0
     """σ, gain of the task error [1/s]."""
 
     takes_force = True
 
-    def check(self, *, kinematic: bool = False) -> None:  # noqa: D102  see AncillaryLaw
-        check_gains(self, kinematic=kinematic)
+    def check(self) -> None:  # noqa: D102  see AncillaryLaw
+        check_gains(self)
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:
@@ -58,19 +58,10 @@ class Resolved(AncillaryLaw):
         M = model.mass_matrix(measured)
         return Command(np.linalg.solve(M, tau), tau, M)
 
-    def velocity(self, model: UvmsModel, configuration: np.ndarray, nominal_state: np.ndarray
-                 ) -> np.ndarray:
-        """Returns ζ = J_x(𝔮)⁻¹ [J_x(𝔮̄) ζ̄ − σ 𝔢_y] (6+n,)."""
-        nominal_configuration, nominal_zeta = np.split(nominal_state, 2)
-        error = pose_difference(
-            model.task_pose(configuration), model.task_pose(nominal_configuration))
-        velocity = model.task_jacobian(nominal_configuration) @ nominal_zeta
-        return np.linalg.solve(model.task_jacobian(configuration), velocity - self.sigma * error)
-
     def deviation(self, now: Pair) -> Deviation:
         """Returns the errors; 𝔯 = ζ − J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]."""
         e_y, z = pose_difference(*now.y), now.zeta[0] - now.zeta[1]
-        return Deviation(e_y, e_y, z, z - _offset(now) + self.sigma * now.inverse @ e_y)
+        return Deviation(e_y, e_y, z, z - reference_offset(now) + self.sigma * now.inverse @ e_y)
 
     def run_bound(self, d_bound: float, weights: np.ndarray) -> RunBound:
         """Returns the bound along a run of the dynamics.
@@ -97,23 +88,7 @@ class Resolved(AncillaryLaw):
 
     def _bounds(self, x: np.ndarray, now: Pair) -> np.ndarray:
         R, blocks, P = x[0], x[1:5], x[5]
-        return np.array([*blocks, R + self.sigma * P + _size(_offset(now)), R])
-
-    def kinematic_run_bound(self, w_bound: float) -> RunBound:
-        """Returns the bound along a run of the kinematics.
-
-        𝔢̇_y = −σ𝔢_y + (w, 0) exactly, so Ė = −σE + w̃ for the task and its blocks, which a constant w
-        takes to their bounds, and without w̃ for the joints. ‖𝔷‖ is compared with
-        σ‖J_x(𝔮)⁻¹‖E + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖, and 𝔯 with zero, its value where ζ is the
-        command. The states are the E of task, position, orientation and joints.
-        """
-        drive = np.array([w_bound, w_bound, w_bound, 0.0])
-        return RunBound(4, lambda E, now: drive - self.sigma * E, self._kinematic_bounds,
-                        from_deviation=True)
-
-    def _kinematic_bounds(self, E: np.ndarray, now: Pair) -> np.ndarray:
-        smallest = np.linalg.svd(now.J_x[0], compute_uv=False)[-1]
-        return np.array([*E, self.sigma / smallest * E[0] + _size(_offset(now)), 0.0])
+        return np.array([*blocks, R + self.sigma * P + _size(reference_offset(now)), R])
 
 
 def gains_and_growth(now: Pair, weights: np.ndarray) -> tuple[np.ndarray, float]:
@@ -131,7 +106,7 @@ def gains_and_growth(now: Pair, weights: np.ndarray) -> tuple[np.ndarray, float]
     return np.array([*np.sqrt([whole, *blocks]), joints, 1.0]), float(mu)
 
 
-def _offset(now: Pair) -> np.ndarray:
+def reference_offset(now: Pair) -> np.ndarray:
     """Returns ζ_ref − ζ̄ at 𝔢_y = 0, J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄ (6+n,)."""
     return now.inverse @ (now.J_x[1] @ now.zeta[1]) - now.zeta[1]
 

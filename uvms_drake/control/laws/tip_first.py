@@ -69,7 +69,7 @@ class TipFirst(AncillaryLaw):
 
     takes_force = takes_wrench = True
 
-    def check(self, *, kinematic: bool = False) -> None:  # noqa: D102  see AncillaryLaw
+    def check(self) -> None:  # noqa: D102  see AncillaryLaw
         for key in ("vehicle", "tip"):
             with within(key):
                 getattr(self, key).check()

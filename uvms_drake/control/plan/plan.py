@@ -1,6 +1,6 @@
 """Nominal trajectory ξ̄(t): a piecewise constant decision and the motion that follows from it.
 
-`DynamicPlan` decides accelerations ζ̄̇, `KinematicPlan` velocities ζ̄. Between its knots a plan is
+`DynamicPlan` decides accelerations ζ̄̇. Between its knots a plan is
 evaluated, not held: 𝔮̄ is one step of a fourth-order Runge–Kutta method from the last knot, whose
 error is below 1e-7 rad at the speeds of an underwater vehicle and h = 0.2 s (it grows with h⁵).
 """
@@ -298,58 +298,3 @@ class DynamicPlan(Plan):
             config=np.concatenate([other.config[first], self.config]),
             zeta=np.concatenate([other.zeta[first], self.zeta]),
             zeta_dot=np.concatenate([other.zeta_dot[first], self.zeta_dot]))
-
-
-@dataclass(frozen=True)
-class KinematicPlan(Plan):
-    """A plan of velocities, constant on every interval."""
-
-    zeta: np.ndarray
-    """ζ̄ on the intervals (N, 6+n)."""
-
-    @staticmethod
-    def from_velocities(start_time: float, time_step: float, config: np.ndarray, zeta: np.ndarray
-                        ) -> "KinematicPlan":
-        """Returns the plan that starts at 𝔮 (6+n,) and has the velocities (N, 6+n)."""
-        configs = roll_out(config, zeta, np.zeros_like(zeta), time_step)
-        return KinematicPlan(start_time, time_step, configs, zeta)
-
-    @property
-    def decision(self) -> np.ndarray:
-        """Velocities ζ̄."""
-        return self.zeta
-
-    @property
-    def start(self) -> np.ndarray:
-        """First configuration 𝔮̄ (6+n,)."""
-        return self.config[0]
-
-    def redone(self, start: np.ndarray, decision: np.ndarray) -> "KinematicPlan":
-        """Returns the plan from another 𝔮 or with other velocities."""
-        return KinematicPlan.from_velocities(self.start_time, self.time_step, start, decision)
-
-    def at(self, time: float, since: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Returns 𝔮̄ and ζ̄ (6+n,); at a knot, ζ̄ is that of the interval that ends there."""
-        index, duration = self._interval(time, since)
-        zeta = self.zeta[index]
-        return advance_one(self.config[index], zeta, np.zeros_like(zeta), duration), zeta
-
-    def shifted(self, last_decision: np.ndarray) -> "KinematicPlan":
-        """Returns the plan one interval later, with this ζ̄ (6+n,) at its end."""
-        last = advance(
-            self.config[-1], last_decision, np.zeros_like(last_decision), self.time_step)
-        return KinematicPlan(
-            self.start_time + self.time_step, self.time_step,
-            np.concatenate([self.config[1:], last[None]]),
-            np.concatenate([self.zeta[1:], last_decision[None]]))
-
-    def after(self, knot: int) -> "KinematicPlan":
-        """Returns the part of the plan after one of its knots."""
-        return replace(self, start_time=self.start_time + knot * self.time_step,
-                       config=self.config[knot:], zeta=self.zeta[knot:])
-
-    def preceded(self, other: "KinematicPlan", intervals: int) -> "KinematicPlan":
-        """Returns the plan with the first intervals of another one, which end where it begins."""
-        return replace(self, start_time=other.start_time,
-                       config=np.concatenate([other.config[:intervals], self.config]),
-                       zeta=np.concatenate([other.zeta[:intervals], self.zeta]))

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.plan.stiff_regulator import linear_regulator
@@ -89,32 +88,6 @@ def _fastest_mode(J_x: np.ndarray, f_y: np.ndarray, f_zeta: np.ndarray) -> str:
     cause = ("damping there, viscous or of the surface, over the inertia" if damped
              else "stiffness there, of the surface or of weight, over the inertia")
     return f"{abs(values[fastest]):.3g} 1/s, which moves {where} most, by the {cause}"
-
-
-def kinematic_terminal_ingredients(
-    J_x: np.ndarray, Q: np.ndarray, R: np.ndarray, time_step: float, radius: float,
-    inflation: float = INFLATION,
-) -> Terminal:
-    """Returns the ingredients for ξ⁺ = ξ + hJ_x ζ, ξ = y − y_des, and the input ζ.
-
-    Args:
-        J_x: Jacobian of the extended task (6+n, 6+n) at the equilibrium.
-        Q: Diagonal weight of ξ (6+n, 6+n); where the joints' is zero, they are left out of the
-            design, and of P.
-        R: Weight of ζ (6+n, 6+n).
-        time_step: h [s].
-        radius: ε.
-        inflation: μ ≥ 0.
-    """
-    size = len(J_x)
-    weighted = np.diag(Q) > 0.0
-    kept = np.ix_(weighted, weighted)
-    K, riccati = DiscreteTimeLinearQuadraticRegulator(
-        A=np.eye(size)[kept], B=time_step * J_x[weighted], Q=time_step * Q[kept], R=time_step * R)
-    P, gain = np.zeros((size, size)), np.zeros((size, size))
-    P[kept] = 0.5 * (1.0 + inflation) * (riccati + riccati.T)
-    gain[:, weighted] = -K
-    return Terminal(P=P, gain=gain, radius=radius)
 
 
 def declared_terminal(weight: np.ndarray, num_inputs: int, radius: float) -> Terminal:

@@ -47,8 +47,8 @@ class Signals(dict[str, OutputPort]):
 class Component:
     """Component that a scenario can add to the closed loop."""
 
-    motions: ClassVar[tuple[str, ...]] = ("dynamic", "kinematic")
-    """Motions of a scenario for which it is defined."""
+    needs_forces: ClassVar[bool] = False
+    """Whether it is defined only where forces move the robot."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""

@@ -11,7 +11,7 @@ from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.papers.nikou2018.comparison_system import smallest_k, transpose_tube
 from uvms_drake.papers.nikou2018.constants import TRANSPOSE, lemma_constants
-from uvms_drake.papers.nikou2018.kinematic_tube import KINEMATIC, kinematic_tubes
+from uvms_drake.papers.nikou2018.kinematics.tube import KINEMATIC, kinematic_tubes
 from uvms_drake.papers.nikou2018.lemma import paper_conditions
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario

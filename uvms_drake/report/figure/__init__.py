@@ -1,1 +1,1 @@
-"""Figures of the force, the contact estimate, the error budget and the kinematic motion."""
+"""Figures of the force, the contact estimate and the error budget."""

@@ -46,7 +46,6 @@ class Dynamic(Motion[DynamicOcp]):
     disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
     disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
     stages = (0.04, 0.7, 0.99)
-    figures = ("force.png", "inputs.png")
     adversaries = KINDS
 
     def check(self, scenario: "Scenario") -> None:

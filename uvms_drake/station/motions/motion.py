@@ -1,18 +1,21 @@
 """The interface of a kind of motion, for the station and the rooms above it."""
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
+from uvms_drake.control.laws.law import AncillaryLaw, RunBound
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.station.signals import Components
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.law_tube import Theories
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -58,8 +61,8 @@ class Motion(ABC, Generic[AnyOcp]):
     stages: ClassVar[tuple[float, float, float]]
     """Elapsed fractions of the time of a certificate at which tube, terminal set and first plan
     begin, about, in the shipped scenarios."""
-    figures: ClassVar[tuple[str, ...]]
-    """Figures that no other motion has."""
+    components: ClassVar[Mapping[str, Components]] = {}
+    """Components of signals in `log.csv` that are others than in `signals.SIGNALS`."""
     adversaries: ClassVar[tuple[str, ...]]
     """Kinds of disturbance that a campaign draws from."""
 
@@ -92,6 +95,14 @@ class Motion(ABC, Generic[AnyOcp]):
     def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
                         seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
         """Adds the source of d or w and returns its port; see `Disturbance`."""
+
+    def run_bound(self, law: AncillaryLaw, d_bound: float) -> RunBound | None:
+        """Returns the bound along a run in place of the law's own, which is for the dynamics."""
+        return None
+
+    def figures(self) -> dict[str, Callable[..., Any]]:
+        """Returns figures that no other motion has, by file: functions of a `Record`."""
+        return {}
 
     @abstractmethod
     def completed(self, scenario: "Scenario", model: ContactModel, logs: dict[str, np.ndarray]

@@ -8,14 +8,13 @@ from uvms_drake.control.limits import Limit, make_limits
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions.dynamic import Dynamic
-from uvms_drake.station.motions.kinematic import Kinematic
 from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.problem import load_model
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario
 
-offer(Motion, Dynamic, Kinematic)
+offer(Motion, Dynamic)
 
 
 def motions() -> tuple[type[Motion], ...]:

@@ -102,9 +102,8 @@ class Scenario:
     duration: float = 20.0
     """Simulated time [s]. A sensor drifts until its end, and a certificate counts with that."""
     motion: str = "dynamic"
-    """Kind of motion: `dynamic`, forces move the robot; or `kinematic`, the velocity ζ is the
-    input, the end-effector's velocity is disturbed and the force only follows from the pose, as in
-    the paper's simulation."""
+    """Kind of motion: `dynamic`, forces move the robot; or one that a module registers, as
+    `kinematic` of `papers.nikou2018`, where the velocity ζ is the input."""
     model: str = "girona500_arm5e"
     """Name of a shipped robot, or a robot's folder, from the scenario's file or from where the
     program runs."""
@@ -194,7 +193,7 @@ def check_scenario(scenario: Scenario) -> None:
     The parts check their own parameters when they are built; these are the remaining ones.
     """
     # Motion, seed, start and times.
-    motion_named(scenario.motion)
+    motion = motion_named(scenario.motion)
     require(scenario.seed <= LARGEST_SEED, "seed", scenario.seed, f"at most {LARGEST_SEED}")
     angles = np.asarray(scenario.start.eta, dtype=float)[3:]
     require(bool(np.all(np.abs(angles) <= 2.0 * np.pi)), "start.eta", scenario.start.eta,
@@ -218,13 +217,13 @@ def check_scenario(scenario: Scenario) -> None:
         check_model_error(scenario.model_error)
     with within("surface_error"):
         check_surface_error(scenario.surface_error)
-    check_components("sensing", scenario.sensing, scenario.motion)
-    check_components("actuation", scenario.actuation, scenario.motion)
+    check_components("sensing", scenario.sensing, motion)
+    check_components("actuation", scenario.actuation, motion)
     for i, part in enumerate(scenario.actuation):
         require(not isinstance(part, IdealWrench) or (len(scenario.actuation) == i + 1 and not any(
             type(each) is Thrusters for each in scenario.actuation)), f"actuation[{i}]",
             "IdealWrench", "the last part, and left out beside !Thrusters")
-    check_faults(scenario.faults, scenario.motion)
+    check_faults(scenario.faults, motion)
     _check_simulator(scenario.simulator)
     check_cost(scenario.duration, scenario.log_period, scenario.simulator.max_step_size,
                scenario.mpc.time_step, scenario.mpc.horizon)

@@ -10,7 +10,6 @@ from uvms_drake.control.limits.attitude import VehicleAngle
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
-from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.frames.euler import pose_difference, wrap_angle
@@ -40,7 +39,8 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     numbers,
     robot,
 )
-from uvms_drake.papers.nikou2018.kinematic_tube import kinematic_tubes
+from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
+from uvms_drake.papers.nikou2018.kinematics.tube import kinematic_tubes
 
 HOLDING = 40
 """Samples for the MPC to hold the task against a constant w."""

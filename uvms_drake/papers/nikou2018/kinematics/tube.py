@@ -1,5 +1,6 @@
-"""Tube of the law `transpose` on the kinematics χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃, whose input is ζ.
+"""Tubes of both laws on the kinematics χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃, whose input is ζ.
 
+The radii of 𝔢 are in closed form, the attitude of the vehicle is proven by `attitude_radii`.
 Theorem: papers/nikou2018/theory.md#kinematic-tubes.
 """
 
@@ -8,15 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.papers.nikou2018.kinematics.velocity_radii import second_velocities, velocity_radii
 from uvms_drake.papers.nikou2018.transpose import Transpose
 from uvms_drake.papers.nikou2018.transpose_tube import undetermined_joints
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constant_check import checked_constants
-from uvms_drake.tube.law_tube import Basis, LawTube, register_tube
-from uvms_drake.tube.laws.kinematic import KINEMATIC_TUBES
+from uvms_drake.tube.law_tube import Basis, LawTube, Theories, register_tube
 from uvms_drake.tube.resolved.bounds import attitude_radii
 
+KINEMATIC_TUBES: Theories = {}
+"""Theories of the laws that have a tube where the velocity is the input."""
 KINEMATIC = ("J_min", "J_max", "L_c_chi")
 KINEMATIC_JOINTS = ("Jx_inv_max", "Jx_max", "L_c")
 """Constants of the law `transpose`, in χ and in y."""
@@ -53,6 +57,21 @@ def kinematic_tubes(J_min: float, L_c: float, sigma: float, w_bound: float) -> K
     corrected = w_bound / (sigma * J_min - L_c) if condition.holds else math.inf
     return KinematicTubes(
         w_bound / (sigma * J_min + L_c), corrected, w_bound / sigma, condition)
+
+
+@register_tube(Resolved, theories=KINEMATIC_TUBES)
+def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
+    """Returns the tube of ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; it needs no constant."""
+    settings, e = basis.settings, basis.d_bound / law.sigma
+    nu1, nu2 = velocity_radii(
+        basis.model, basis.declared, radius=e, sigma=law.sigma, samples=settings.tube_samples,
+        safety_factor=settings.safety_factor, seed=settings.seed)
+    roll, pitch = attitude_radii(basis.declared, e)
+    tube = TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
+                     nu1=nu1, nu2=nu2, qdot=0.0, tip_speed=2.0 * law.sigma * e, roll=roll,
+                     pitch=pitch)
+    return LawTube(tube, (), estimated=("z", "nu1", "nu2"), check=lambda: second_velocities(
+        basis.model, basis.declared, e, law.sigma, (nu1, nu2), settings.seed))
 
 
 def kinematic_constants(law: Transpose, weights: np.ndarray) -> tuple[str, ...]:

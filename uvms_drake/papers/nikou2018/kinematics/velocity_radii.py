@@ -1,7 +1,6 @@
-"""Tube of the kinematic model χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃, whose input is ζ.
+"""Radii of the velocities under the law `resolved` where the velocity is the input.
 
-The radii of 𝔢 are in closed form, the attitude of the vehicle is proven by `attitude_radii`. Under
-`resolved`, with J = [J_v J_a] of vehicle and arm, ζ = (ν, q̇) and 𝔮 = 𝔮(ȳ + (𝔢, 0)),
+With J = [J_v J_a] of vehicle and arm, ζ = (ν, q̇) and 𝔮 = 𝔮(ȳ + (𝔢, 0)),
 
     q̇ = q̄̇,    ν − ν̄ = J_v(𝔮)⁻¹[J(𝔮̄)ζ̄ − J_a(𝔮)q̄̇ − σ𝔢] − ν̄,                                   (1)
 
@@ -13,14 +12,10 @@ from functools import partial
 
 import numpy as np
 
-from uvms_drake.control.laws.resolved import Resolved
-from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.tube.constants.constants import START_RANKS
-from uvms_drake.tube.law_tube import Basis, LawTube, Theories, register_tube
-from uvms_drake.tube.resolved.bounds import attitude_radii
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Estimate
 from uvms_drake.tube.search.local_search import DIFFERENCE, climb
@@ -30,23 +25,6 @@ from uvms_drake.tube.search.second_search import second_search
 STEPS = 4
 """Ascent steps of the search for the worst error 𝔢."""
 _BLOCKS = (slice(0, 3), slice(3, 6))
-KINEMATIC_TUBES: Theories = {}
-"""Theories of the laws that have a tube where the velocity is the input."""
-
-
-@register_tube(Resolved, theories=KINEMATIC_TUBES)
-def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
-    """Returns the tube of ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; it needs no constant."""
-    settings, e = basis.settings, basis.d_bound / law.sigma
-    nu1, nu2 = velocity_radii(
-        basis.model, basis.declared, radius=e, sigma=law.sigma, samples=settings.tube_samples,
-        safety_factor=settings.safety_factor, seed=settings.seed)
-    roll, pitch = attitude_radii(basis.declared, e)
-    tube = TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
-                     nu1=nu1, nu2=nu2, qdot=0.0, tip_speed=2.0 * law.sigma * e, roll=roll,
-                     pitch=pitch)
-    return LawTube(tube, (), estimated=("z", "nu1", "nu2"), check=lambda: _second_velocities(
-        basis.model, basis.declared, e, law.sigma, (nu1, nu2), settings.seed))
 
 
 def velocity_deviation(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
@@ -146,7 +124,7 @@ class _VelocityProblem(SearchProblem):
         return velocity_deviation(self.model, self.config(pose), zeta, error[..., :6], self.sigma)
 
 
-def _second_velocities(model: ContactModel, declared: ConstraintSet, radius: float, sigma: float,
+def second_velocities(model: ContactModel, declared: ConstraintSet, radius: float, sigma: float,
                        claims: tuple[float, float], seed: int) -> tuple[Estimate, ...]:
     """Returns the estimates of `velocity_radii`."""
     nominal = replace(declared, tip_pitch=declared.tip_pitch - radius)

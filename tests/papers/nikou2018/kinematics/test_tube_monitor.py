@@ -16,14 +16,15 @@ from uvms_drake.control.laws.law import pair_of
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.papers.nikou2018 import Transpose
-from uvms_drake.papers.nikou2018.kinematic_tube import kinematic_tubes
-from uvms_drake.plant.adversary import TaskAdversary
+from uvms_drake.papers.nikou2018.kinematics.disturbance import TaskAdversary
+from uvms_drake.papers.nikou2018.kinematics.laws import velocity_law
+from uvms_drake.papers.nikou2018.kinematics.plant import make_kinematic_plant
+from uvms_drake.papers.nikou2018.kinematics.tube import kinematic_tubes
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.plant.kinematic_plant import make_kinematic_plant
 
 pytestmark = pytest.mark.long
 
@@ -50,6 +51,11 @@ def commanded(model, law, config, nominal_state) -> np.ndarray:
     if isinstance(law, Resolved):
         return np.linalg.solve(J, J_nominal @ nominal_zeta - law.sigma * e_y)
     return nominal_zeta - law.sigma * J_nominal[:6].T @ e_y[:6]
+
+
+def of_kinematics(law, w_bound: float = W_BOUND) -> dict:
+    """Returns the options of a monitor of χ̇ = J(𝔮)ζ + w."""
+    return {"weights": np.ones(6), "run_bound": velocity_law(law).run_bound(law, w_bound)}
 
 
 class Nominal(LeafSystem):
@@ -103,7 +109,7 @@ def closed_loop(model, law, attack, *, start=START, until=np.inf, w_bound=W_BOUN
     monitor = TubeMonitor.AddToBuilder(
         builder, model, law, w_bound, radii or {}, state=plant.GetOutputPort("state"),
         nominal_state=nominal.get_output_port(), disturbance=plant.GetOutputPort("disturbance"),
-        kinematic=True, slack=slack, floor=floor, **options)
+        **of_kinematics(law, w_bound), slack=slack, floor=floor, **options)
     if attack is None:
         adversary = TaskAdversary.AddToBuilder(
             builder, W_BOUND, np.eye(6)[1], e=monitor.GetOutputPort("e"))
@@ -144,7 +150,7 @@ def test_the_rates_bound_how_fast_the_error_grows(model, states, name):
 def rate_of(model, law, state, nominal_state) -> tuple[float, float]:
     """Returns a and b of Ė = −aE + b, of the task."""
     now = pair_of(model, state, nominal_state)
-    along = law.kinematic_run_bound(W_BOUND)
+    along = velocity_law(law).run_bound(law, W_BOUND)
     drive, moved = (along.rate(np.full(along.size, E), now)[0] for E in (0.0, 1.0))
     return drive - moved, drive
 
@@ -275,7 +281,7 @@ def scripted(model, law, state, nominal, **options):
     script = builder.AddSystem(Script(state=lambda t: state, nominal=lambda t: nominal))
     monitor = TubeMonitor.AddToBuilder(
         builder, model, law, W_BOUND, {}, state=script.GetOutputPort("state"),
-        nominal_state=script.GetOutputPort("nominal"), kinematic=True, **options)
+        nominal_state=script.GetOutputPort("nominal"), **of_kinematics(law), **options)
     simulator = Simulator(builder.Build())
     use_fixed_steps(simulator)
     return simulator, monitor, monitor.GetMyContextFromRoot(simulator.get_context())
@@ -338,8 +344,9 @@ def test_it_may_start_at_any_time_and_starts_at_its_first_sample_that_counts(mod
 
 
 def test_its_ports_are_those_of_the_dynamic_one_but_for_the_disturbance(model):
-    monitors = [TubeMonitor(model, LAWS["resolved"], W_BOUND, {}, kinematic=kinematic)
-                for kinematic in (True, False)]
+    law = LAWS["resolved"]
+    monitors = [TubeMonitor(model, law, W_BOUND, {}, **options)
+                for options in (of_kinematics(law), {})]
     outputs, expected = ({
         monitor.get_output_port(i).get_name(): monitor.get_output_port(i).size()
         for i in range(monitor.num_output_ports())} for monitor in monitors)
@@ -359,4 +366,4 @@ def test_its_ports_are_those_of_the_dynamic_one_but_for_the_disturbance(model):
     ((LAWS["resolved"], 0.1, {}), {"period": -1.0}, "^period = -1")])
 def test_bad_parameters_are_named(model, arguments, options, message):
     with pytest.raises(InvalidParameter, match=message):
-        TubeMonitor(model, *arguments, kinematic=True, **options)
+        TubeMonitor(model, *arguments, **of_kinematics(arguments[0]), **options)

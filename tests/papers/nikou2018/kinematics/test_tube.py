@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.tube.laws.kinematic` and of `certify` on the paper's own simulation."""
+"""Tests of `kinematics.tube`, `velocity_radii` and of `certify` on the paper's simulation."""
 
 import json
 from dataclasses import replace
@@ -28,10 +28,8 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import make_limits, resolved_radii, tighten
-from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.plan.plan import KinematicPlan
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.surface.law import check_surface
@@ -39,6 +37,15 @@ from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.papers.nikou2018.compare_laws import compare_laws
 from uvms_drake.papers.nikou2018.comparison import with_paper
+from uvms_drake.papers.nikou2018.kinematics.laws import velocity_law
+from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
+from uvms_drake.papers.nikou2018.kinematics.plan import KinematicPlan
+from uvms_drake.papers.nikou2018.kinematics.velocity_radii import (
+    TRANSPOSE,
+    transpose_kinematic_tube,
+    velocity_deviation,
+    worst_errors,
+)
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
@@ -46,12 +53,6 @@ from uvms_drake.studies.pareto_front import pareto_front
 from uvms_drake.studies.propose_gains import propose_gains
 from uvms_drake.tube.constants.constants import estimate_constants
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.laws.kinematic import (
-    TRANSPOSE,
-    transpose_kinematic_tube,
-    velocity_deviation,
-    worst_errors,
-)
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.terminal_set import (
     TerminalLoop,
@@ -188,8 +189,9 @@ def test_the_deviation_is_what_the_law_itself_leaves(ocp, nominal):
         error = 0.05 * rng.normal(size=6)
         y = model.task_pose(config)
         y[:6] += error
-        real = Resolved(sigma=sigma).velocity(
-            model, model.configuration(y), np.concatenate([config, zeta]))
+        law = Resolved(sigma=sigma)
+        real = velocity_law(law).velocity(
+            law, model, model.configuration(y), np.concatenate([config, zeta]))
         np.testing.assert_allclose(
             velocity_deviation(model, config, zeta, error, sigma), (real - zeta)[:6], atol=1e-9)
         np.testing.assert_allclose(real[6:], zeta[6:], atol=1e-12)
@@ -259,7 +261,7 @@ def closed_loop(model: ContactModel, plan: KinematicPlan, law: AncillaryLaw, att
         state = np.concatenate(plan.at(inside))
         error = model.task_pose(config) - model.task_pose(state[: model.size])
         error[3:6] = wrap_angle(error[3:6])
-        zeta = law.velocity(model, config, state)
+        zeta = velocity_law(law).velocity(law, model, config, state)
         w = attack(time, config, error[:6])
         if inside == time:
             found["error"].append(error)

@@ -15,15 +15,15 @@ from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.papers.nikou2018.kinematics.plant import (
+    PITCH_MARGIN,
+    carried_rate,
+    make_kinematic_plant,
+)
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
     RandomDisturbance,
     SinusoidalDisturbance,
-)
-from uvms_drake.plant.kinematic_plant import (
-    PITCH_MARGIN,
-    carried_rate,
-    make_kinematic_plant,
 )
 
 MODEL = "girona500_arm5e"

@@ -1,34 +1,46 @@
 """Kinematic motion: the velocity is the input, w is added to the end-effector's velocity."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.kinds import register
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
-from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
+from uvms_drake.control.laws.law import AncillaryLaw, RunBound
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.solvers import make_solver
-from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.papers.nikou2018.kinematics.controller import make_kinematic_tube_mpc
+from uvms_drake.papers.nikou2018.kinematics.disturbance import add_tip_disturbance
+from uvms_drake.papers.nikou2018.kinematics.laws import velocity_law
+from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
+from uvms_drake.papers.nikou2018.kinematics.plant import make_kinematic_plant
+from uvms_drake.papers.nikou2018.kinematics.tube import KINEMATIC_TUBES
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.plant.kinematic_plant import make_kinematic_plant
 from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.problem import make_kinematic_ocp
+from uvms_drake.station.problem import posed_task
+from uvms_drake.station.signals import POSE, SPEEDS, TWIST, Components
 from uvms_drake.tube.constants.constants import Constant, estimate_constants
-from uvms_drake.tube.laws.kinematic import KINEMATIC_TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario
 
+VELOCITY: Components = (*TWIST, SPEEDS)
+"""Components of the input."""
+TIP_VELOCITY: Components = tuple((part, f"{unit}/s") for part, unit in POSE)
+"""Components of w."""
 
+
+@register
 @dataclass
 class Kinematic(Motion[KinematicOcp]):
     """The robot moves at the commanded velocity, without water and forces."""
@@ -42,7 +54,9 @@ class Kinematic(Motion[KinematicOcp]):
     disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
     disturbance_blocks = ("position", "orientation")
     stages = (0.01, 0.96, 0.98)
-    figures = ("position_errors.png", "orientation_errors.png", "input_norms.png")
+    components: ClassVar[dict[str, Components]] = {
+        "u": VELOCITY, "nominal_input": VELOCITY, "disturbance": TIP_VELOCITY,
+        "effective_disturbance": TIP_VELOCITY}
     adversaries = ("along_task_error", "constant", "sinusoid")
 
     def check(self, scenario: "Scenario") -> None:
@@ -65,7 +79,9 @@ class Kinematic(Motion[KinematicOcp]):
 
     def make_ocp(self, scenario: "Scenario", model: ContactModel) -> KinematicOcp:
         """Returns the nominal MPC's problem; see `motions.make_ocp`."""
-        return make_kinematic_ocp(scenario, model)
+        y_des, limits = posed_task(scenario, model, accelerations=False)
+        with within("mpc"):
+            return KinematicOcp(model, scenario.mpc, y_des, limits)
 
     def make_plant(self, scenario: "Scenario", start: np.ndarray) -> Diagram:
         """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
@@ -88,8 +104,18 @@ class Kinematic(Motion[KinematicOcp]):
     def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
                         seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
         """Adds the source of w; see `Motion`."""
-        return disturbance.add_to_kinematic(
-            builder, seed, {**signals, "e": monitor.GetOutputPort("e")})
+        return add_tip_disturbance(
+            builder, disturbance, seed, {**signals, "e": monitor.GetOutputPort("e")})
+
+    def run_bound(self, law: AncillaryLaw, d_bound: float) -> RunBound:
+        """Returns the bound along a run of χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃."""
+        return velocity_law(law).run_bound(law, d_bound)
+
+    def figures(self) -> dict[str, Callable[..., Any]]:
+        """Returns the three result figures of the paper."""
+        from uvms_drake.papers.nikou2018.kinematics.figures import FIGURES
+
+        return FIGURES
 
     def completed(self, scenario: "Scenario", model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:

@@ -13,10 +13,14 @@ from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp.limit_stack import Inputs
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp, PlanPoints, weight
-from uvms_drake.control.plan.plan import KinematicPlan, advance
+from uvms_drake.control.plan.plan import advance
 from uvms_drake.control.plan.points import Points, Slopes
-from uvms_drake.control.plan.terminal import declared_terminal, kinematic_terminal_ingredients
+from uvms_drake.control.plan.terminal import declared_terminal
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.papers.nikou2018.kinematics.plan import (
+    KinematicPlan,
+    kinematic_terminal_ingredients,
+)
 
 
 class KinematicOcp(Ocp[KinematicPlan]):

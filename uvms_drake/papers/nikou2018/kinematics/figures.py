@@ -4,6 +4,8 @@ They compare one by one with those of Nikou, Verginis and Dimarogonas (2018): po
 orientation errors (angles modulo 2π), and the norms of the inputs with their limit.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -58,3 +60,11 @@ def _draw_errors(record: Record, part: slice, names: tuple[str, ...], label: str
     handles += [Line2D([], [], color="0.45"), Line2D([], [], color="0.45", linestyle="--")]
     figure.legend(handles, [*labels, "real", "nominal"], ncols=5, loc="outside upper center")
     return figure
+
+
+FIGURES: dict[str, Callable[[Record], Figure]] = {
+    "position_errors.png": draw_position_errors,
+    "orientation_errors.png": draw_orientation_errors,
+    "input_norms.png": draw_input_norms,
+}
+"""The figures by the names of their files."""

@@ -7,6 +7,7 @@ from uvms_drake.common.wiring import added, output_of
 from uvms_drake.control.feedback.ancillary import is_lost
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.papers.nikou2018.kinematics.laws import velocity_law
 
 
 class KinematicFeedback(LeafSystem):
@@ -37,7 +38,8 @@ class KinematicFeedback(LeafSystem):
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw):
         super().__init__()
-        law.check(kinematic=True)
+        law.check()
+        self._velocity = velocity_law(law).velocity
         self._model, self._law = model, law
         self._configuration_port = self.DeclareVectorInputPort("configuration", model.size)
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
@@ -49,7 +51,7 @@ class KinematicFeedback(LeafSystem):
         measured, nominal = self._configuration_port.Eval(context), self._nominal_port.Eval(context)
         if is_lost(measured):
             measured = nominal[: self._model.size]
-        return self._law.velocity(self._model, measured, nominal)
+        return self._velocity(self._law, self._model, measured, nominal)
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw, *,

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.ocp.kinematic_ocp`: the problem of the paper's own simulation."""
+"""Tests of `papers.nikou2018.kinematics.ocp`: the problem of the paper's own simulation."""
 
 from dataclasses import replace
 
@@ -9,11 +9,11 @@ from support import dh
 from support.limits import bounded
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.plan.plan import KinematicPlan
+from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
+from uvms_drake.papers.nikou2018.kinematics.plan import KinematicPlan
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 
