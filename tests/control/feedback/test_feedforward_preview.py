@@ -17,7 +17,7 @@ from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
-from uvms_drake.station.motions.dynamic import actuation_delay_of
+from uvms_drake.station.command_path import actuation_delay_of
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.loops.row_loop import RowLoop
 

@@ -1,12 +1,13 @@
-"""Tests of `uvms_drake.studies.compare_laws`."""
+"""Tests of `uvms_drake.papers.nikou2018.compare_laws`."""
 
 import math
 
 import pytest
 from support.quick import FEW
-from uvms_drake.studies.compare_laws import compare_laws, format_laws
 
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved
+from uvms_drake.papers.nikou2018 import Transpose
+from uvms_drake.papers.nikou2018.compare_laws import compare_laws, format_laws
 from uvms_drake.station.scenario.scenario import load_scenario
 
 pytestmark = pytest.mark.long

@@ -22,9 +22,9 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     robot,
     robot_constants,
 )
+from uvms_drake.papers.nikou2018.lemma import LemmaConstants, paper_conditions
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
 pytestmark = pytest.mark.long
 

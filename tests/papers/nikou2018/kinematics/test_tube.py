@@ -40,9 +40,8 @@ from uvms_drake.papers.nikou2018.comparison import with_paper
 from uvms_drake.papers.nikou2018.kinematics.laws import velocity_law
 from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
 from uvms_drake.papers.nikou2018.kinematics.plan import KinematicPlan
+from uvms_drake.papers.nikou2018.kinematics.tube import KINEMATIC, transpose_kinematic_tube
 from uvms_drake.papers.nikou2018.kinematics.velocity_radii import (
-    TRANSPOSE,
-    transpose_kinematic_tube,
     velocity_deviation,
     worst_errors,
 )
@@ -139,7 +138,7 @@ def test_the_constants_of_the_papers_law_show_that_it_has_no_tube(
     assert (certificate.constants, certificate.paper) == ((), {})
     search_constants_less(monkeypatch)
     with_both = with_paper(certificate, scenario, load_model(scenario))
-    assert tuple(constant.name for constant in with_both.constants) == TRANSPOSE
+    assert tuple(constant.name for constant in with_both.constants) == KINEMATIC
     assert np.isinf(with_both.paper["corrected radius"])
     assert with_both.paper["printed radius"] < with_both.paper["radius of resolved"]
     assert with_both.paper["smallest σ"] > 10.0 * certificate.sigma
@@ -305,7 +304,7 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
         q_lower=np.zeros(0), q_upper=np.zeros(0), roll=0.5, pitch=0.5, tip_pitch=0.6, nu1=0.3,
         nu2=0.2, qdot=0.1)
     law = Transpose(sigma=12.0)
-    constants = estimate_constants(model, declared, TRANSPOSE, samples=300)
+    constants = estimate_constants(model, declared, KINEMATIC, samples=300)
     tube, conditions, *_ = transpose_kinematic_tube(
         law, Basis(
             model, declared, constants, 0.05, np.ones(6), np.zeros(0), scenario.certificate))
