@@ -24,6 +24,8 @@ from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 FOLDER = Path(__file__).parent
 RUNS = 20
 """Runs of a campaign."""
+REAL, DRAWN = "girona500_real_loop", 60
+"""Scenario and number of runs of a certificate in probability."""
 
 
 def uvms_drake(*arguments: str) -> str:
@@ -113,6 +115,19 @@ def benchmark() -> str:
         "[uvms_drake/benchmark](../../uvms_drake/benchmark#a-controller-of-ones-own)."))
 
 
+def probability() -> str:
+    """Returns the page of the certificate in probability; its runs are kept in out/probability."""
+    print("probability", file=sys.stderr)
+    command = ["certify", REAL, "--runs", str(DRAWN), "--seed", "1", "--full",
+               "--output", "out/probability"]
+    text = uvms_drake(*command).strip()
+    return "\n\n".join((
+        "# Certificate in probability of the loop with thrusters and navigation",
+        "No worst-case certificate holds for this loop. The runs are drawn from the distribution "
+        "that the scenario declares: [certificate](../../uvms_drake/certificate#in-probability).",
+        f"`uvms-drake {' '.join(command)}`", f"```\n{text}\n```"))
+
+
 FINISHED = "--finished"
 """Option with which the page of the benchmark has the runs that are finished, and runs nothing."""
 READING = """
@@ -141,7 +156,7 @@ between plans the nominal MPC does not hold the force.
 """Reading of the page of the benchmark."""
 PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
-    "benchmark": benchmark}
+    "benchmark": benchmark, "probability": probability}
 IMPORT, PRINTED = "robot_import", ("holds", "unknowns", "adversaries")
 """Pages with a script of their own; those of the second kind print it."""
 
