@@ -8,14 +8,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from uvms_drake.campaign import contact_kinds, variation
+from uvms_drake.campaign import variation
 from uvms_drake.campaign.certified_surfaces import turns_freely
-from uvms_drake.campaign.drawn_surfaces import AT_THE_BOUND, SOFTEST
 from uvms_drake.campaign.model_uncertainty import AT_FULL_SIZE
 from uvms_drake.certificate.drawn_values import DrawnRange
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact
+from uvms_drake.station.contact.drawn_contact import FARTHEST, FORCES
+from uvms_drake.station.contact.drawn_surfaces import AT_THE_BOUND, SOFTEST
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -46,7 +47,7 @@ def _sentences(scenario: Scenario) -> Iterator[str]:
                f"{SOFTEST:g} of {contact.stiffness:g} N/m to all of it, friction up to "
                f"{contact.friction:g}, dissipation up to {contact.dissipation:g} s/m: each at its "
                f"bound with the probability {AT_THE_BOUND:g}, else uniform; at a distance of up to "
-               f"{contact_kinds.FARTHEST:g} m, as far as it can be pressed in time")
+               f"{FARTHEST:g} m, as far as it can be pressed in time")
     yield from _unknowns(scenario)
     if scenario.disturbance.bound > 0.0:
         yield (f"disturbance: random or of any adversary, of the full bound "
@@ -107,7 +108,7 @@ def _wall_ranges(scenario: Scenario) -> Iterator[DrawnRange]:
     contact, (least, most) = sensed_contact(scenario), _forces(scenario)
     softest = SOFTEST * contact.stiffness
     yield DrawnRange("task.force", least, most, "N")
-    yield DrawnRange("wall, distance", contact.clearance, contact_kinds.FARTHEST, "m")
+    yield DrawnRange("wall, distance", contact.clearance, FARTHEST, "m")
     yield DrawnRange("wall, angle", 0.0, contact.angle, "rad")
     yield DrawnRange("wall, smallest stiffness", softest, contact.stiffness, "N/m")
     yield DrawnRange("wall, largest stiffness", softest, contact.stiffness, "N/m")
@@ -117,5 +118,5 @@ def _wall_ranges(scenario: Scenario) -> Iterator[DrawnRange]:
 
 def _forces(scenario: Scenario) -> tuple[float, float]:
     """Returns the smallest and the largest desired force [N]."""
-    low, high = np.minimum(contact_kinds.FORCES, largest_force(scenario))
+    low, high = np.minimum(FORCES, largest_force(scenario))
     return float(low), float(high)
