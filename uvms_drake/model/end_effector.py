@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from uvms_drake.model.frames.euler import COMPLEX_STEP, rate_matrix, rotated, rotated_back
+from uvms_drake.model.frames.euler import COMPLEX_STEP, FEW, rate_matrix, rotated, rotated_back
 from uvms_drake.model.frames.spatial import block_diagonal, skew, times
 from uvms_drake.model.surface.law import Surface
 
@@ -45,14 +45,28 @@ def pose_rate_matrix_rate(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
     ∂T/∂θ has the rows T₃/cos θ, 0, T₁/cos θ there, and ‖T₃‖ = 1/cos θ.
     """
     R, T = A[..., :3, :3], A[..., 3:, 3:]
-    rates = times(T, omega)[..., None, None]
-    roll, pitch = rates[..., 0, :, :], rates[..., 1, :, :]
     out = np.zeros(A.shape, dtype=np.result_type(A, omega))
     out[..., :3, :3] = R @ skew(omega)
+    if omega.size <= FEW and out.dtype.kind == "f":
+        out[..., 3:, 3:] = np.array([_rates_rate(rows, turning) for rows, turning in zip(
+            T.reshape(-1, 3, 3).tolist(), omega.reshape(-1, 3).tolist(), strict=True)]
+            ).reshape(T.shape)
+        return out
+    rates = times(T, omega)[..., None, None]
+    roll, pitch = rates[..., 0, :, :], rates[..., 1, :, :]
     out[..., 3:, 4:5] = roll * T[..., :, 2:]
     out[..., 3:, 5:] = -roll * T[..., :, 1:2]
     out[..., 3::2, 4:] += pitch * np.sqrt(T[..., 2:, 1:2]**2 + T[..., 2:, 2:]**2) * T[..., ::-2, 1:]
     return out
+
+
+def _rates_rate(T: list[list[float]], omega: list[float]) -> list[list[float]]:
+    """Returns Ṫ of one attitude by plain numbers, see `pose_rate_matrix_rate`."""
+    (_, a, b), (_, c, d), (_, e, f) = T
+    roll, turn = omega[0] + a * omega[1] + b * omega[2], c * omega[1] + d * omega[2]
+    turn *= math.hypot(e, f)
+    return [[0.0, roll * b + turn * e, turn * f - roll * a], [0.0, roll * d, -roll * c],
+            [0.0, roll * f + turn * a, turn * b - roll * e]]
 
 
 def complex_step(chi: np.ndarray, A: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -66,7 +66,7 @@ class Links:
             g: Gravity in axes of the links (..., n+1, 3).
         """
         v = self._drag_velocities(V)
-        speed = np.where(v.real < 0.0, -v, v)
+        speed = np.abs(v) if v.dtype.kind == "f" else np.where(v.real < 0.0, -v, v)
         drag = (self.drag_linear + self.drag_quadratic * speed) * v @ self.drag_points.T
         return (times(self.inertia, A) + cross_force(V, times(self.inertia, V))
                 - times(self.weight, g) + drag.reshape(V.shape))

@@ -107,6 +107,7 @@ class UvmsModel:
         # 1 where joint i is beyond the vehicle's columns of a Jacobian, or that of joint j.
         self._beyond = np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=-1)
         self._rotor_inertia = np.concatenate([np.zeros(6), self.links.rotor_inertia])
+        self._rotor_matrix = np.diag(self._rotor_inertia)
         self._joint_damping = np.concatenate([np.zeros(6), self.links.joint_damping])
 
     # Kinematics
@@ -202,7 +203,7 @@ class UvmsModel:
         """
         J_E = kinematics.J_links[..., -1, :, :]
         from_tip = (J_E[..., 6:] * zeta[..., None, 6:]) @ self._beyond
-        J_E_rate = _columns(cross_motion(-_columns(from_tip), _columns(J_E)))
+        J_E_rate = _columns(cross_motion(_columns(J_E), _columns(from_tip)))
         A_E_rate = pose_rate_matrix_rate(kinematics.A_E, times(J_E[..., 3:, :], zeta))
         J_x_rate = np.zeros((*zeta.shape, self.size), dtype=J_E_rate.dtype)
         J_x_rate[..., :6, :] = A_E_rate @ J_E + kinematics.A_E @ J_E_rate
@@ -271,15 +272,15 @@ class UvmsModel:
             contact: 𝔉 (..., 6), if not that of `contact_force`.
         """
         force = self._forces(kinematics, self._motion(kinematics, zeta, zeta_dot), contact)
-        force_T = _stacked(force[..., None]).swapaxes(-1, -2)
-        tau = (force_T @ _stacked(kinematics.J_links))[..., 0, :]
+        row = force.reshape(*force.shape[:-2], 1, -1)
+        tau = (row @ _stacked(kinematics.J_links))[..., 0, :]
         return tau + self._joint_damping * zeta + self._rotor_inertia * zeta_dot
 
     def mass_matrix(self, kinematics: Kinematics) -> np.ndarray:
         """Returns M (..., 6+n, 6+n) = Σ Jₖᵀ Iₖ Jₖ with added mass and reflected joint inertia."""
         J = kinematics.J_links
         return (_stacked(J).swapaxes(-1, -2) @ _stacked(self.links.inertia @ J)
-                + np.diag(self._rotor_inertia))
+                + self._rotor_matrix)
 
     def mass_matrix_rates(self, kinematics: Kinematics) -> np.ndarray:
         """Returns the derivatives ∂M/∂qⱼ (..., n, 6+n, 6+n) by the joints, real.

@@ -51,7 +51,8 @@ def relative_acceleration(acceleration: np.ndarray, nu_r: np.ndarray, water: np.
         water: a_c in axes of B (..., 3) [m/s²].
     """
     out = acceleration.copy()
-    out[..., :3] -= water + cross(nu_r[..., 3:], nu_r[..., :3])
+    out[..., :3] -= cross(nu_r[..., 3:], nu_r[..., :3])
+    out[..., :3] -= water
     return out
 
 
@@ -202,7 +203,8 @@ class Hydrodynamics(LeafSystem):
         self._indices = [int(body.index()) for body in bodies]
         self._plant = plant
         self._workspace = declare_workspace(self, plant)
-        self._no_acceleration = np.zeros(plant.num_velocities())
+        self._no_acceleration, self._origin = np.zeros(plant.num_velocities()), np.zeros(3)
+        self._world = plant.world_frame()
         self._gravity = plant.gravity_field().gravity_vector()
         self._implicit_damping = plant.time_step() * _implicit_joint_damping(plant)
 
@@ -255,41 +257,56 @@ class Hydrodynamics(LeafSystem):
 
     def _solve(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
         plant, (workspace, forces) = self._plant, self._workspace.Eval(context)
-        plant.SetPositionsAndVelocities(workspace, self._plant_state_port.Eval(context))
+        state = cast(np.ndarray, self._plant_state_port.Eval(context))
+        plant.SetPositionsAndVelocities(workspace, state)
         M_RB = plant.CalcMassMatrix(workspace) + self._implicit_damping
         plant.CalcForceElementsContribution(workspace, forces)
         bias = plant.CalcInverseDynamics(workspace, self._no_acceleration, forces)
         J, force = self._water_at_no_acceleration(
-            workspace, _eval_or_zero(self._current_port, context),
-            _eval_or_zero(self._current_rate_port, context))
+            workspace, state[-len(bias):], _value(self._current_port, context),
+            _value(self._current_rate_port, context))
 
         nb, _, nv = J.shape
         J_all, M_A_J = J.reshape(6 * nb, nv), (self._water.M_A @ J).reshape(6 * nb, nv)
-        tau = _eval_or_zero(self._force_port, context) + force.ravel() @ J_all
-        v_dot = np.linalg.solve(M_RB + J_all.T @ M_A_J, tau - bias)
-        v_dot += _eval_or_zero(self._disturbance_port, context)
+        total = force.ravel() @ J_all - bias
+        if (tau := _value(self._force_port, context)) is not None:
+            total += tau
+        v_dot = np.linalg.solve(M_RB + J_all.T @ M_A_J, total)
+        if (d := _value(self._disturbance_port, context)) is not None:
+            v_dot += d
         return v_dot, M_RB @ v_dot + bias
 
-    def _water_at_no_acceleration(self, workspace: Context, v_c_W: np.ndarray, a_c_W: np.ndarray
-                                  ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of the workspace at v̇ = 0."""
-        plant = self._plant
-        W, V, zero = plant.world_frame(), JacobianWrtVariable.kV, np.zeros(3)
-        J = _stack([plant.CalcJacobianSpatialVelocity(workspace, V, B, zero, W, B)
-                    for B in self._frames], 6, plant.num_velocities())
-        R_WB = _stack([B.CalcRotationMatrixInWorld(workspace).matrix() for B in self._frames], 3, 3)
+    def _water_at_no_acceleration(
+        self, workspace: Context, v: np.ndarray, v_c_W: np.ndarray | None, a_c_W: np.ndarray | None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of the workspace at v̇ = 0.
+
+        None for v_c or v̇_c means zero.
+        """
+        plant, W, zero = self._plant, self._world, self._origin
+        J, R_WB = np.empty((len(self._frames), 6, len(v))), np.empty((len(self._frames), 3, 3))
+        for i, B in enumerate(self._frames):
+            J[i] = plant.CalcJacobianSpatialVelocity(
+                workspace, JacobianWrtVariable.kV, B, zero, W, B)
+            R_WB[i] = B.CalcRotationMatrixInWorld(workspace).matrix()
         A = plant.CalcSpatialAccelerationsFromVdot(workspace, self._no_acceleration)  # in World
         A_B = _stack([A[index].get_coeffs() for index in self._indices], 2, 3) @ R_WB
-        J, A_B = J.take(_FROM_DRAKE, 1), A_B.reshape(-1, 6).take(_FROM_DRAKE, 1)
-        nu_r = J @ plant.GetVelocities(workspace)
-        nu_r[:, :3] -= v_c_W @ R_WB
-        nu_r_dot = relative_acceleration(A_B, nu_r, a_c_W @ R_WB)
-        g_B = (self._gravity - a_c_W) @ R_WB
+        J, nu_r_dot = J.take(_FROM_DRAKE, 1), A_B.reshape(-1, 6).take(_FROM_DRAKE, 1)
+        nu_r, g_B = J @ v, self._gravity @ R_WB
+        if v_c_W is not None:
+            nu_r[:, :3] -= v_c_W @ R_WB
+        if a_c_W is None:
+            water_rate = self._origin
+        else:
+            water_rate = a_c_W @ R_WB
+            g_B -= water_rate
+        nu_r_dot = relative_acceleration(nu_r_dot, nu_r, water_rate)
         return J, self._water.fluid_force(nu_r, nu_r_dot, g_B)
 
 
-def _eval_or_zero(port: InputPort, context: Context) -> np.ndarray:
-    return cast(np.ndarray, port.Eval(context)) if port.HasValue(context) else np.zeros(port.size())
+def _value(port: InputPort, context: Context) -> np.ndarray | None:
+    """Returns the value of an optional port, None if it is not connected."""
+    return cast(np.ndarray, port.Eval(context)) if port.HasValue(context) else None
 
 
 def _find_body(plant: MultibodyPlant, name: str) -> RigidBody:

@@ -15,10 +15,11 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.wiring import added, cached, output_of
-from uvms_drake.model.frames.euler import WORLD, rate_matrix
+from uvms_drake.model.frames.euler import WORLD, euler_angles, rate_matrix
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.workspace import declare_workspace
 
+_ORIGIN = np.zeros(3)
 AXES_OF_WORLD = RotationMatrix()
 """Attitude of the paper's task frame, which is World."""
 
@@ -38,13 +39,20 @@ def pose_and_jacobian(
         R_TW: Attitude of W in T.
     """
     W = plant.world_frame()
-    X_WE = tip.CalcPoseInWorld(context)
-    R_WE = X_WE.rotation()
-    rpy = RollPitchYaw(R_TW @ R_WE).vector()
+    X_WE = tip.CalcPoseInWorld(context).GetAsMatrix34()
+    R_WE = X_WE[:, :3]
+    chi, J_chi = np.empty(6), np.empty((6, plant.num_velocities()))
+    chi[:3], chi[3:] = X_WE[:, 3], euler_angles(R_TW.matrix() @ R_WE)
     J = plant.CalcJacobianSpatialVelocity(
-        context, JacobianWrtVariable.kV, tip, np.zeros(3), W, W)
-    J_rpy = rate_matrix(rpy) @ R_WE.matrix().T @ J[:3]
-    return np.concatenate([X_WE.translation(), rpy]), np.concatenate([J[3:], J_rpy])
+        context, JacobianWrtVariable.kV, tip, _ORIGIN, W, W)
+    J_chi[:3], J_chi[3:] = J[3:], rate_matrix(chi[3:]) @ R_WE.T @ J[:3]
+    return chi, J_chi
+
+
+def _on_robot(_: np.ndarray, J: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Returns −J_χᵀ 𝔉 (nv,)."""
+    reaction: np.ndarray = -force @ J
+    return reaction
 
 
 class CompliantSurface(LeafSystem):
@@ -94,7 +102,7 @@ class CompliantSurface(LeafSystem):
         touch = cached(self, "χ, J_χ and 𝔉", self._touch, {self.all_input_ports_ticket()})
         now = {touch.ticket()}
         output_of(self, "generalized_force", plant.num_velocities(),
-                  lambda c: -touch.Eval(c)[2] @ touch.Eval(c)[1], now)
+                  lambda c: _on_robot(*touch.Eval(c)), now)
         output_of(self, "force", 6, lambda c: touch.Eval(c)[2], now)
         output_of(self, "penetration", 1, lambda c: [self._law.penetration(touch.Eval(c)[0])], now)
         output_of(self, "chi", 6, lambda c: touch.Eval(c)[0], now)
@@ -120,5 +128,5 @@ class CompliantSurface(LeafSystem):
         workspace = self._workspace.Eval(context).context
         self._plant.SetPositionsAndVelocities(workspace, plant_state)
         chi, J = pose_and_jacobian(self._plant, workspace, self._tip, self._R_TW)
-        chi_dot = J @ self._plant.GetVelocities(workspace)
+        chi_dot = J @ plant_state[-J.shape[1]:]
         return chi, J, self._law.force(chi, chi_dot)

@@ -23,6 +23,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added
 from uvms_drake.model.end_effector import force_in_tip
 from uvms_drake.model.frames.spatial import block_diagonal
@@ -71,7 +72,7 @@ def status(force: np.ndarray, times: np.ndarray, repeats: int, largest: float) -
         repeats: m, of a frozen sensor; 0: none is detected.
         largest: Norm of a force at the end of the range [N].
     """
-    if not np.isfinite(force).all():
+    if not is_finite(force):
         return ForceStatus.MISSING
     if not math.hypot(*force[:3].tolist()) < largest:
         return ForceStatus.SATURATED
@@ -136,7 +137,7 @@ class ForceFaultDetector(LeafSystem):
         if turns[0] < self._passed:
             return EventStatus.Succeeded()
         config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
-        if not (np.isfinite(config).all() and np.isfinite(force).all()):
+        if not (is_finite(config) and is_finite(force)):
             return EventStatus.Succeeded()
         # A frozen reading is constant in its own axes, and moves with the attitude in others.
         in_tip = force_in_tip(self._model.task_pose(config)[:6], force @ self._from_task)

@@ -36,6 +36,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, require_rate, vector, within
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip, pose_rate_matrix
 from uvms_drake.model.frames.euler import (
@@ -358,7 +359,7 @@ class WristSensor(LeafSystem):
 
     def _sample(self, context: Context, state: DiscreteValues) -> None:
         measured = self._measured_port.Eval(context)
-        if not np.isfinite(measured).all():
+        if not is_finite(measured):
             return
         samples = Samples.of(context.get_discrete_state_vector().value())
         tare = self._settings.tare_samples
@@ -379,9 +380,8 @@ class WristSensor(LeafSystem):
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         wrench = self._X @ Samples.of(context.get_discrete_state_vector().value()).last
         chi = self._measured_port.Eval(context)
-        known = np.isfinite(chi).all()
-        output.SetFromVector(
-            self._from_task @ force_of_tip(chi, wrench) if known else np.full(6, np.nan))
+        output.SetFromVector(self._from_task @ force_of_tip(chi, wrench) if is_finite(chi)
+                             else np.full(6, np.nan))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: ForceSensor,

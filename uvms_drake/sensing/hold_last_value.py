@@ -10,6 +10,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added
 
 
@@ -51,12 +52,12 @@ class HoldLastValue(LeafSystem):
 
     def _remember(self, context: Context, state: DiscreteValues) -> None:
         measured = self._port.Eval(context)
-        if np.isfinite(measured).all():
+        if is_finite(measured):
             state.set_value(measured)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         measured = self._port.Eval(context)
-        if np.isfinite(measured).all():
+        if is_finite(measured):
             output.SetFromVector(measured)
         elif self._release_port.HasValue(context) and self._release_port.Eval(context)[0] > 0.0:
             output.SetFromVector(np.zeros_like(measured))

@@ -9,6 +9,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
+from uvms_drake.common.finite import is_finite
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -41,9 +42,8 @@ class TipPose(LeafSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         config = self._state_port.Eval(context)[: self._model.size]
-        finite = np.isfinite(config).all()
         output.SetFromVector(
-            self._model.task_pose(config)[:6] if finite else np.full(6, np.nan))
+            self._model.task_pose(config)[:6] if is_finite(config) else np.full(6, np.nan))
 
 
 def tip_pose(builder: DiagramBuilder, model: UvmsModel, state: OutputPort, signals: Signals

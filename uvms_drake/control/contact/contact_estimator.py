@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added, cached, output_of
 from uvms_drake.control.contact.contact_state import (
     ContactState,
@@ -138,7 +139,7 @@ class ContactEstimator(LeafSystem):
     def _after(self, context: Context) -> ContactState:
         """Returns the contact state after a reading of the input ports."""
         before, state = self._remembered(context), self._state_port.Eval(context)
-        if np.isfinite(state).all():
+        if is_finite(state):
             config, zeta = state[: self._model.size], state[self._model.size:]
             kinematics = self._model.kinematics(config)
             tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)

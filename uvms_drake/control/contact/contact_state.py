@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.finite import is_finite
 from uvms_drake.control.contact.safe_region import apex, dominates
 from uvms_drake.control.contact.stiffness_estimate import (
     NO_ESTIMATE,
@@ -113,9 +114,9 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, exte
     if (missing := np.isnan(motion[:, 0])).any():
         motion[missing] = tip
     points, velocities = motion[:, :3], motion[:, 3:]
-    known = np.isfinite(force).all()
+    known = is_finite(force)
     before = before._replace(past=past, missing=np.zeros(1) if known else before.missing + 1.0)
-    if not (known and np.isfinite(tip).all()):
+    if not (known and is_finite(tip)):
         return before
     nu, stiffness = sensing.noise, StiffnessEstimate.of(before.stiffness)
     new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)

@@ -25,6 +25,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require, unit_vector, vector
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import ForceSensorModel
@@ -172,8 +173,8 @@ class PressTarget(LeafSystem):
     def _line(self, context: Context) -> np.ndarray:
         """Returns the place's part across n (3,)."""
         place = self._place
-        if self._place_port.HasValue(context) and np.isfinite(
-                asked := self._place_port.Eval(context)).all():
+        if self._place_port.HasValue(context) and is_finite(
+                asked := self._place_port.Eval(context)):
             place = asked
         across: np.ndarray = place - (self._direction @ place) * self._direction
         return across

@@ -23,6 +23,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require, unit_vector
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.linear import LinearLoop, Signal
 
@@ -92,7 +93,7 @@ class TangentialFilter(LeafSystem):
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         force = self._port.Eval(context)[:3]
-        if np.isfinite(force).all():
+        if is_finite(force):
             state.set_value(followed(context.get_discrete_state_vector().value(), force,
                                      self._direction, self._ratio))
 

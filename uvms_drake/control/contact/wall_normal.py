@@ -20,6 +20,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -151,7 +152,7 @@ class WallNormal(LeafSystem):
             known = known._replace(reading=UNKNOWN.reading)
         turn = context.get_discrete_state(2)[0]
         if (known.reading is not before.reading
-                and np.isfinite(known.reading).all() and np.isfinite(before.reading).all()):
+                and is_finite(known.reading) and is_finite(before.reading)):
             wanted = np.clip(wall_turn(self._surface.direction, known.tilt),
                              -self._most, self._most)
             step = TURN_PER_METRE * self._surface.lateral(known.reading[:3] - before.reading[:3])

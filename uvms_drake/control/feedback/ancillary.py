@@ -10,7 +10,6 @@ own command is sent. A law that takes the thrusters' wrench leaves the saturatio
 command to the thrusters, for clipping it here would disturb the tip: only the joints' is clipped.
 """
 
-import math
 from functools import partial
 
 import numpy as np
@@ -18,6 +17,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added, cached, output_of
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
@@ -69,11 +69,6 @@ def _of_joints(u_limit: np.ndarray, tau_limit: np.ndarray | None
     none = np.full(6, np.inf)
     return (np.append(none, u_limit[6:]),
             None if tau_limit is None else np.append(none, tau_limit[6:]))
-
-
-def is_lost(measured: np.ndarray) -> bool:
-    """Returns whether a measurement is missing: not finite."""
-    return not math.isfinite(measured.sum())
 
 
 class AncillaryFeedback(LeafSystem):
@@ -135,10 +130,11 @@ class AncillaryFeedback(LeafSystem):
         self._nominal_state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
         self._input_port = self.DeclareVectorInputPort("nominal_input", model.size)
-        self._force_port = self.DeclareVectorInputPort(MEASURED_FORCE, 6)
-        self._wrench_port = self.DeclareVectorInputPort(VEHICLE_WRENCH, 6)
-        self._estimate_port = self.DeclareVectorInputPort("estimate", model.size)
-        self._preview_port = self.DeclareVectorInputPort("preview", model.size)
+        self._optional_ports = {
+            "contact": self.DeclareVectorInputPort(MEASURED_FORCE, 6),
+            "wrench": self.DeclareVectorInputPort(VEHICLE_WRENCH, 6),
+            "estimate": self.DeclareVectorInputPort("estimate", model.size),
+            "preview": self.DeclareVectorInputPort("preview", model.size)}
         # One cache entry each for the two motions and for the command: all outputs read them.
         state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
             "state", "nominal_state", "nominal_acceleration", "nominal_input", MEASURED_FORCE,
@@ -147,7 +143,7 @@ class AncillaryFeedback(LeafSystem):
         given = {self._command.ticket()}
         output_of(self, "u", model.size, lambda c: self._command.Eval(c).u, given)
         output_of(self, "tau", model.size, lambda c: self._command.Eval(c).tau, given)
-        output_of(self, "lost", 1, lambda c: [is_lost(self._state_port.Eval(c))], {state})
+        output_of(self, "lost", 1, lambda c: [not is_finite(self._state_port.Eval(c))], {state})
         output_of(self, "limited", 1, lambda c: [self._command.Eval(c).limited], given)
         self._pair_port = self.DeclareAbstractOutputPort(
             "pair", lambda: Value(object()), self._calc_pair, {state, others[0]})
@@ -158,19 +154,16 @@ class AncillaryFeedback(LeafSystem):
 
     def _wanted(self, context: Context) -> Command:
         """Returns the law's command, within the limits."""
-        if is_lost(self._state_port.Eval(context)):
+        if not is_finite(self._state_port.Eval(context)):
             nominal = self._nominal_state_port.Eval(context)
             now = pair_of(self._model, nominal, nominal)
         else:
             now = self._pair_port.Eval(context)
-        if self._force_port.HasValue(context) and not is_lost(self._force_port.Eval(context)):
-            now = now._replace(contact=self._force_port.Eval(context))
-        if self._wrench_port.HasValue(context):
-            now = now._replace(wrench=self._wrench_port.Eval(context))
-        if self._estimate_port.HasValue(context):
-            now = now._replace(estimate=self._estimate_port.Eval(context))
-        if self._preview_port.HasValue(context):
-            now = now._replace(preview=self._preview_port.Eval(context))
+        given = {field: port.Eval(context) for field, port in self._optional_ports.items()
+                 if port.HasValue(context)}
+        if "contact" in given and not is_finite(given["contact"]):
+            del given["contact"]
+        now = now._replace(**given)
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))

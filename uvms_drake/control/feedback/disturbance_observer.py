@@ -25,7 +25,8 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.control.feedback.ancillary import AncillaryFeedback, is_lost
+from uvms_drake.common.finite import is_finite
+from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw, Observed, Pair
 from uvms_drake.model.signals.linear import LinearLoop, Signal
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
@@ -137,7 +138,7 @@ class RowObserver(LeafSystem):
     def _motion(self, context: Context) -> np.ndarray:
         """Returns ẏ, ∫τ, c and the rows of G now."""
         now: Pair = self._pair_port.Eval(context)
-        if self._force_port.HasValue(context) and not is_lost(self._force_port.Eval(context)):
+        if self._force_port.HasValue(context) and is_finite(self._force_port.Eval(context)):
             now = now._replace(contact=self._force_port.Eval(context))
         rate, c, G = prediction(self._model, self._observed, now)
         return np.concatenate([
@@ -157,7 +158,7 @@ class RowObserver(LeafSystem):
     def _update(self, context: Context, state: DiscreteValues) -> None:
         measured = self._state_port.Eval(context)
         known, before, last, ticks = (context.get_discrete_state(i).value() for i in range(4))
-        if is_lost(measured):
+        if not is_finite(measured):
             state.set_value(1, np.full_like(before, np.nan))
             return
         if np.array_equal(measured, last):

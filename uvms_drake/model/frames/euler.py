@@ -154,5 +154,8 @@ def pose_difference(y: np.ndarray, other: np.ndarray) -> np.ndarray:
         other: y' (..., m).
     """
     difference = y - other
+    if difference.ndim == 1 and difference.dtype.kind == "f":
+        difference[3:6] = [math.remainder(x, math.tau) for x in difference[3:6].tolist()]
+        return difference
     difference[..., 3:6] = wrap_angle(difference[..., 3:6])
     return difference

@@ -36,8 +36,11 @@ def skew(a: np.ndarray) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns a × b (..., 3); several times faster than `np.cross` on small stacks."""
-    return a.take(_YZX, -1) * b.take(_ZXY, -1) - a.take(_ZXY, -1) * b.take(_YZX, -1)
+    """Returns a × b (..., 3); several times faster than `np.cross` on small stacks.
+
+    With a' = (y, z, x) of a and products by component, a b' − a' b is (z, x, y) of a × b.
+    """
+    return (a * b.take(_YZX, -1) - a.take(_YZX, -1) * b).take(_YZX, -1)
 
 
 def motion_matrix(V: np.ndarray) -> np.ndarray:

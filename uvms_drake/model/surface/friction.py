@@ -13,6 +13,8 @@ STEEPEST = 1.875
 
 def slip_factor(slip: np.ndarray) -> np.ndarray:
     """Returns ρ(x)/x (...) at the slip x = v/v_s ≥ 0 (...); zero at rest."""
+    if slip.size == 1 and slip.dtype.kind == "f":
+        return slip**2 * (10.0 + slip * (6.0 * slip - 15.0)) if slip < 1.0 else 1.0 / slip
     fast = np.where(slip.real < 1.0, 1.0, slip)
     return np.where(slip.real < 1.0, slip**2 * (10.0 + slip * (6.0 * slip - 15.0)), 1.0 / fast)
 
@@ -25,5 +27,5 @@ def coulomb(velocity: np.ndarray, friction: float, creep: float) -> np.ndarray:
         friction: Coefficient μ.
         creep: Creep velocity v_s [m/s].
     """
-    slip = np.sqrt((velocity * velocity).sum(axis=-1, keepdims=True)) / creep
+    slip = np.sqrt(np.add.reduce(velocity * velocity, axis=-1, keepdims=True)) / creep
     return friction / creep * slip_factor(slip) * velocity

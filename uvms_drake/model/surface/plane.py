@@ -22,6 +22,9 @@ def plane_load(depth: np.ndarray, transition: float) -> np.ndarray:
     stiffness s'(δ) rises from 0 to 1 as the smooth step 3x² − 2x³.
     """
     x = depth / transition
+    if isinstance(depth, float):  # One depth.
+        return np.float64(0.0 if x <= 0.0 else depth - 0.5 * transition if x >= 1.0 else
+                          transition * x**3 * (1.0 - 0.5 * x))
     return np.where(x.real <= 0.0, 0.0,
                     np.where(x.real < 1.0, transition * x**3 * (1.0 - 0.5 * x),
                              depth - 0.5 * transition))
@@ -33,6 +36,8 @@ def dissipation_factor(z: np.ndarray) -> np.ndarray:
     Hunt and Crossley's factor 1 + aδ̇ goes negative on fast withdrawal (the surface would pull)
     and clipping it at zero, as is usual, has a kink; ψ agrees with it to first order at rest.
     """
+    if isinstance(z, float):  # One rate.
+        return np.float64(1.0 / (1.0 - z) if z < 0.0 else 1.0 + z)
     retreat = np.where(z.real < 0.0, z, 0.0)
     return np.where(z.real < 0.0, 1.0 / (1.0 - retreat), 1.0 + z)
 

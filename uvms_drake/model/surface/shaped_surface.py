@@ -71,8 +71,8 @@ class ShapedSurface(Surface):
         if (depth.real <= 0.0).all():  # No contact.
             return np.zeros(np.broadcast_shapes(chi.shape, chi_dot.shape))
         velocity = chi_dot[..., :3]
-        rate = (gradient * velocity).sum(axis=-1)
-        square = (gradient * gradient).sum(axis=-1, keepdims=True)
+        rate = np.add.reduce(gradient * velocity, axis=-1)
+        square = np.add.reduce(gradient * gradient, axis=-1, keepdims=True)
         along = velocity - rate[..., None] / square * gradient
         load = self.law.force(depth) * dissipation_factor(self.dissipation * rate)
         direction = gradient + np.sqrt(square) * coulomb(along, self.friction, self.creep)

@@ -28,7 +28,7 @@ class Plane(Geometry):
 
     def depth_and_gradient(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ (...) [m] and ∇δ (..., 3), which is −`normal`, at points of Σ_I (..., 3)."""
-        return self.depth(position), np.broadcast_to(-self.normal, position.shape)
+        return self.depth(position), np.zeros(position.shape) - self.normal
 
     def local_depth(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ (...) and e₃ (..., 3)."""

@@ -3,8 +3,8 @@
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 
+from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added, output_of
-from uvms_drake.control.feedback.ancillary import is_lost
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.papers.nikou2018.kinematics.laws import velocity_law
@@ -44,12 +44,12 @@ class KinematicFeedback(LeafSystem):
         self._configuration_port = self.DeclareVectorInputPort("configuration", model.size)
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         output_of(self, "zeta", model.size, self._zeta, {self.all_input_ports_ticket()})
-        output_of(self, "lost", 1, lambda c: [is_lost(self._configuration_port.Eval(c))], {
+        output_of(self, "lost", 1, lambda c: [not is_finite(self._configuration_port.Eval(c))], {
             self.input_port_ticket(self._configuration_port.get_index())})
 
     def _zeta(self, context: Context) -> np.ndarray:
         measured, nominal = self._configuration_port.Eval(context), self._nominal_port.Eval(context)
-        if is_lost(measured):
+        if not is_finite(measured):
             measured = nominal[: self._model.size]
         return self._velocity(self._law, self._model, measured, nominal)
 
