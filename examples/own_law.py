@@ -1,7 +1,8 @@
 """A user-defined feedback law: proportional and derivative in the coordinates of the robot.
 
 It is a dataclass of its gains with one method, the command. No tube is known for it, so it is not
-certified; the scenario runs all the same, and is monitored.
+certified (`uv.tubes.register_tube` would register one); the scenario runs all the same, and is
+monitored.
 """
 
 import argparse

@@ -103,7 +103,7 @@ class TubeMonitor(LeafSystem):
     - `state`: (𝔮, ζ) (2(6+n)), in the paper's order; ζ is the command of kinematic motion.
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)), of `NominalMpc`; continuous from plan to plan, but for ζ̄
       where the velocity is the input.
-    - `disturbance`: simulated d (6+n), or w (6), compared with d̃; unknown if unconnected.
+    - `disturbance`: simulated d, of the size of Ŵ, compared with d̃; unknown if unconnected.
     - `pair`: `Pair` of these two states; computed here if unconnected.
     - `deviation` (6): `FIELDS`.
     - `bound` (6): trajectory-wise bounds of `FIELDS`; inf where there is none.
@@ -285,11 +285,11 @@ class TubeMonitor(LeafSystem):
             builder: Builder of the Diagram.
             model: The controller's model.
             law: The law and its gains.
-            d_bound: d̃, or w̃.
+            d_bound: d̃.
             radii: Set-wise bounds by the names of `FIELDS`.
             state: Gives (𝔮, ζ).
             nominal_state: Gives (𝔮̄, ζ̄).
-            disturbance: Gives d, or w; None if it is unknown.
+            disturbance: Gives d; None if it is unknown.
             pair: Gives the `Pair` of these two states; None: the monitor computes it.
             name: Name of the system.
             **options: Other arguments of the constructor.
