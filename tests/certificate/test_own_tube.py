@@ -49,7 +49,7 @@ ancillary: !Cascade {k: 20, sigma: 5}
 """
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")  # Slow tests run apart, and a module is imported once.
 def files(tmp_path_factory) -> Path:
     """The folder of the law and of the scenario that names it."""
     folder = tmp_path_factory.mktemp("own_tube")

@@ -236,6 +236,6 @@ def test_arguments_without_meaning_are_reported(model, arguments):
 
 def test_the_name_of_a_constant_is_given_once():
     register_constant("J_max", QUANTITIES["J_max"])
-    with pytest.raises(InvalidParameter, match="register_constant = J_max: must be another name"):
+    with pytest.raises(InvalidParameter, match="register_constant = 'J_max': must be another name"):
         register_constant("J_max", Quantity(JACOBIAN, "J_x"))
     assert QUANTITIES["J_max"].matrix == "J"

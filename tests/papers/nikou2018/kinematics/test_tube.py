@@ -129,7 +129,8 @@ def test_the_declared_tube_is_the_certified_one_rounded_up(certificate, scenario
     declared, certified = resolved_radii(scenario.tube), resolved_radii(certificate.tube)
     for name, value in vars(certified).items():
         # Where no limit needs it, it is left out.
-        if name not in ("u", "tau", "tip_speed", "depth", "depth_speed", "between_knots"):
+        if value is not None and name not in (
+                "u", "tau", "tip_speed", "depth", "depth_speed", "between_knots"):
             assert value <= getattr(declared, name) <= 1.5 * value, name
 
 
@@ -175,7 +176,7 @@ def test_the_table_names_everything(certificate):
         f"{NAME}: kinematic motion, law resolved, σ = {certificate.sigma:g} 1/s, w̃ = 0.4899 m/s, "
         "rad/s")
     for condition in certificate.conditions:
-        assert condition.name in text
+        assert (str(condition) if condition.is_count else condition.name) in text
     assert f"certified: all {len(certificate.conditions)} conditions hold; of the " in text
 
 
