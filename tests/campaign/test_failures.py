@@ -42,6 +42,8 @@ def with_wall(**changes):
     (KEPT | {"limited": True}, ("saturation",)), (with_wall(static=1.01), ("force",)),
     (with_wall(peak=1.01, in_class=False), ("force",)), (KEPT | {"mpc_failures": 1}, ("no plan",)),
     (KEPT | {"losses": 1}, ("contact",)), (with_wall(losses=1), ("contact",)),
+    (KEPT | {"apart": {"tip": 0.4, "joints": 0.9}}, ()),
+    (KEPT | {"apart": {"tip": 0.4, "joints": 1.01}}, ("linear",)),
     (KEPT | {"exits_set": 1, "violations": 1}, ("tube", "limit"))])
 def test_every_kind_of_failure_counts(result, kinds):
     assert failures_of(result) == kinds
@@ -54,10 +56,19 @@ def test_a_run_that_fails_in_two_ways_is_one_failure(campaign, scenario):
     found = certificate_in_probability(campaign, scenario, results[::-1], 0.95)
     assert (found.runs, found.failures, found.failed) == (60, 2, (7, 9))
     assert (found.kinds["tube"], found.kinds["limit"]) == (2, 1)
+    assert found.apart == {}
     assert found.probability == pytest.approx(0.1012, abs=1e-4)
     assert certificate_in_probability(
         campaign, scenario, [KEPT | {"index": i} for i in range(60)], 0.95
     ).probability == pytest.approx(1.0 - 0.05**(1.0 / 60.0))
+
+
+def test_the_largest_distance_from_the_linear_loop_is_kept(campaign, scenario):
+    results = [KEPT | {"index": i, "apart": {"tip": 0.1 * i, "joints": 1.1 - 0.3 * i}}
+               for i in range(3)]
+    found = certificate_in_probability(campaign, scenario, results, 0.95)
+    assert found.apart == pytest.approx({"tip": 0.2, "joints": 1.1})
+    assert (found.failed, found.kinds["linear"]) == ((0,), 1)
 
 
 def test_no_run_can_be_left_out(campaign, scenario):

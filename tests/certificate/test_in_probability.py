@@ -35,7 +35,7 @@ def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
     kinds = dict.fromkeys(FAILURES, 0) | ({"tube": len(failed)} if failed else {})
     return ProbabilityCertificate(**({
         "scenario": NAME, "runs": runs, "failures": len(failed), "confidence": 0.95,
-        "probability": p, "kinds": kinds, "failed": tuple(failed),
+        "probability": p, "kinds": kinds, "failed": tuple(failed), "apart": {},
         "distribution": ("start: anywhere", "wall: any"), "ranges": RANGES, "seed": 3,
         "campaign": "c0ffee", **ProbabilityCertificate.inputs_of(scenario)} | changes))
 
@@ -62,6 +62,16 @@ def test_failures_are_told_by_number_and_kind():
     count, bound, *_ = sentences(made((2, 7, 9), p=0.123))
     assert count == "3 of 60 runs failed (2, 7, 9): 3 left the declared tube."
     assert "at most 12.3 %, unless these 60 runs were an event of probability 5 % or less" in bound
+
+
+def test_the_distance_from_the_linear_loop_is_told_where_it_was_looked_at():
+    assert "No run was compared with its coupled linear loop." in sentences(made())
+    assert "linear loop" not in sentences(made())[-1]
+    compared = made(apart={"tip": 0.341, "joints": 0.52})
+    *_, distance, failure = sentences(compared)
+    assert distance == ("The largest distance of a run from its coupled linear loop with the same "
+                        "draws is 0.34 of the line of the tip and 0.52 of the line of the joints.")
+    assert failure.endswith("or left a declared line about its coupled linear loop.")
 
 
 def test_it_is_written_and_read_and_its_kind_is_told(tmp_path):

@@ -11,6 +11,7 @@ from uvms_drake.campaign.campaign import Campaign, require_same_code
 from uvms_drake.campaign.contact_metrics import contact_metrics
 from uvms_drake.campaign.outside_assumptions import MEASURED_WRONG
 from uvms_drake.campaign.variation import Variation, vary
+from uvms_drake.certificate.coupled.linear_distance import linear_distances
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.laws.law import FIELDS
@@ -86,7 +87,8 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     `limited` is whether the command saturated. `within_at_end` is whether the robot is in its tube
     at the end, `proportional` whether the deviation stayed within max(1, D/d̃) times its bound; None
     without a guarantee, see `outside_assumptions`. `logged` is whether an exit of the tube is in
-    the log. `finite` is whether all logged signals are.
+    the log. `finite` is whether all logged signals are. `apart` is the largest distance from the
+    coupled linear loop over its lines, if the scenario declares these.
     """
     summary: dict[str, Any] = summarise(record)
     tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
@@ -100,6 +102,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         noted.setdefault(event["kind"], event["time_s"])
     # The tube scales with the disturbance unless the feedback is wrong or saturated.
     ratio, limited = tube["worst_ratio"]["trajectory"], "input_limited" in noted
+    lines = record.scenario.certificate.linear
     unpromised = variation.outside is not None and (
         limited or variation.outside in MEASURED_WRONG)
     return {
@@ -119,6 +122,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         "proportional": None if size is None or ratio is None or unpromised else bool(
             ratio <= PROPORTION * max(1.0, size)),
         "finite": is_finite(record),
+        **({} if lines is None else {"apart": linear_distances(record, lines)}),
         **contact_metrics(record),
     }
 

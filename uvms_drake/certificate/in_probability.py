@@ -47,6 +47,7 @@ FAILURES = {
     "force": "pressed the wall harder than allowed",
     "no plan": "had a sample without a plan",
     "contact": "lost the contact",
+    "linear": "left a declared line about its coupled linear loop",
 }
 """Kinds of failure of a run, in words."""
 
@@ -69,6 +70,9 @@ class ProbabilityCertificate:
     """Number of runs that failed in each way; a run may fail in several."""
     failed: tuple[int, ...]
     """Numbers of the runs that failed."""
+    apart: dict[str, float]
+    """Largest |x − x_lin| over its declared line in all runs, by the rows; empty: no run was
+    compared with its coupled linear loop."""
     distribution: tuple[str, ...]
     """The declared distribution, a sentence for each part."""
     ranges: tuple[DrawnRange, ...]

@@ -10,7 +10,7 @@ NAMED = 12
 
 
 def sentences(certificate: ProbabilityCertificate) -> list[str]:
-    """Returns the count, the bound, its meaning, its condition and the definition of a failure."""
+    """Returns count, bound, meaning, condition, comparison, and the definition of a failure."""
     p, runs = percent_above(certificate.probability), certificate.runs
     chance = f"{100.0 * (1.0 - certificate.confidence):.3g} %"
     return [
@@ -20,7 +20,8 @@ def sentences(certificate: ProbabilityCertificate) -> list[str]:
         "It is a statement about drawn runs of this simulation, none about the worst of them, and "
         "none about a robot that differs from its declared distribution.",
         "It needs the number of runs and the seed to be chosen before the first run.",
-        f"A run counts as failed if it {_listed(list(FAILURES.values()), 'or')}."]
+        _compared(certificate),
+        f"A run counts as failed if it {_listed(_counted(certificate), 'or')}."]
 
 
 def format_probability(certificate: ProbabilityCertificate) -> str:
@@ -40,6 +41,20 @@ def format_coverage(outside: Sequence[str]) -> str:
         return "every value of this run is within its declared range"
     return ("NOT OF THE DECLARED DISTRIBUTION, so the certificate in probability is not for this "
             f"run: {'; '.join(outside)}")
+
+
+def _compared(certificate: ProbabilityCertificate) -> str:
+    """Returns how near the runs were to their coupled linear loop."""
+    if not certificate.apart:
+        return "No run was compared with its coupled linear loop."
+    parts = [f"{ratio:.2g} of the line of the {rows}" for rows, ratio in certificate.apart.items()]
+    return ("The largest distance of a run from its coupled linear loop with the same draws is "
+            f"{_listed(parts, 'and')}.")
+
+
+def _counted(certificate: ProbabilityCertificate) -> list[str]:
+    """Returns the kinds of failure that were looked for, in words."""
+    return [text for kind, text in FAILURES.items() if kind != "linear" or certificate.apart]
 
 
 def _count(certificate: ProbabilityCertificate) -> str:

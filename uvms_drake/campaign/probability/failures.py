@@ -33,7 +33,8 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "saturation": result["limited"],
         "force": max(wall.get("static", 0.0), wall.get("peak", 0.0)) > 1.0,
         "no plan": result["mpc_failures"] > 0,
-        "contact": max(result["losses"], wall.get("losses", 0)) > 0}
+        "contact": max(result["losses"], wall.get("losses", 0)) > 0,
+        "linear": max(result.get("apart", {}).values(), default=0.0) > 1.0}
     return tuple(kind for kind in FAILURES if did.get(kind, False))
 
 
@@ -57,6 +58,12 @@ def certificate_in_probability(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,
         probability=failure_bound(len(results), len(failed), confidence),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
-        failed=failed, distribution=declared_distribution(campaign.base),
-        ranges=declared_ranges(campaign.base), seed=campaign.seed, campaign=campaign.identity,
-        **inputs)
+        failed=failed, apart=_largest_apart(results),
+        distribution=declared_distribution(campaign.base), ranges=declared_ranges(campaign.base),
+        seed=campaign.seed, campaign=campaign.identity, **inputs)
+
+
+def _largest_apart(results: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Returns the largest distance from the linear loop over its line, by the rows."""
+    found = [result["apart"] for result in results if "apart" in result]
+    return {rows: max(each[rows] for each in found) for rows in (found[0] if found else ())}

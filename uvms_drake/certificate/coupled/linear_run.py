@@ -137,9 +137,10 @@ def _forces(record: Record, loop: CoupledLoop, normal: np.ndarray,
     if len(walls) > 1:
         model, (touch, wall) = loop.at.model, walls[1]
         size, i = model.size, int(np.searchsorted(record.time, touch))
-        # The wall's force is zero at the touch; the linear loop begins its plan at zero.
+        # The wall's force is zero at the touch. The linear loop begins its plan at zero, and moves
+        # it as at the point: ∫ζ̄ and the difference of poses are millimetres apart.
         J = model.kinematics(loop.at.state[:size]).J_chi[:3]
-        moved = record.nominal_state[i, :size] - record.nominal_state[0, :size]
+        moved = np.trapezoid(record.nominal_zeta[:i + 1], record.time[:i + 1], axis=0)
         out[loop.entry(NORMAL_FORCE)] = lambda time: (
             np.array([-wall.stiffness * normal @ J @ moved]) if time >= touch else np.zeros(1))
     if across:

@@ -11,6 +11,7 @@ from uvms_drake.campaign.summary import format_campaign, summarise_campaign, sum
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.cache import store
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
+from uvms_drake.certificate.coupled.linear_distance import check_linear_loop
 from uvms_drake.certificate.in_probability import cache_key
 from uvms_drake.certificate.probability_table import format_probability
 from uvms_drake.command.campaign.runs import (
@@ -48,6 +49,8 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     path = args.output if args.output is not None else Path("out") / scenario.name
     folder, pool = path / STORE, pool_of(args)
     with reported_in(scenario_source(args.scenario, set_options(args.overrides))):
+        if scenario.certificate.linear is not None:
+            check_linear_loop(scenario)
         campaign = make_campaign(drawable(scenario), args.seed, None)
         require_same(folder, campaign, certified=False)
         note(scenario)
