@@ -171,9 +171,9 @@ def each_unknown() -> str:
     return "\n\n".join((
         "# Each unknown of the loop with thrusters and navigation alone, in probability",
         f"Certificates in probability of `{REAL}` with {FEW} drawn runs each: so few tell whether "
-        "an unknown breaks the loop, not that it hardly ever does. Start, wall, desired force, noise "
-        "and failing samples are drawn in every row. The last column is for the rows that declare "
-        "`certificate.linear`.",
+        "an unknown breaks the loop, not that it hardly ever does. Start, wall, desired force, "
+        "noise and failing samples are drawn in every row. The last column is for rows that "
+        "declare `certificate.linear`.",
         "\n".join(f"| {' | '.join(row)} |" for row in rows)))
 
 
