@@ -6,6 +6,7 @@ has ‖J_x(𝔮(t))‖ along the run: the law's own bound, see `Resolved.run_bou
 other one while the robot is in the constraint set; their distance is due to J_x.
 """
 
+import math
 from collections.abc import Mapping
 from itertools import compress
 from typing import Any, NamedTuple
@@ -68,7 +69,8 @@ class _Samples(NamedTuple):
     @staticmethod
     def of(state: np.ndarray) -> "_Samples":
         """Returns the parts of a state (22,)."""
-        return _Samples(*np.split(state, len(ALARMS) * np.arange(1, 4)))
+        n = len(ALARMS)
+        return _Samples(state[:n], state[n: 2 * n], state[2 * n: 3 * n], state[3 * n:])
 
 
 def beyond(norms: np.ndarray | float, bounds: np.ndarray | float, slack: float, floor: float
@@ -253,24 +255,25 @@ class TubeMonitor(LeafSystem):
         old = self._samples(context)
         # Bounds that are exceeded now; before `begin` deviations do not count.
         counts = context.get_time() >= self._begin
-        norms = np.tile(self._deviation.Eval(context).norms, 2) if counts else np.zeros(
-            2 * len(FIELDS))
-        bounds = np.concatenate([self._radii, self._bounds(context)])
-        set_wise, along = np.split(beyond(norms, bounds, self._slack, self._floor), 2)
+        norms = self._deviation.Eval(context).norms if counts else np.zeros(len(FIELDS))
+        bounds = np.array([self._radii, self._bounds(context)])
+        set_wise, along = np.any(beyond(norms, bounds, self._slack, self._floor), axis=1)
         d = 0.0
         if self._disturbance_port.HasValue(context):
-            d = float(np.linalg.norm(self._disturbance_port.Eval(context) / self._weights))
-        is_outside = np.array([np.any(set_wise), np.any(along),
-                               beyond(d, self._d_bound, self._slack, FLOOR)])
+            relative = self._disturbance_port.Eval(context) / self._weights
+            d = math.sqrt(relative @ relative)
+        is_outside = np.array([set_wise, along, beyond(d, self._d_bound, self._slack, FLOOR)])
         # Alarms for those that have just been exceeded.
-        left = is_outside & (old.outside == 0.0)
-        for text in compress(SAID, left):
-            warn(context.get_time(), text)
-        ratios = np.append(norms / np.maximum(bounds, self._floor),
-                           d / max(self._d_bound, FLOOR))
-        first = np.where(left, np.minimum(old.first, context.get_time()), old.first)
-        discrete_state.set_value(np.concatenate(_Samples(
-            is_outside, old.exits + left, first, np.maximum(old.worst, ratios))))
+        exits, first = old.exits, old.first
+        if (left := is_outside & (old.outside == 0.0)).any():
+            for text in compress(SAID, left):
+                warn(context.get_time(), text)
+            exits = exits + left
+            first = np.where(left, np.minimum(first, context.get_time()), first)
+        worst = old.worst.copy()
+        np.maximum(worst[:-1], (norms / np.maximum(bounds, self._floor)).ravel(), out=worst[:-1])
+        worst[-1] = max(worst[-1], d / max(self._d_bound, FLOOR))
+        discrete_state.set_value(np.concatenate([is_outside, exits, first, worst]))
         return EventStatus.Succeeded()
 
     @staticmethod

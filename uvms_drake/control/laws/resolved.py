@@ -10,6 +10,7 @@ with the measured contact force 𝔉_s in place of the model's, if there is one.
 control/laws/theory.md#law-resolved.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -97,13 +98,14 @@ def gains_and_growth(now: Pair, weights: np.ndarray) -> tuple[np.ndarray, float]
     ‖J‖² is the largest eigenvalue of J Jᵀ. The rows of the joints are unit vectors.
     """
     J = now.J_x[0] * weights
-    squares = J @ J.T
-    turning = -now.inverse @ now.J_x_dot[0]
-    turning = 0.5 * (turning + turning.T)
-    whole, mu = np.linalg.eigvalsh(np.array([squares, turning]))[:, -1]
-    blocks = np.linalg.eigvalsh(np.array([squares[:3, :3], squares[3:6, 3:6]]))[:, -1]
-    joints = np.max(weights[6:], initial=0.0)
-    return np.array([*np.sqrt([whole, *blocks]), joints, 1.0]), float(mu)
+    both = np.empty((2, *J.shape))
+    both[0], turning = J @ J.T, now.inverse @ now.J_x_dot[0]
+    both[1] = -0.5 * (turning + turning.T)
+    whole, mu = np.linalg.eigvalsh(both)[:, -1].tolist()
+    squares = np.array([both[0, :3, :3], both[0, 3:6, 3:6]])
+    position, orientation = np.linalg.eigvalsh(squares)[:, -1].tolist()
+    gains = [math.sqrt(whole), math.sqrt(position), math.sqrt(orientation)]
+    return np.array([*gains, weights[6:].max(initial=0.0), 1.0]), mu
 
 
 def reference_offset(now: Pair) -> np.ndarray:
@@ -112,4 +114,4 @@ def reference_offset(now: Pair) -> np.ndarray:
 
 
 def _size(x: np.ndarray) -> float:
-    return float(np.sqrt(x @ x))
+    return math.sqrt(x @ x)

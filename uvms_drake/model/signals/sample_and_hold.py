@@ -104,6 +104,7 @@ class SampledVector(LeafSystem):
             self.DeclarePeriodicDiscreteUpdateEvent(clock.period, 0.0, partial(self._sample, i))
             if (event := clock.passing_on) is not None:  # Only ends a step there.
                 self.DeclarePeriodicPublishEvent(*event, lambda context: None)
+        self._propagates = bool(self._propagated.any())
         if any(clock.delay > 0.0 for clock in clocks):
             self.DeclarePerStepDiscreteUpdateEvent(self._pass_on)
         now = {self.time_ticket()} if any(clock.error for clock in clocks) else set()
@@ -141,11 +142,13 @@ class SampledVector(LeafSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         hold = context.get_discrete_state(0).value().copy()
-        for i in np.flatnonzero(context.get_discrete_state(1).value() == 0.0):
-            clock = self._clocks[i]
-            hold[clock.rows] = self._measured(context, clock)
-        if self._propagated.any():
-            hold += np.where(self._propagated, self._port.Eval(context), 0.0)
+        taken = context.get_discrete_state(1).value()
+        if not taken.all():
+            for i in np.flatnonzero(taken == 0.0):
+                clock = self._clocks[i]
+                hold[clock.rows] = self._measured(context, clock)
+        if self._propagates:
+            hold[self._propagated] += self._port.Eval(context)[self._propagated]
         output.SetFromVector(hold)
 
     @staticmethod
