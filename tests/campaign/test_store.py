@@ -5,7 +5,9 @@ import json
 import pytest
 from support.campaigns import RUNS, SHORT, refusal, result_bytes
 
+from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.store import RUNS_FILE, run_log
+from uvms_drake.command.campaign.runs import drawable
 from uvms_drake.command.main import main
 
 pytestmark = pytest.mark.long
@@ -48,6 +50,7 @@ def test_the_folder_is_looked_at_before_anything_is_certified(reference, capsys,
 
 
 def test_a_folder_in_use_is_refused(campaign, tmp_path, capsys):
-    with run_log(tmp_path, campaign):
+    stepped = make_campaign(drawable(campaign.base), campaign.seed, None)  # As of the command.
+    with run_log(tmp_path, stepped):
         assert "no other process" in refusal(
             capsys, "--model-error", "0", "--output", str(tmp_path))
