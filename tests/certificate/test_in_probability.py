@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from support.probability import NAME, RANGES, made
 
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
@@ -13,31 +14,12 @@ from uvms_drake.certificate.certificate import (
     stale_reason,
     write_certificate,
 )
-from uvms_drake.certificate.drawn_values import DrawnRange, drawn_values, outside_ranges
-from uvms_drake.certificate.in_probability import (
-    FAILURES,
-    ProbabilityCertificate,
-    read_any_certificate,
-)
+from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
+from uvms_drake.certificate.in_probability import read_any_certificate
 from uvms_drake.certificate.probability_table import format_probability, sentences
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-
-NAME = "girona500_real_loop"
-RANGES = (DrawnRange("current, horizontal", 0.0, 0.1, "m/s"),
-          DrawnRange("model_error.mass", 0.9, 1.1, ""),
-          DrawnRange("wall, friction", 0.0, 0.5, ""), DrawnRange("task.force", 5.0, 30.0, "N"))
-
-
-def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
-    scenario = load_scenario(NAME)
-    kinds = dict.fromkeys(FAILURES, 0) | ({"tube": len(failed)} if failed else {})
-    return ProbabilityCertificate(**({
-        "scenario": NAME, "runs": runs, "failures": len(failed), "confidence": 0.95,
-        "probability": p, "kinds": kinds, "failed": tuple(failed), "apart": {},
-        "distribution": ("start: anywhere", "wall: any"), "ranges": RANGES, "seed": 3,
-        "campaign": "c0ffee", **ProbabilityCertificate.inputs_of(scenario)} | changes))
 
 
 def test_the_verdict_is_its_exact_sentence():

@@ -56,7 +56,7 @@ def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict
         certificate: Certificate of the run; of one in probability the summary tells the claim.
     """
     scenario = record.scenario
-    wall = record.wall_time_s
+    wall, contact = record.wall_time_s, summarise_contact(record)
     summary = {
         "scenario": scenario.name,
         "seed": scenario.seed,
@@ -68,7 +68,7 @@ def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict
         "mpc": summarise_mpc(record),
         "task_error": summarise_task_error(record),
         "force": summarise_force(record),
-        "contact": summarise_contact(record),
+        "contact": contact,
         "mission": summarise_mission(record),
         "constraints": summarise_constraints(record),
         "thrusters": summarise_thrusters(record),
@@ -76,7 +76,7 @@ def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict
         "tube": summarise_tube(record),
         "assumptions": [asdict(each) for each in assumptions_of(scenario, record.model)]
         if record.certified else [],
-        "in_probability": summarise_claim(record, certificate),
+        "in_probability": summarise_claim(record, certificate, contact),
         "events": [{"time_s": event.start, "until_s": event.end, "kind": event.kind,
                     "text": event.text} for event in events(record)],
     }
@@ -84,14 +84,20 @@ def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict
     return data
 
 
-def summarise_claim(record: Record, certificate: AnyCertificate | None) -> dict[str, Any] | None:
-    """Returns the claim of a certificate in probability, and values outside of its ranges."""
+def summarise_claim(record: Record, certificate: AnyCertificate | None, contact: dict[str, Any]
+                    ) -> dict[str, Any] | None:
+    """Returns the claim of a certificate in probability, and values outside of its ranges.
+
+    The bounds of its class that the wall was seen to exceed, of `summarise_contact`, are such, too.
+    """
     if not isinstance(certificate, ProbabilityCertificate):
         return None
+    seen = [f"contact.{key} was seen to be {row['observed']:.4g}, declared up to "
+            f"{row['specified']:.4g}" for key, row in contact.get("out_of_class", {}).items()]
     return {"verdict": certificate.verdict, "probability": certificate.probability,
             "confidence": certificate.confidence, "runs": certificate.runs,
             "failures": certificate.failures,
-            "outside": certificate.outside(record.scenario, record.model)}
+            "outside": [*certificate.outside(record.scenario, record.model), *seen]}
 
 
 def summarise_mpc(record: Record) -> dict[str, object]:
