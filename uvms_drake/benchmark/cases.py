@@ -79,6 +79,9 @@ class Case:
 CASES = {case.name: case for case in (
     Case("ideal", "exact wrench and state, continuous, disturbed", ideal=True),
     Case("thrusters", "lag of 0.05 to 0.15 s, 50 Hz, noise: so are all below"),
+    Case("navigation", "an exact navigation", (
+        "sensing.0.position.noise=0.0", "sensing.0.turning.noise=0.0",
+        "sensing.0.dvl.noise=[0.0, 0.0, 0.0]")),
     Case("wall_off", "the wall 5 cm deeper", ("surface_error.shift=[0.05, 0.0, 0.0]",)),
     Case("soft", "stiffness × 0.2", ("surface_error.stiffness=0.2",), further=6.0),
     Case("stiff", "stiffness × 5", ("surface_error.stiffness=5.0",)),
