@@ -40,6 +40,12 @@ def test_bad_input_is_one_line_and_nothing_is_written(capsys, tmp_path, args, wo
     assert not (tmp_path / "out").exists()
 
 
+def test_a_mission_is_refused_as_none_is_drawn(capsys, tmp_path):
+    command = ["certify", "jacket_inspection_real", "--runs", "2", "--output", str(tmp_path)]
+    assert main(command) == 2
+    assert "mission.steps = 10: must be left out with --runs" in capsys.readouterr().err
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """The folder of a certificate of two runs, which must not be changed."""
