@@ -11,7 +11,7 @@ from uvms_drake.benchmark import benchmark
 from uvms_drake.benchmark.benchmark import Run, run_all, runs_of
 from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, versions_of
 from uvms_drake.benchmark.overview import draw_overview, relative_errors
-from uvms_drake.benchmark.table import format_benchmark, summarise
+from uvms_drake.benchmark.table import NAVIGATION, STEPS, WHY, format_benchmark, summarise
 from uvms_drake.campaign.pool import Pool
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
@@ -118,9 +118,10 @@ def test_medians_worst_and_lost_rows_are_those_of_the_runs():
     assert cells["tube_mpc"]["force_rms"] == {"median": 0.4, "worst": np.inf}
     assert cells["impedance"]["limits"] == pytest.approx({"q": 0.2})
     assert cells["tube_mpc"]["failed"] == 1
-    assert [(row["metric"], row["by"]) for row in summary["better_than_tube"]] == [
-        ("force_rms", "impedance"), ("settling", "impedance")]
+    assert [(row["metric"], row["by"], row["why"]) for row in summary["better_than_tube"]] == [
+        ("force_rms", "impedance", NAVIGATION), ("settling", "impedance", STEPS)]
     text = format_benchmark(summary)
+    assert WHY[NAVIGATION] in text and WHY[STEPS] in text
     assert "0.2 (0.9) / 21 / 0.2 (0.9)" in text and "0.4 (–) / 20.5 / 0.4 (–)" in text
 
 
