@@ -203,22 +203,46 @@ of weight and buoyancy the prescribed performance does not hold the arm up; with
 between plans the nominal MPC does not hold the force.
 """
 """Reading of the page of the benchmark."""
+SPEED_NOTE = """Processor time on one core, old and new in turns, each measurement a process of its
+own; medians. A run counts with everything that it loads, a certificate from an empty cache, a
+campaign's run is its second one. The rows on the step are its effect: the largest change of state
+and force in a run as the chosen step is halved."""
+"""Text above the table of speeds."""
 PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
     "benchmark": benchmark, "probability": probability,
     "each_unknown": each_unknown}
 IMPORT, PRINTED = "robot_import", ("holds", "unknowns", "adversaries")
 """Pages with a script of their own; those of the second kind print it."""
+SPEED = "speed"
+"""Page beside an older checkout, which `--old` names; without it that page stays as it is."""
+
+
+def speed(old: Path) -> str:
+    """Returns the page of speeds beside those of an older checkout."""
+    def commit(checkout: Path) -> str:
+        return subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=checkout, check=True,
+                              capture_output=True, text=True).stdout.strip()
+
+    print(SPEED, file=sys.stderr)
+    table = subprocess.run([sys.executable, FOLDER / "speed.py", old], check=True,
+                           stdout=subprocess.PIPE, text=True).stdout
+    return f"# Speed beside commit {commit(old)}\n\n{SPEED_NOTE}\n\n{table.strip()}"
 
 
 def main() -> None:
     """Makes the selected pages."""
     parser = argparse.ArgumentParser(description=__doc__)
     names = [*PAGES, IMPORT, *PRINTED]
-    parser.add_argument("--only", choices=names, nargs="+", default=names)
+    parser.add_argument("--only", choices=[*names, SPEED], nargs="+")
+    parser.add_argument("--old", type=Path, help="speed: path of an older checkout")
     parser.add_argument(FINISHED, action="store_true",
                         help="benchmark: the finished runs in out/benchmark alone")
-    for name in parser.parse_args().only:
+    arguments = parser.parse_args()
+    old = arguments.old
+    if SPEED in (arguments.only or []) and old is None:
+        parser.error("--only speed: --old, the path of an older checkout, is missing")
+    for name in arguments.only or [*names, *([SPEED] if old else [])]:
         if name == IMPORT:
             subprocess.run([sys.executable, FOLDER / f"{IMPORT}.py"], check=True)
             continue
@@ -227,7 +251,7 @@ def main() -> None:
                                   stdout=subprocess.PIPE, text=True).stdout
             (FOLDER / f"{name}.md").write_text(page, encoding="utf-8")
             continue
-        page = PAGES[name]()
+        page = speed(old) if name == SPEED else PAGES[name]()
         (FOLDER / f"{name}.md").write_text(
             f"{page}\n\nMade by `python examples/results/make_all.py --only {name}`. "
             f"{provenance()}\n", encoding="utf-8")
