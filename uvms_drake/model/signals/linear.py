@@ -166,7 +166,11 @@ class LinearLoop:
     def _new(self, name: str, size: int, kind: Literal["state", "entry", "port"]) -> Signal:
         block = Block(name, size, len(self.blocks), kind)
         self.blocks.append(block)
-        return Signal(size, {block: np.eye(size)})
+        return self.signal_of(block)
+
+    def signal_of(self, block: Block) -> Signal:
+        """Returns a block as a signal."""
+        return Signal(block.size, {block: np.eye(block.size)})
 
     def flow(self, state: Signal, rate: Signal) -> None:
         """Sets ẋ of a block."""

@@ -1,0 +1,154 @@
+"""Error budget of the coupled linear loop: rows × sources, worst case and by chance.
+
+The worst case of a row is the sum of the largest effects of all sources within their bounds. By
+chance it is, but for a probability δ in a run,
+
+    q √(Σ σᵢ²) + Σ (largest effects of sources that are not random),   q = √(2 ln(2N/δ)),     (1)
+
+with the sum of variances over random sources and N the number of rows and instants that are looked
+at. It is about the linear loop alone: what is of second order is not bounded by it.
+See tube/coupled/theory.md#gains-by-the-pattern-of-an-error.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.model.signals.linear import ErrorChannel
+from uvms_drake.tube.coupled.coupled_loop import CoupledLoop
+from uvms_drake.tube.coupled.gains import Responses
+
+GROUPS = {
+    "depth": ("depth",), "position": ("depth", "tip y", "tip z"), "roll": ("roll",),
+    "pitch": ("pitch",), "depth_speed": ("depth speed",),
+    "tip_speed": ("depth speed", "tip speed y", "tip speed z"),
+    "nu1": ("surge", "sway", "heave"), "nu2": ("roll rate", "pitch rate", "yaw rate")}
+"""Rows of each radius of a tube, of which it is the norm; those of the joints depend on the arm."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Effect of one source on each row, largest over the walls of a point."""
+
+    name: str
+    worst: np.ndarray
+    """Largest effect within its bound (rows,)."""
+    std: np.ndarray
+    """Standard deviation (rows,); zero of a source that is not random."""
+    random: bool
+    counted: bool = True
+    """Whether it is in the sums; friction as any force is not."""
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Margin of stability of a loop, the least over walls."""
+
+    loop: str
+    """Name of the gain or of the delay."""
+    kind: str
+    """`gain` or `delay`."""
+    margin: float
+    """Largest stable multiple of it."""
+
+
+@dataclass(frozen=True)
+class CoupledBudget:
+    """The budget of a scenario at its task."""
+
+    rows: tuple[str, ...]
+    sources: tuple[Source, ...]
+    chance: float
+    """δ."""
+    quantile: float
+    """q."""
+    elsewhere: np.ndarray
+    """Largest sum by chance at drawn postures (rows,)."""
+    postures: int
+    """Number of drawn postures."""
+    left: dict[str, float]
+    """Limits less what the task uses of them, by row."""
+    declared: dict[str, float]
+    """Radii of the scenario's tube, by the names of `GROUPS` and of the joints."""
+    stability: tuple[Stability, ...]
+    decay: float
+    """Slowest decay rate over walls and drawn postures [1/s]; negative: unstable."""
+
+    @property
+    def worst(self) -> np.ndarray:
+        """Sums of the worst case (rows,)."""
+        return np.sum([each.worst for each in self.sources if each.counted], axis=0)
+
+    @property
+    def by_chance(self) -> np.ndarray:
+        """Sums by chance (rows,), see (1)."""
+        return by_chance(self.sources, self.quantile)
+
+    def radii(self, sums: np.ndarray) -> dict[str, float]:
+        """Returns the radii of a tube by sums of the rows, as norms."""
+        return radii_of(self.rows, sums)
+
+    def to_data(self) -> dict[str, Any]:
+        """Returns it with its sums, as data of a file."""
+        sums = {"worst": self.worst, "by_chance": self.by_chance}
+        return asdict(self) | {"sums": sums}
+
+    @staticmethod
+    def from_data(data: dict[str, Any]) -> "CoupledBudget":
+        """Returns the budget of which `to_data` made `data`."""
+        data = {key: value for key, value in data.items() if key != "sums"}
+        return CoupledBudget(**(data | {
+            "rows": tuple(data["rows"]), "elsewhere": np.array(data["elsewhere"]),
+            "sources": tuple(Source(**(each | {
+                key: np.array(each[key]) for key in ("worst", "std")})) for each in data["sources"]),
+            "stability": tuple(Stability(**each) for each in data["stability"])}))
+
+
+def quantile(rows: int, instants: float, chance: float) -> float:
+    """Returns q of (1), for a number of rows and of instants at which they are looked at."""
+    return math.sqrt(2.0 * math.log(2.0 * rows * instants / chance))
+
+
+def by_chance(sources: Sequence[Source], quantile: float) -> np.ndarray:
+    """Returns the sums (1) of the counted sources (rows,)."""
+    counted = [each for each in sources if each.counted]
+    variance = np.sum([each.std**2 for each in counted if each.random], axis=0)
+    rest = np.sum([each.worst for each in counted if not each.random], axis=0)
+    out: np.ndarray = quantile * np.sqrt(variance) + rest
+    return out
+
+
+def radii_of(rows: Sequence[str], sums: np.ndarray) -> dict[str, float]:
+    """Returns the radii of a tube by sums of the rows (rows,), as norms."""
+    joints = tuple(row for row in rows if row.startswith("q") and not row.endswith(" rate"))
+    groups = GROUPS | {"joints": joints, "qdot": tuple(f"{joint} rate" for joint in joints)}
+    return {name: float(np.linalg.norm([sums[rows.index(row)] for row in members]))
+            for name, members in groups.items()}
+
+
+def sources_of(loops: Sequence[CoupledLoop], further: Sequence[Sequence[ErrorChannel]],
+               not_counted: Sequence[str] = (), phases: tuple[int, ...] | None = None
+               ) -> tuple[Source, ...]:
+    """Returns the sources at a point, each the largest over its walls.
+
+    Args:
+        loops: Loops at the point, one for each wall; all stable.
+        further: Channels of each loop beside those of its sensors.
+        not_counted: Names of channels that are in no sum.
+        phases: As of `Responses`.
+    """
+    found: dict[str, list] = {}
+    random: dict[str, bool] = {}
+    for loop, more in zip(loops, further, strict=True):
+        responses = Responses(loop.system, phases)
+        for channel in (*loop.channels, *more):
+            gain = responses.gain(channel)
+            found.setdefault(channel.name, []).append(gain)
+            random[channel.name] = channel.sigma is not None
+    return tuple(Source(
+        name, np.max([gain.worst for gain in gains], axis=0),
+        np.sqrt(np.max([gain.variance for gain in gains], axis=0)), random[name],
+        name not in not_counted) for name, gains in found.items())
