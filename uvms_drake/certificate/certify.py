@@ -20,6 +20,8 @@ from uvms_drake.certificate.advice import longer, roomier, safer, wider
 from uvms_drake.certificate.assumptions import assumptions_of, undriven_axes, unnamed_axes
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
+from uvms_drake.certificate.coupled.budget import conditions_of as coupled_conditions
+from uvms_drake.certificate.coupled.budget import coupled_budget, has_coupled_budget
 from uvms_drake.certificate.declared_unknowns import (
     fitting_disturbance,
     payload_acceleration,
@@ -120,6 +122,9 @@ def certify(scenario: Scenario, progress: Progress = silent,
                 name: dict(parts) for name, parts in found.budget.items()},
             margin=budget_margins(scenario, found, model),
             conditions=(*found.conditions, *assumed_conditions(scenario, model)))
+        if has_coupled_budget(scenario, model):
+            coupled = coupled_budget(scenario, model)
+            draft = replace(draft, coupled=coupled).adding(coupled_conditions(coupled))
         if scenario.mission.steps and np.size(found.radii.u):
             draft = replace(draft, legs=tuple(legs_of(
                 scenario.mission.checked(), sensed_contact(scenario), found.radii,

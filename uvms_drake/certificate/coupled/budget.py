@@ -12,12 +12,13 @@ from uvms_drake.certificate.coupled.loop_at_task import (
     press_configuration,
     pressing_wall,
 )
-from uvms_drake.control.laws.tip_first import TipFirst
+from uvms_drake.control.laws.tip_first import BlockGains, TipFirst
 from uvms_drake.control.limits import joint_limits, resolved_radii
+from uvms_drake.control.limits.plan_acceleration import PlanAcceleration
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.linear import ErrorChannel
 from uvms_drake.model.signals.sensor_actuator import Part
-from uvms_drake.model.surface import SensedContact
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.command_path import command_paths
 from uvms_drake.station.contact.bounds import largest_force, pressing_force, sensed_contact
@@ -49,8 +50,16 @@ CHANCE = 1e-3
 SLOPES = 0.0, 300.0
 """Slopes of friction by the tip's speed at which a loop is looked at [N s/m]: of a tip that sticks,
 and of one that slips at half of the creep velocity of 25 mm/s under 20 N with μ = 0.2."""
-POSTURES, STABLE_AT = 3, 10
+STICKING = 2
+"""Number of the walls of `walls_of` without a slope of friction; a plan that slides is looked at on
+these, since friction that grows with its speed would have no bound."""
+PLAN_PHASES = 4
+"""Number of phases between two knots of a plan at which the rows are looked at."""
+POSTURES, STABLE_AT = 2, 10
 """Number of drawn postures at which the sums are computed, and at which stability is checked."""
+FARTHEST_PLAN = 1.0
+"""Displacement of a plan from the task along an axis without a limit [m, rad]; it has no effect but
+of second order."""
 MARGIN = 1.5
 """Least multiple of a gain, or of the mean delay of a loop, at which it has to be stable."""
 FARTHEST, HALVINGS = 4.0, 5
@@ -60,43 +69,45 @@ FRICTION, PLANNED = "friction as any force", "plan"
 
 
 def has_coupled_budget(scenario: Scenario, model: ContactModel) -> bool:
-    """Returns whether a scenario has thrusters behind a clock, of which there is no proven tube."""
+    """Returns whether a scenario has thrusters behind a clock, of which no tube is proven."""
     paths = command_paths(scenario, model)
-    return (isinstance(scenario.contact, SensedContact) and isinstance(scenario.ancillary, TipFirst)
+    pressed = isinstance(scenario.contact, UnknownContact)
+    return (pressed and isinstance(scenario.ancillary, TipFirst)
             and any(path is not None and path.whole and path.period > 0.0 for path in paths)
             and any(path is not None and not path.whole for path in paths))
 
 
 def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget:
     """Returns the budget at the task's posture, and the largest sums at drawn ones."""
+    # The loops at the task, and at drawn postures of the declared set.
     parts, walls = loop_parts(scenario, model), walls_of(scenario)
     config = press_configuration(scenario, model)
-    loops = _loops(parts, walls, config, planned=True)
-    rows = loops[0].rows
-    decay = min(loop.system.decay[0] for loop in loops)
+    loops = _loops(parts, walls, config)
     rng = np.random.default_rng(scenario.certificate.seed)
     lower, upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
-    drawn = [np.append(config[:6], rng.uniform(lower, upper)) for _ in range(STABLE_AT)]
-    drawn = [_at_pose(model, scenario, each[6:]) for each in drawn]
-    at_drawn = [_loops(parts, walls, each, planned=False) for each in drawn]
-    decay = min(decay, *(loop.system.decay[0] for each in at_drawn for loop in each))
+    at_drawn = [_loops(parts, walls, np.concatenate(
+        [np.zeros(5), config[5:6], rng.uniform(lower, upper)])) for _ in range(STABLE_AT)]
+    decay = min(loop.system.decay[0] for each in (loops, *at_drawn) for loop in each)
+
+    # Sensors and friction, and the plan, whose own clock makes a longer period.
+    rows = loops[0].rows
     q = quantile(len(rows), scenario.duration / STEP, CHANCE)
-    none = np.zeros(len(rows))
     sources: tuple[Source, ...] = ()
-    elsewhere = none
+    elsewhere = np.zeros(len(rows))
     if decay > 0.0:
-        sources = sources_of(loops, [_further(scenario, loop) for loop in loops], (FRICTION,))
-        elsewhere = np.max([by_chance(_random(sources_of(
-            each, [()] * len(each), phases=(len(each[0].system.steps) - 1,)), sources), q)
+        bounded = largest_accelerations(scenario) is not None
+        of_plan = sources_of([
+            (loop.system, [_plan(scenario, loop)])
+            for loop in _loops(parts, walls[:STICKING], config, planned=True)],
+            () if bounded else (PLANNED,), phases=PLAN_PHASES)
+        sources = (*sources_of([(loop.system, [*loop.channels, _friction(scenario, loop)])
+                                for loop in loops], (FRICTION,)), *of_plan)
+        elsewhere = np.max([by_chance((*sources_of(
+            [(loop.system, loop.channels) for loop in each], phases=1), *of_plan), q)
             for each in at_drawn[:POSTURES]], axis=0)
     return CoupledBudget(
         rows, sources, CHANCE, q, elsewhere, POSTURES, limits_left(scenario, model),
         _declared(scenario), tuple(stability(scenario, parts, walls, config)), float(decay))
-
-
-def _random(sensors: tuple[Source, ...], at_task: tuple[Source, ...]) -> tuple[Source, ...]:
-    """Returns the sources of the sensors elsewhere, with the plan's as at the task."""
-    return (*sensors, *(each for each in at_task if each.name == PLANNED))
 
 
 def walls_of(scenario: Scenario) -> list[Wall]:
@@ -106,35 +117,38 @@ def walls_of(scenario: Scenario) -> list[Wall]:
     return [free, *(pressing_wall(scenario, contact.stiffness, slope) for slope in SLOPES)]
 
 
-def _loops(parts: LoopParts, walls: Iterable[Wall], config: np.ndarray, *, planned: bool
-           ) -> list[CoupledLoop]:
+def _loops(parts: LoopParts, walls: Iterable[Wall], config: np.ndarray, *,
+           planned: bool = False) -> list[CoupledLoop]:
     return [coupled_loop(parts, operating_point(parts, config, wall), wall, planned=planned)
             for wall in walls]
 
 
-def _at_pose(model: ContactModel, scenario: Scenario, q: np.ndarray) -> np.ndarray:
-    """Returns 𝔮 of a level vehicle with these joints, at the heading of the task."""
-    heading = press_configuration(scenario, model)[5]
-    return np.concatenate([np.zeros(5), [heading], q])
+def _plan(scenario: Scenario, loop: CoupledLoop) -> ErrorChannel:
+    """Returns the plan's accelerations; those of an undriven axis, which no plan decides, are 0."""
+    bound = largest_accelerations(scenario)
+    bound = np.ones(loop.at.model.size) if bound is None else bound.copy()
+    bound[loop.undriven] = 0.0
+    tube, limits, joints = resolved_radii(scenario.tube), scenario.limits, loop.at.model.num_joints
+    speeds = [getattr(limits, key) - (getattr(tube, key) or 0.0) for key in ("nu1", "nu2", "qdot")]
+    lower, upper = joint_limits(limits, loop.at.model.q_lower, loop.at.model.q_upper)
+    reach = np.concatenate([[FARTHEST_PLAN] * 3, [limits.roll, limits.pitch, FARTHEST_PLAN],
+                            upper - lower])
+    return ErrorChannel(
+        PLANNED, loop.loop.signal_of(loop.entry(PLAN)), bound, kind="steps",
+        sums=(np.where(bound > 0.0, np.repeat(speeds, [3, 3, joints]), 0.0),
+              np.where(bound > 0.0, reach, 0.0)))
 
 
-def _further(scenario: Scenario, loop: CoupledLoop) -> list[ErrorChannel]:
-    """Returns the plan's accelerations, and friction as any force."""
-    entries = {block.name: loop.loop.signal_of(block) for block in loop.system.entries}
-    contact = sensed_contact(scenario)
-    friction = contact.friction * pressing_force(scenario) * np.ones(2)
-    return [ErrorChannel(PLANNED, entries[PLAN], largest_accelerations(scenario)),
-            ErrorChannel(FRICTION, entries[FORCE_ACROSS], friction, kind="flow")]
+def _friction(scenario: Scenario, loop: CoupledLoop) -> ErrorChannel:
+    bound = sensed_contact(scenario).friction * pressing_force(scenario) * np.ones(2)
+    return ErrorChannel(FRICTION, loop.loop.signal_of(loop.entry(FORCE_ACROSS)), bound,
+                        kind="flow")
 
 
-def largest_accelerations(scenario: Scenario) -> np.ndarray:
-    """Returns the largest |ζ̄̇ᵢ| of a plan (6+n,), from the limits of the speeds.
-
-    A speed that is within its limit at both ends of an interval changes by twice that at most.
-    """
-    limits, joints = scenario.limits, len(np.asarray(scenario.task.posture))
-    speeds = np.repeat([limits.nu1, limits.nu2, limits.qdot], [3, 3, joints])
-    return 2.0 * speeds / scenario.mpc.time_step
+def largest_accelerations(scenario: Scenario) -> np.ndarray | None:
+    """Returns the largest |ζ̄̇ᵢ| of a plan (6+n,), if `limits.more` has a `PlanAcceleration`."""
+    return next((np.asarray(limit.bound, dtype=float) for limit in scenario.limits.more
+                 if isinstance(limit, PlanAcceleration)), None)
 
 
 def limits_left(scenario: Scenario, model: ContactModel) -> dict[str, float]:
@@ -164,9 +178,10 @@ def _declared(scenario: Scenario) -> dict[str, float]:
 def stability(scenario: Scenario, parts: LoopParts, walls: list[Wall], config: np.ndarray
               ) -> list[Stability]:
     """Returns the margins of the gains, of the observers and of the delays."""
+    # The largest multiple at which the loops are stable, by bisection.
     law = scenario.ancillary
     assert isinstance(law, TipFirst)  # or `has_coupled_budget`
-    points = [(wall, operating_point(parts, config, wall)) for wall in walls[:2]]
+    points = [(wall, operating_point(parts, config, wall)) for wall in walls[:STICKING]]
 
     def margin(changed: Callable[[float], LoopParts]) -> float:
         """Returns the largest multiple up to which all loops are stable."""
@@ -184,20 +199,25 @@ def stability(scenario: Scenario, parts: LoopParts, walls: list[Wall], config: n
 
     out = []
     for key in ("vehicle", "tip"):
-        gains = getattr(law, key)
-        out.append(Stability(f"{key} gains", "gain", margin(lambda by, key=key, gains=gains: replace(
-            parts, law=replace(law, **{key: replace(
-                gains, k=by * gains.k, sigma=by * gains.sigma)})))))
-        if gains.observer > 0.0:
-            out.append(Stability(f"{key} observer", "gain", margin(
-                lambda by, key=key, gains=gains: replace(parts, law=replace(law, **{
-                    key: replace(gains, observer=by * gains.observer)})))))
-    delays = {"command": (SampledCommand, "delay", parts.delay.joints + _age_of_joints(parts)),
-              "thrusters": (Thrusters, "dead_time", parts.delay.vehicle)}
-    for name, (kind, key, mean) in delays.items():
-        out.append(Stability(f"delay of {name}", "delay", margin(
-            lambda by, kind=kind, key=key, mean=mean: replace(parts, actuation=[
-                _later(part, kind, key, (by - 1.0) * mean, parts) for part in parts.actuation]))))
+        for name, scaled in (("gains", ("k", "sigma")), ("observer", ("observer",))):
+            gains: BlockGains = getattr(law, key)
+            if getattr(gains, scaled[0]) > 0.0:
+                def stronger(by: float, key: str = key, gains: BlockGains = gains,
+                             scaled: tuple[str, ...] = scaled) -> LoopParts:
+                    changed = replace(gains, **{each: by * getattr(gains, each) for each in scaled})
+                    other = replace(law)
+                    setattr(other, key, changed)
+                    return replace(parts, law=other)
+
+                out.append(Stability(f"{key} {name}", "gain", margin(stronger)))
+    for delayed, mean in ((SampledCommand, parts.delay.joints + _age_of_joints(parts)),
+                          (Thrusters, parts.delay.vehicle)):
+        def later(by: float, delayed: type = delayed, mean: float = mean) -> LoopParts:
+            return replace(parts, actuation=[
+                _later(part, (by - 1.0) * mean, parts) if isinstance(part, delayed) else part
+                for part in parts.actuation])
+
+        out.append(Stability(f"delay of {delayed.__name__}", "delay", margin(later)))
     return out
 
 
@@ -207,22 +227,22 @@ def _age_of_joints(parts: LoopParts) -> float:
                for part in parts.sensing if isinstance(part, Navigation))
 
 
-def _later(part: Part, kind: type, key: str, by: float, parts: LoopParts) -> Part:
-    """Returns an actuator with a longer delay, in whole periods of thrusters."""
-    if not isinstance(part, kind):
-        return part
+def _later(part: Part, by: float, parts: LoopParts) -> Part:
+    """Returns a clock, or thrusters, with a longer delay, in whole periods of thrusters."""
     if isinstance(part, Thrusters):
         now = part.known(parts.model).dead_time
         return replace(part, dead_time=part.period * round((now + by) / part.period))
-    return replace(part, **{key: getattr(part, key) + round(by, 3)})
+    assert isinstance(part, SampledCommand)
+    return replace(part, delay=part.delay + round(by, 3))
 
 
 def conditions_of(budget: CoupledBudget) -> list[Condition]:
     """Returns the conditions: stability with a margin, and the sums within the declared tube."""
     out = [Condition("coupled loop, slowest decay at drawn postures and walls [1/s]",
                      budget.decay, ">", 0.0, theorem=STABILITY, topic="coupled loop")]
-    out += [Condition(f"coupled loop, stable multiple of the {each.loop}", each.margin, ">=", MARGIN,
-                      theorem=STABILITY, topic="coupled loop") for each in budget.stability]
+    out += [Condition(f"coupled loop, stable multiple of {each.loop}", each.margin, ">=",
+                      MARGIN, theorem=STABILITY, topic="coupled loop")
+            for each in budget.stability]
     if not budget.sources:
         return out
     radii = budget.radii(budget.by_chance)

@@ -11,6 +11,7 @@ from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
 from uvms_drake.control.limits.inputs import Accelerations, Forces
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.limit import Limit
+from uvms_drake.control.limits.plan_acceleration import PlanAcceleration
 from uvms_drake.control.limits.radii import TubeRadii, check_tube, resolved_radii
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.limits.static_force import StaticForce
@@ -20,7 +21,7 @@ from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.description.thruster_file import ThrusterParameters
 from uvms_drake.model.surface.law import Surface
 
-offer(Limit, TipBox, TipVelocity)
+offer(Limit, TipBox, TipVelocity, PlanAcceleration)
 
 
 @dataclass

@@ -111,11 +111,14 @@ class ErrorChannel:
     kind: str = "samples"
     """`samples`, any value at each tick; `hold`, one value for `ticks`; `ramp`, `bound` times the
     time since such a value began; `constant`; `slow`, a constant and a rate of at most `rate`;
-    `flow`, any function of time; `pulse`, any value at each tick of its own slower clock."""
+    `flow`, any function of time; `steps`, any value at each tick, whose sums are bounded, too."""
     ticks: tuple[int, int] = (1, 1)
     """Least and largest number of ticks for which a value is held."""
     rate: np.ndarray | None = None
     """Bound of the rate, of a slow error [1/s]."""
+    sums: tuple[np.ndarray, np.ndarray] | None = None
+    """Bounds of the first and of the second integral over time, of `steps`: an acceleration's speed
+    and displacement."""
 
 
 @dataclass

@@ -6,7 +6,7 @@ chance it is, but for a probability δ in a run,
     q √(Σ σᵢ²) + Σ (largest effects of sources that are not random),   q = √(2 ln(2N/δ)),     (1)
 
 with the sum of variances over random sources and N the number of rows and instants that are looked
-at. It is about the linear loop alone: what is of second order is not bounded by it.
+at. It is about the linear loop alone: the remainder of second order is not bounded by it.
 See tube/coupled/theory.md#gains-by-the-pattern-of-an-error.
 """
 
@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.model.signals.linear import ErrorChannel
-from uvms_drake.tube.coupled.coupled_loop import CoupledLoop
-from uvms_drake.tube.coupled.gains import Responses
+from uvms_drake.tube.coupled.gains import Gain, Responses
+from uvms_drake.tube.coupled.periodic import PeriodicSystem
 
 GROUPS = {
     "depth": ("depth",), "position": ("depth", "tip y", "tip z"), "roll": ("roll",),
@@ -70,7 +70,7 @@ class CoupledBudget:
     postures: int
     """Number of drawn postures."""
     left: dict[str, float]
-    """Limits less what the task uses of them, by row."""
+    """Limits less the part that the task uses, by row."""
     declared: dict[str, float]
     """Radii of the scenario's tube, by the names of `GROUPS` and of the joints."""
     stability: tuple[Stability, ...]
@@ -102,8 +102,8 @@ class CoupledBudget:
         data = {key: value for key, value in data.items() if key != "sums"}
         return CoupledBudget(**(data | {
             "rows": tuple(data["rows"]), "elsewhere": np.array(data["elsewhere"]),
-            "sources": tuple(Source(**(each | {
-                key: np.array(each[key]) for key in ("worst", "std")})) for each in data["sources"]),
+            "sources": tuple(Source(**(each | {key: np.array(each[key]) for key in (
+                "worst", "std")})) for each in data["sources"]),
             "stability": tuple(Stability(**each) for each in data["stability"])}))
 
 
@@ -129,24 +129,23 @@ def radii_of(rows: Sequence[str], sums: np.ndarray) -> dict[str, float]:
             for name, members in groups.items()}
 
 
-def sources_of(loops: Sequence[CoupledLoop], further: Sequence[Sequence[ErrorChannel]],
-               not_counted: Sequence[str] = (), phases: tuple[int, ...] | None = None
-               ) -> tuple[Source, ...]:
+def sources_of(systems: Sequence[tuple[PeriodicSystem, Sequence[ErrorChannel]]],
+               not_counted: Sequence[str] = (), phases: int | None = None) -> tuple[Source, ...]:
     """Returns the sources at a point, each the largest over its walls.
 
     Args:
-        loops: Loops at the point, one for each wall; all stable.
-        further: Channels of each loop beside those of its sensors.
+        systems: System of each wall, which is stable, with its channels.
         not_counted: Names of channels that are in no sum.
-        phases: As of `Responses`.
+        phases: Number of phases at which the rows are looked at; all if left out.
     """
-    found: dict[str, list] = {}
+    found: dict[str, list[Gain]] = {}
     random: dict[str, bool] = {}
-    for loop, more in zip(loops, further, strict=True):
-        responses = Responses(loop.system, phases)
-        for channel in (*loop.channels, *more):
-            gain = responses.gain(channel)
-            found.setdefault(channel.name, []).append(gain)
+    for system, channels in systems:
+        count = len(system.steps)
+        responses = Responses(system, None if phases is None else tuple(
+            int(each) for each in np.linspace(0, count, phases, endpoint=False)))
+        for channel in channels:
+            found.setdefault(channel.name, []).append(responses.gain(channel))
             random[channel.name] = channel.sigma is not None
     return tuple(Source(
         name, np.max([gain.worst for gain in gains], axis=0),

@@ -5,7 +5,8 @@ For the impulse responses hₗ of a row, l the number of ticks since an input, a
     samples    worst Σ|hₗ| w,    variance Σ hₗ² σ²,                                        (1)
     hold       the same of the sums of hₗ over a dwell, largest over all sequences of dwells,
     ramp       Σ hₗ · (time since its dwell began), likewise: w is the rate,
-    constant   |Σ hₗ| w,    slow  |Σ hₗ| w + ẇ h Σₗ |Σ_{j>l} hⱼ|.
+    constant   |Σ hₗ| w,    slow  |Σ hₗ| w + ẇ h Σₗ |Σ_{j>l} hⱼ|,
+    steps      Σ|hₗ − α − βl| w + |α − β/2| v/h + |β| p/h², α + βl the line that hₗ tends to.
 
 All are the largest over the recorded phases of a period. Proofs:
 tube/coupled/theory.md#gains-by-the-pattern-of-an-error.
@@ -64,6 +65,13 @@ class Responses:
                 sign * h, least, most,
                 lambda sums, ages: tick * (ages + np.maximum(sums, 0.0))) for sign in (1.0, -1.0)))
             return Gain(worst @ bound, np.zeros(h.shape[1]))
+        if channel.kind == "steps":
+            assert channel.sums is not None
+            speed, reach = channel.sums
+            level, slope, rest = _beside_line(h)
+            worst = np.sum(np.abs(rest), axis=0) @ bound + np.abs(
+                level - 0.5 * slope) @ (speed / tick) + np.abs(slope) @ (reach / tick**2)
+            return Gain(worst, np.zeros(h.shape[1]))
         total = np.abs(np.sum(h, axis=0))
         if channel.kind == "constant":
             return Gain(total @ bound, np.zeros(h.shape[1]))
@@ -72,6 +80,14 @@ class Responses:
             rate = tick * np.sum(np.abs(after), axis=0) @ np.asarray(channel.rate, dtype=float)
             return Gain(total @ bound + rate, np.zeros(h.shape[1]))
         return Gain(np.sum(np.abs(h), axis=0) @ bound, np.sum(h**2, axis=0) @ sigma**2)
+
+
+def _beside_line(h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns α, β (o, size) of the line that responses tend to, and their deviation from it."""
+    lags = np.arange(len(h))
+    last = lags[-len(h) // 4:]
+    slope, level = np.polyfit(last, h[last].reshape(len(last), -1), 1).reshape(2, *h.shape[1:])
+    return level, slope, h - level - slope * lags[:, None, None]
 
 
 def _over_dwells(h: np.ndarray, least: int, most: int,

@@ -105,7 +105,7 @@ class PeriodicSystem:
     @cached_property
     def periods(self) -> int:
         """Number of periods of a response, a multiple of `AT_ONCE`."""
-        needed = math.log(1.0 / TAIL) / float(self.decay[0])
+        needed = math.log(1.0 / TAIL) / max(float(self.decay[0]), 1.0 / LONGEST)
         periods = min(needed, LONGEST) / float(self.period)
         return AT_ONCE * math.ceil(periods / AT_ONCE)
 

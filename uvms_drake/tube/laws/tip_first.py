@@ -7,9 +7,9 @@ Each row obeys ë + (k + σ)ė + kσe = δ, δ = J_y D, and with the gains γ of
 
 for blocks b of rows with the same gains: the vehicle's position and attitude, the tip's position,
 and the joints. Clocks, dead times and lags have sources of their own: `zoh_command_tube` for a
-command under zero-order hold, `LaggedWrenchTube` for a vehicle's wrench that lags, and
-`ActuationTube` for thrusters behind a clock, without a proof. Each radius is the sum of gain ×
-bound of all sources. See tube/theory.md#tube-of-the-law-tip-first.
+command under zero-order hold, `LaggedWrenchTube` for a vehicle's wrench that lags. Of thrusters
+behind a clock there is no proof, and no tube: `tube.coupled` has a linear budget. Each radius is
+the sum of gain × bound of all sources. See tube/theory.md#tube-of-the-law-tip-first.
 """
 
 from dataclasses import replace
@@ -20,8 +20,7 @@ from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.actuation.lagged_wrench import LaggedWrenchTube
-from uvms_drake.tube.actuation.thruster_tube import (
-    ActuationTube,
+from uvms_drake.tube.actuation.slower_plans import (
     block_bounds,
     slower_plans,
     zoh_command_tube,
@@ -77,6 +76,12 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     is_lagged = lag_is_proven(law, actuators, basis.time_step)
     loops = _row_loops(law, actuators)
     conditions = _structural_conditions(law, basis, rows, loops)
+    if actuators.delayed and actuators.thrusters and not is_lagged:
+        conditions.append(assumption(
+            "actuation, thrusters behind a clock",
+            "of which no tube is proven; see the coupled linear budget", topic="actuation path",
+            theorem="tube/coupled/theory.md#coupled-loop"))
+        return LawTube(TubeRadii(), tuple(conditions))
     arm = arm_of(model, basis.declared, rows, settings)
     conditions.append(Condition(
         "arm, smallest singular value of J_sq, estimated", arm.regular, ">", 0.0,
@@ -101,7 +106,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     # Disturbance and sensor by block of rows, and then the actuators, which depend on both.
     inputs = DisturbanceInputs(basis)
     table = _table(basis, arm, inputs, vehicle, tip, joints)
-    actuation: ActuationTube | ZohCommandTube | LaggedWrenchTube | None = None
+    actuation: ZohCommandTube | LaggedWrenchTube | None = None
     free_check = no_estimates
     limits = np.array([basis.declared.nu1, basis.declared.nu2, basis.declared.qdot])
     if is_sampled:
@@ -113,8 +118,6 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
             theorem="tube/actuation/theory.md#vehicle-wrench-with-a-first-order-lag"))
         actuation = LaggedWrenchTube(basis, rows, *loops, table, np.minimum(
             slower_plans(basis, rows, table), SHARE * limits), inputs)
-    elif actuators.delayed:
-        actuation = ActuationTube(law, basis, rows, loops, table)
     if actuation is not None:
         table = actuation.table
 
