@@ -103,13 +103,13 @@ def test_a_value_stands_before_the_advice_in_words():
 
 
 def test_what_the_vehicle_would_need_is_no_help_but_why():
-    failed = Condition("delayed actuators, spectral radius", 4.5, "<", 1.0,
-                       obstacle="it is late", theorem="t", topic="delayed actuators")
+    failed = Condition("coupled loop, stable multiple", 4.5, "<", 1.0,
+                       obstacle="it is late", theorem="t", topic="coupled loop")
     certificate = Certificate(scenario="s", law="tip-first", k=1.0, sigma=1.0, d_bound=0.1,
                               files={}, inputs="", versions={}, conditions=(failed,))
     assert verdict(certificate).endswith(
-        "by 3.5; not with this vehicle, because it is late; or faster clocks, a shorter lag or "
-        "dead time, or slower limits")
+        "by 3.5; not with this vehicle, because it is late; or smaller ancillary gains, faster "
+        "clocks, a shorter lag or dead time")
 
 
 @pytest.mark.slow
