@@ -27,7 +27,7 @@ RUNS = 20
 """Runs of a campaign."""
 REAL, DRAWN = "girona500_real_loop", 60
 """Scenario and number of runs of a certificate in probability."""
-FEW, FEWER = 5, 2
+FEW, FEWER = 5, 1
 """Number of runs with each unknown, and with a stiff one, which takes ten times as long."""
 NONE = ("model_error.mass=1.0", "current=[0.0, 0.0, 0.0]")
 """The scenario without its unknowns."""
