@@ -6,7 +6,7 @@ from pydrake.systems.framework import LeafSystem
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
-from uvms_drake.control.contact.contact_state import ForceSensorModel
+from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
@@ -19,7 +19,7 @@ MADE = {
     "desired_force": lambda model: DesiredForce(N, 5.0, 20.0),
     "target": lambda model: PressTarget(N, np.zeros(3)),
     "front": lambda model: ContactEstimator(
-        model, SurfaceClass(), ForceSensorModel(45.0, 1.0), margin=0.01),
+        model, SurfaceClass(), EstimatorSettings(45.0, 1.0), margin=0.01),
     "hold_last_value": lambda model: HoldLastValue(6),
     "adversary": lambda model: TaskAdversary(0.1),
 }

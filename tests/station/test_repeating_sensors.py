@@ -27,6 +27,7 @@ from uvms_drake.sensing.force_sensor import WristSensor
 from uvms_drake.station.contact.bounds import (
     LONGEST_FREEZE,
     pressing_force,
+    reading_of,
     sensed_contact,
     sensing_of,
 )
@@ -54,7 +55,7 @@ def with_repeated(scenario, components):
 def read(scenario, freezes, until, force):
     """Returns the statuses of a sensor on a tip at rest, at each reading, and their times."""
     builder, model, sensing = DiagramBuilder(), load_model(scenario), sensing_of(scenario)
-    sensor, = scenario.sensing
+    sensor, reading = scenario.sensing[0], reading_of(scenario)
     config = np.append(scenario.start.eta, scenario.start.q)
     chi = model.task_pose(config)[:6]
     still = np.append(config, np.zeros(len(config)))
@@ -67,8 +68,8 @@ def read(scenario, freezes, until, force):
     measured = FaultySensor.AddToBuilder(
         builder, FrozenForce(freezes, 9.0), true=wrist.GetOutputPort("force_measured"))
     detector = ForceFaultDetector.AddToBuilder(
-        builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
-        largest=sensing.largest, state=script.GetOutputPort("state"),
+        builder, model, sensing.period, repeats=sensing.repeats, tare=reading.tare,
+        largest=reading.largest, state=script.GetOutputPort("state"),
         force_measured=measured.get_output_port())
     log = LogVectorOutput(detector.GetOutputPort("force_status"), builder, sensing.period)
     simulator = Simulator(builder.Build())

@@ -11,7 +11,7 @@ from support.pressing import (
     random_walls_in_line,
 )
 
-from uvms_drake.control.contact.contact_state import ForceSensorModel
+from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.press_target import (
     SEARCH_DEPTH,
     PressTarget,
@@ -22,7 +22,7 @@ from uvms_drake.control.contact.press_target import (
 )
 
 NOWHERE = np.nan
-SENSING = ForceSensorModel(force_max=45.0, noise=4.2, window=0.11)
+SENSING = EstimatorSettings(force_max=45.0, noise=4.2, window=0.11)
 
 
 def aimed(force, slope, *, x=0.5, desired=20.0):

@@ -15,7 +15,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
-from uvms_drake.control.contact.contact_state import ForceSensorModel
+from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import FAILED, MPC_REPORT
@@ -33,7 +33,7 @@ from uvms_drake.sensing.force_faults import (
 from uvms_drake.sensing.force_sensor import cut_noise
 
 WALLS = SurfaceClass(DIRECTION, stiffness=2000.0, dissipation=2.0)
-SENSING = ForceSensorModel(force_max=20.0, noise=0.2, period=0.02, window=0.02, tare=0.0)
+SENSING = EstimatorSettings(force_max=20.0, noise=0.2, period=0.02, window=0.02)
 MARGIN = 1e-4  # m, how far the robot may be off the plan here
 DESIRED = 12.0  # N
 H = 0.2  # s
@@ -83,7 +83,7 @@ class Sampled(LeafSystem):
 
 
 def press(place: float, stiffness: float, duration: float, fault: ForceFault | None = None,
-          sensing: ForceSensorModel = SENSING) -> dict[str, np.ndarray]:
+          sensing: EstimatorSettings = SENSING) -> dict[str, np.ndarray]:
     """Returns the MPC's reports, and of a run time, depth in the wall, and if the force is lost."""
     ocp = tracking_ocp(force=1.2 * SENSING.force_max, overrides=(
         "mpc.horizon=5", "mpc.iterations=2"))

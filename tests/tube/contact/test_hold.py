@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.force_reading import reading_off
 
 from uvms_drake.tube.contact.hold import SETTLED, HoldLaw, TipBounds, growth_of, settled
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
@@ -12,7 +13,7 @@ from uvms_drake.tube.loops.row_loop import RowLoop
 K, LAG, PERIOD, KAPPA, GAIN = 45.0, 0.02, 0.01, 900.0, 0.2
 APPROACH = MeasuredForceBounds(
     size=50.0, rate=KAPPA * 0.15, ripple=0.0, tangential_rate=30.0, tangential_ripple=0.0,
-    error=1.5, torque_error=0.0, lag=LAG, period=PERIOD, tool_angle=0.2)
+    reading=reading_off(1.5, 0.0, LAG, PERIOD), tool_angle=0.2)
 LIMITS, STANDING = np.array([0.15, 0.1, 0.3]), np.array([0.002, 0.001, 0.004])
 STEP = 5e-4
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.force_reading import reading_off
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.contact import sensor_error
@@ -55,8 +56,9 @@ def test_the_gain_is_that_of_the_inverse_dynamics(model):
 
 
 FORCE = MeasuredForceBounds(size=50.0, rate=80.0, ripple=5.0, tangential_rate=40.0,
-                            tangential_ripple=2.0, error=2.7,
-                  torque_error=0.05, lag=0.02, period=0.01, tool_angle=0.25)
+                            tangential_ripple=2.0, tool_angle=0.25,
+                            reading=reading_off(2.7, 0.05, 0.02, 0.01))
+NOTHING = reading_off(0.0, 0.0, 0.02, 0.01)
 DECLARED = ConstraintSet(q_lower=LOWER, q_upper=UPPER, roll=0.15, pitch=0.15, tip_pitch=0.4,
                          nu1=0.15, nu2=0.1, qdot=0.3)
 K, SIGMA, STEP = 50.0, 40.0, 2.5e-4
@@ -158,7 +160,7 @@ def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
         assert sum(parts.values()) == pytest.approx(total)
         assert parts["static reading"] == pytest.approx(total)
     nothing = sensor_effect_of(
-        model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA)
+        model, DECLARED, replace(quiet, reading=NOTHING), K, SIGMA)
     assert nothing.position == nothing.orientation == nothing.tip_speed == 0.0
     assert not np.any(np.concatenate([nothing.r, nothing.p, nothing.z, nothing.u, nothing.w]))
     # Rows whose axes turn while the robot moves are pushed by 𝔯, whatever the force does.
@@ -167,7 +169,7 @@ def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
     assert still.orientation < moving.orientation < 1.2 * still.orientation
     # A tip that turns while a reading is held pushes the rows, and the input takes the reading.
     turning = sensor_effect_of(model, DECLARED, replace(
-        quiet, error=0.0, torque_error=0.0, size=50.0), K, SIGMA)
+        quiet, reading=NOTHING, size=50.0), K, SIGMA)
     gains = instant_gains(K, SIGMA)
     np.testing.assert_allclose(turning.w / turning.p, (1.0 + gains.input) / gains.position)
 

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.force_reading import reading_off
 
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.contact.uneven_motion import TipAcceleration, unevenness
 
 H, STEPS = 0.01, 20
 FORCE = MeasuredForceBounds(
-    size=50.0, rate=160.0, ripple=7.0, tangential_rate=40.0, tangential_ripple=2.0, error=2.8,
-    torque_error=0.05, lag=0.02, period=H, tool_angle=0.25)
+    size=50.0, rate=160.0, ripple=7.0, tangential_rate=40.0, tangential_ripple=2.0,
+    reading=reading_off(2.8, 0.05, 0.02, H), tool_angle=0.25)
 STILL = replace(FORCE, rate=0.0, ripple=0.0, tangential_rate=0.0, tangential_ripple=0.0, size=0.0)
 TIP = TipAcceleration(by_force=0.2, by_normal=0.18, turning=0.7, other=0.17)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.force_reading import reading_off
 from support.tiny_robots import tiny_robot
 
 from uvms_drake.control.laws import TipFirst
@@ -188,8 +189,8 @@ def test_no_push_moves_the_joints_further_than_claimed(model):
 
 
 SENSED = MeasuredForceBounds(size=50.0, rate=0.0, ripple=0.0, tangential_rate=0.0,
-                           tangential_ripple=0.0, error=2.0,
-                 torque_error=0.1, lag=0.02, period=0.01, tool_angle=0.2)
+                             tangential_ripple=0.0, tool_angle=0.2,
+                             reading=reading_off(2.0, 0.1, 0.02, 0.01))
 
 
 def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
@@ -245,7 +246,7 @@ def free():
 
 def test_thrusters_behind_a_clock_have_no_tube_and_say_so(free):
     """And a loop that is not stable behind them says that first."""
-    still = replace(SENSED, size=1.0, error=0.05, torque_error=0.0)
+    still = replace(SENSED, size=1.0, reading=reading_off(0.05, 0.0, 0.02, 0.01))
     law = TipFirst(BlockGains(4.0, 4.0), BlockGains(20.0, 10.0))
 
     def found(vehicle: Path, joints: Path):

@@ -20,7 +20,7 @@ from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added, cached, output_of
 from uvms_drake.control.contact.contact_state import (
     ContactState,
-    ForceSensorModel,
+    EstimatorSettings,
     initial_contact_state,
     updated_contact_state,
     without_reading,
@@ -95,7 +95,7 @@ class ContactEstimator(LeafSystem):
         margin: E, of the planned tip [m]; see `safe_depth`.
     """
 
-    def __init__(self, model: UvmsModel, surface: SurfaceClass, sensing: ForceSensorModel, *,
+    def __init__(self, model: UvmsModel, surface: SurfaceClass, sensing: EstimatorSettings, *,
                  margin: float):
         super().__init__()
         require(0.0 <= margin < np.inf, "margin", margin, "zero or positive")
@@ -159,7 +159,7 @@ class ContactEstimator(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, surface: SurfaceClass,
-                     sensing: ForceSensorModel, *, margin: float,
+                     sensing: EstimatorSettings, *, margin: float,
                      state: OutputPort, force_measured: OutputPort | None = None,
                      name: str = "contact_estimator") -> "ContactEstimator":
         """Adds the estimator and connects it.

@@ -18,8 +18,8 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 @dataclass(frozen=True)
-class ForceSensorModel:
-    """Properties of the force sensor, and limits of the force."""
+class EstimatorSettings:
+    """Declared bounds of the force and of its readings, for the contact estimator."""
 
     force_max: float
     """F_max, largest static normal force [N]."""
@@ -36,23 +36,16 @@ class ForceSensorModel:
     repeats: int = 3
     """m, number of readings in a row, equal in all six components, of a frozen sensor; 0: none is
     detected. See `ForceFaultDetector`."""
-    tare: float = 0.0
-    """Duration of the tare at the start, without contact [s]."""
-    largest: float = np.inf
-    """Norm of the force from which on a reading is saturated, and invalid [N]."""
 
     def __post_init__(self) -> None:
         for key in ("force_max", "noise", "period", "memory", "patience"):
             value = getattr(self, key)
             require(0.0 < value < np.inf, key, value, "positive")
-        for key in ("window", "tare"):
-            value = getattr(self, key)
-            require(0.0 <= value < np.inf, key, value, "zero or positive")
+        require(0.0 <= self.window < np.inf, "window", self.window, "zero or positive")
         require(self.repeats == 0 or self.repeats >= 2, "repeats", self.repeats, "0, or 2 or more")
-        require(self.largest > 0.0, "largest", self.largest, "positive")
 
     @property
-    def watched(self) -> "ForceSensorModel":
+    def watched(self) -> "EstimatorSettings":
         """Properties of the readings behind a `ForceFaultDetector`, which may be older by mT.
 
         At a speed v the free distance of a tip without contact is smaller by mTv.
@@ -82,7 +75,7 @@ class ContactState(NamedTuple):
     """Number of readings in a row that are missing (1,)."""
 
 
-def initial_contact_state(sensing: ForceSensorModel) -> ContactState:
+def initial_contact_state(sensing: EstimatorSettings) -> ContactState:
     """Returns the state before any reading."""
     return ContactState(np.full(3, np.nan), np.append(np.full(4, np.nan), 0.0), NO_ESTIMATE.state,
                         np.full(6 * sensing.readings, np.nan), np.zeros(1))
@@ -93,7 +86,7 @@ def without_reading(before: ContactState) -> np.ndarray:
     return np.append(before.past[-6:-3], np.full(3, np.nan))
 
 
-def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, extent: np.ndarray,
+def updated_contact_state(surface: SurfaceClass, sensing: EstimatorSettings, extent: np.ndarray,
                           before: ContactState, tip: np.ndarray, force: np.ndarray
                           ) -> ContactState:
     """Returns the state after one more reading.

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.errors import require
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
-from uvms_drake.control.contact.contact_state import ForceSensorModel
+from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.press_target import PressTarget, search_speed, touch_to_plan
 from uvms_drake.control.contact.wall_normal import WallNormal
@@ -51,18 +50,14 @@ class PressControl:
 
     walls: SurfaceClass
     """Class of the wall."""
-    sensing: ForceSensorModel
-    """Model of the force sensor."""
+    sensing: EstimatorSettings
+    """Declared bounds of the readings."""
     force: float
     """Default of the desired force along n [N]."""
     largest: float
     """Largest desired force along n that is accepted [N]."""
     margin: float
     """E, largest distance of the real tip beyond the planned one [m]; see `ContactEstimator`."""
-
-    def __post_init__(self) -> None:
-        require(self.largest + self.sensing.noise < self.sensing.largest, "largest", self.largest,
-                "a force that is measured before the end of the sensor's range")
 
     def add_to(self, builder: DiagramBuilder, ocp: DynamicOcp, state: OutputPort,
                committed: int) -> "PressSystems":

@@ -28,7 +28,7 @@ from uvms_drake.common.errors import require, unit_vector, vector
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
-from uvms_drake.control.contact.contact_state import ForceSensorModel
+from uvms_drake.control.contact.contact_state import EstimatorSettings
 
 SEARCH_DEPTH = 0.1
 """Depth beyond the safe region at which the search aims [m]."""
@@ -69,7 +69,7 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray,
     return np.where(np.isnan(pressing), search, pressing)
 
 
-def touch_to_plan(time_step: float, committed: int, sensing: ForceSensorModel) -> float:
+def touch_to_plan(time_step: float, committed: int, sensing: EstimatorSettings) -> float:
     """Returns t_r, the largest delay [s] from a touch to a plan that knows of it.
 
     Args:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, within
-from uvms_drake.control.contact.contact_state import ForceSensorModel
+from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.signals.sensor_actuator import ForceReading
 from uvms_drake.model.surface.unknown_contact import UnknownContact
@@ -40,14 +40,14 @@ def sensed_contact(scenario: "Scenario") -> "SensedContact":
 
 def reading_of(scenario: "Scenario") -> ForceReading:
     """Returns the error bounds of the measured force until the end."""
-    reading = _known_reading(scenario)
+    reading = known_reading(scenario)
     if reading is not None:
         return reading
     raise InvalidParameter("sensing", scenario.sensing, "with a part that measures the force, such "
                            "as !ForceSensor, for a sensed contact")
 
 
-def _known_reading(scenario: "Scenario") -> ForceReading | None:
+def known_reading(scenario: "Scenario") -> ForceReading | None:
     """Returns the error bounds of the measured force; None if no part measures it."""
     readings = {i: reading for i, part in enumerate(scenario.sensing) if (
         reading := part.reading(scenario.duration, turning_of(scenario))) is not None}
@@ -108,23 +108,21 @@ def turning_of(scenario: "Scenario") -> float:
     return scenario.limits.nu2 + float(np.sqrt(joints)) * scenario.limits.qdot
 
 
-def sensing_of(scenario: "Scenario") -> ForceSensorModel:
-    """Returns the sensor's data for safe region and fault detector.
+def sensing_of(scenario: "Scenario") -> EstimatorSettings:
+    """Returns the declared bounds of readings for the contact estimator.
 
     Equal readings are a fault only if the sensor's noise exceeds its resolution; a sensor slower
     than the detector is read several times for each value.
     """
-    contact, reading = sensed_contact(scenario), _known_reading(scenario)
-    repeats, tare, largest = 0, 0.0, np.inf
-    if reading is not None:
-        tare, largest = reading.tare, reading.largest
-        if run := run_of_frozen(reading.repeated):
-            repeats = 2 + math.ceil((run - 1) * reading.period / contact.period - 1e-9)
-        if repeats * contact.period > LONGEST_FREEZE:
-            repeats = 0
-    return ForceSensorModel(
+    contact, reading = sensed_contact(scenario), known_reading(scenario)
+    repeats = 0
+    if reading is not None and (run := run_of_frozen(reading.repeated)):
+        repeats = 2 + math.ceil((run - 1) * reading.period / contact.period - 1e-9)
+    if repeats * contact.period > LONGEST_FREEZE:
+        repeats = 0
+    return EstimatorSettings(
         force_max=contact.force, noise=contact.force_error, period=contact.period,
-        window=contact.delay, repeats=repeats, tare=tare, largest=largest)
+        window=contact.delay, repeats=repeats)
 
 
 def fastest_advance(contact: UnknownContact) -> float:

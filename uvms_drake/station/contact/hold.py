@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uvms_drake.control.limits.radii import HoldRadii
-from uvms_drake.station.contact.bounds import fastest_advance, reading_of, sensed_contact
+from uvms_drake.station.contact.bounds import fastest_advance, sensed_contact
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold import HoldLaw, settled
 from uvms_drake.tube.contact.hold_band import error_along
@@ -29,15 +29,9 @@ def hold_radii(scenario: "Scenario", law: HoldLaw, approach: MeasuredForceBounds
         approach: Forces while a plan moves.
         likely: Whether the tare is as good as the mean of independent noise, see `ForceReading`.
     """
-    # The sensor's error: its constant part, and the rest.
-    contact, reading, limits = sensed_contact(scenario), reading_of(scenario), scenario.limits
-    constant = reading.likely_constant if likely else reading.constant
-    bound = reading.error - reading.constant + constant
-    fixed = float(np.linalg.norm(constant[:3]))
-    approach = replace(
-        approach, constant=fixed,
-        error=float(np.linalg.norm((bound - constant)[:3])) + fixed + reading.payload[0],
-        torque_error=float(np.linalg.norm(bound[3:])) + reading.payload[1])
+    contact, limits = sensed_contact(scenario), scenario.limits
+    reading = approach.reading.likely() if likely else approach.reading
+    approach = replace(approach, reading=reading, constant_apart=True)
 
     def force(advance: float) -> MeasuredForceBounds:
         """Returns the forces of a hold in which the tip advances at no more than that."""
@@ -65,5 +59,5 @@ def hold_radii(scenario: "Scenario", law: HoldLaw, approach: MeasuredForceBounds
     return HoldRadii(
         time=found.time, depth=found.bounds.depth, position=found.bounds.position,
         advance=float(found.speeds[0]), standing=float(STANDING[0]),
-        reading=error_along(bound, contact.tool_angle) + reading.payload[0] + float(turned),
+        reading=error_along(reading.error, contact.tool_angle) + reading.payload[0] + float(turned),
         age=age), condition

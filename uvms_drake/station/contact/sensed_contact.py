@@ -36,6 +36,7 @@ from uvms_drake.station.contact.bounds import (
     SAFE_REGION,
     between_knots,
     fastest_advance,
+    known_reading,
     largest_force,
     largest_normal_force,
     largest_reading_error,
@@ -131,6 +132,10 @@ class SensedContact(UnknownContact, Contact):
         force, largest = pressing_force(scenario), largest_force(scenario)
         require(force < largest, "task.force", scenario.task.force, f"less than {largest:.3g} N: "
                 "contact.force less the parts of sensor, tube, angle and stiffness")
+        reading = known_reading(scenario)
+        require(reading is None or largest + contact.force_error < reading.largest,
+                "sensing", scenario.sensing,
+                f"with a range of more than {largest + contact.force_error:.3g} N")
         for i, step in enumerate(scenario.mission.steps):
             require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                     f"less than {largest:.3g} N, like task.force")
@@ -158,10 +163,10 @@ class SensedContact(UnknownContact, Contact):
         require(valid is not None, "sensing", scenario.sensing,
                 "with a part that measures the force, such as !ForceSensor, for a sensed contact")
         assert valid is not None  # As required.
-        contact, sensing = sensed_contact(scenario), sensing_of(scenario)
+        contact, reading = sensed_contact(scenario), reading_of(scenario)
         detector = ForceFaultDetector.AddToBuilder(
-            builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
-            largest=sensing.largest, state=state, force_measured=valid)
+            builder, model, contact.period, repeats=sensing_of(scenario).repeats,
+            tare=reading.tare, largest=reading.largest, state=state, force_measured=valid)
         valid = detector.GetOutputPort("force_valid")
         signals["force_status"] = detector.GetOutputPort("force_status")
         builder.Connect(valid, controller.GetInputPort("force_valid"))
@@ -184,9 +189,7 @@ class SensedContact(UnknownContact, Contact):
             size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
             rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
             tangential_rate=contact.force_rate, tangential_ripple=contact.force_ripple,
-            error=float(np.linalg.norm(reading.error[:3])) + reading.payload[0],
-            torque_error=float(np.linalg.norm(reading.error[3:])) + reading.payload[1],
-            lag=reading.lag, period=reading.period, tool_angle=contact.tool_angle)
+            reading=reading, tool_angle=contact.tool_angle)
 
     def in_contact(self, tube: LawTube, scenario: "Scenario", basis: Basis) -> LawTube:
         """Returns the tube with the contact's input error, and the contact's conditions.

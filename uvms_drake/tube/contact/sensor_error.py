@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_drake.model.frames.euler import COMPLEX_STEP
+from uvms_drake.model.signals.sensor_actuator import ForceReading
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.contact.sensor_gains import OperatorNorms, Suprema, tip_jacobian_and_gain
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
@@ -48,18 +49,42 @@ class MeasuredForceBounds:
     """Largest rate of 𝔣's slow part [N/s]."""
     tangential_ripple: float
     """Size of 𝔣's ripple [N]."""
-    error: float
-    """Bound of ‖F̂ − F‖ at rest: noise, bias, drift, tool [N]."""
-    torque_error: float
-    """Bound of the error of the torque about the tip, at rest [N m]."""
-    lag: float
-    """T [s]."""
-    period: float
-    """h [s]."""
     tool_angle: float
     """Largest angle between n and the tip's x-axis [rad]."""
-    constant: float = 0.0
-    """Part of `error` that never changes in axes of the tip, as that of the tare [N]."""
+    reading: ForceReading
+    """The measurement."""
+    constant_apart: bool = False
+    """Whether the part of the error that never changes counts as such, as in a hold."""
+
+    @property
+    def constant(self) -> float:
+        """Part of `error` that never changes in axes of the tip, as that of the tare [N]."""
+        return float(np.linalg.norm(self._constant[:3]))
+
+    @property
+    def error(self) -> float:
+        """Bound of ‖F̂ − F‖ at rest: noise, bias, drift, tool, payload [N]."""
+        changing = self.reading.error[:3] - self._constant[:3]
+        return float(np.linalg.norm(changing)) + self.constant + self.reading.payload[0]
+
+    @property
+    def torque_error(self) -> float:
+        """Bound of the error of the torque about the tip, at rest [N m]."""
+        return float(np.linalg.norm(self.reading.error[3:])) + self.reading.payload[1]
+
+    @property
+    def lag(self) -> float:
+        """T [s]."""
+        return self.reading.lag
+
+    @property
+    def period(self) -> float:
+        """H [s]."""
+        return self.reading.period
+
+    @property
+    def _constant(self) -> np.ndarray:
+        return self.reading.constant if self.constant_apart else np.zeros(6)
 
     @property
     def age(self) -> float:

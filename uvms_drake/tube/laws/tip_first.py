@@ -151,7 +151,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         A sampled loop settles with a constant error, too, but its kernels are none of one age.
         """
         if not loops[1].at_once:
-            force = replace(force, constant=0.0)
+            force = replace(force, reading=force.reading.changing())
         by_row = [sums[name] - np.sum([table[name][source] for source in SOURCES], axis=0)
                   + np.sum(list(inputs.for_other(force, nu2, qdot, tip, name).values()), axis=0)
                   for name in (DEPTH, TIP)]

@@ -152,7 +152,7 @@ class DisturbanceInputs:
 def _sensor_parts(force: MeasuredForceBounds, loop: LoopGains, A: OperatorNorms, turning: float,
                   qdot: float, turned: float) -> Parts:
     """Returns the effect of a sensor's errors on rows with suprema A, by source."""
-    force = replace(force, lag=force.lag + loop.age)
+    force = replace(force, reading=force.reading._replace(lag=force.lag + loop.age))
     terms = np.array([
         by_source(force, A, known, missed, turning=turning, qdot=qdot, turned=turned,
                   integral=float(loop.known[E]) if column == RATE else None)
