@@ -49,7 +49,12 @@ SOLVERS_KEPT = 16
 
 
 class Targets(NamedTuple):
-    """Problems of other desired forces."""
+    """Problems of other desired forces, where the model has the force of the surface.
+
+    It is the only way to change that force: along the surface's normal the model is not invariant,
+    so that neither input at rest nor terminal set of one force serves another, as those of a
+    `TrackingOcp` serve every target.
+    """
 
     force: np.ndarray
     """𝔉_des at the start (6,) [N, N m]."""
