@@ -24,8 +24,8 @@ OVERALL = (
 """Rows of the table over all cases: text, metric and factor of the unit."""
 JUDGED = {"force_rms": "rms of the force's error", "peak": "peak", "settling": "settling time"}
 """Metrics by which a row is lost."""
-OUTSIDE, NAVIGATION, STEPS, APPROACH = (
-    "outside of its class", "navigation", "steps of the plan", "approach")
+OUTSIDE, NAVIGATION, STEPS, APPROACH, BIAS, SLIDE = (
+    "outside of its class", "navigation", "steps of the plan", "approach", "bias", "slide")
 WHY = {
     OUTSIDE:
         "The wall is stiffer than the declared class, for which the speed at the touch is bounded "
@@ -46,6 +46,12 @@ WHY = {
         "The plan touches with a speed that is bounded for the declared stiffness and the desired "
         "force; a law that comes more slowly touches more softly. A smaller `contact.speed` would "
         "mend it, for a longer approach (not tried).",
+    BIAS:
+        "Every law follows its sensor, so that the bias is in every force; a law with an error of "
+        "the other sign looks better. A second tare would mend it, for all (not tried).",
+    SLIDE:
+        "A plan knows of the place at its next step, and slides behind it within its limits, with "
+        "friction that is estimated late. Shorter steps would mend it (not tried).",
 }
 """Reasons for which the tube MPC is worse, and remedies."""
 CLOSE = 1.1
@@ -127,6 +133,8 @@ def _reason(case: str, metric: str) -> str:
     """Returns the reason for which a case is worse by a metric, of `WHY`."""
     if "stiff" in case:
         return OUTSIDE
+    if case in (BIAS, SLIDE):
+        return case
     if metric == "peak":
         return APPROACH
     exact = case in ("ideal", "navigation")
