@@ -39,7 +39,7 @@ def test_the_linear_loop_has_the_errors_of_a_press():
     run, touched = linear_run(record), record.penetration > 0.0
     assert np.count_nonzero(touched) > 100
     apart, of_record = (run.of_record - run.values)[touched], run.of_record[touched]
-    for name, share in {"depth": 0.2, "tip y": 0.2, "tip z": 0.2, "q2": 0.6, "q3": 0.6}.items():
+    for name, share in {"depth": 0.4, "tip y": 0.2, "tip z": 0.4, "q2": 0.6, "q3": 0.6}.items():
         i = run.rows.index(name)
         assert np.max(np.abs(apart[:, i])) < share * np.max(np.abs(of_record[:, i])), name
 
