@@ -47,9 +47,9 @@ THEOREM = "tube/coupled/theory.md#gains-by-the-pattern-of-an-error"
 STABILITY = "tube/coupled/theory.md#coupled-loop"
 CHANCE = 1e-3
 """Probability δ of a run in which some row of the linear loop exceeds its sum by chance."""
-SLOPES = 0.0, 300.0
-"""Slopes of friction by the tip's speed at which a loop is looked at [N s/m]: of a tip that sticks,
-and of one that slips at half of the creep velocity of 25 mm/s under 20 N with μ = 0.2."""
+SLOPES = 0.0, 15.0
+"""Slopes of friction by the tip's speed over the force at which a loop is looked at [s/m]: of a tip
+that sticks, and of one that slips at half of a creep velocity of 25 mm/s with μ = 0.2."""
 STICKING = 2
 """Number of the walls of `walls_of` without a slope of friction; a plan that slides is looked at on
 these, since friction that grows with its speed would have no bound."""
@@ -114,7 +114,8 @@ def walls_of(scenario: Scenario) -> list[Wall]:
     """Returns open water, and walls of the class: soft and stiff, without and with friction."""
     contact = sensed_contact(scenario)
     free = Wall(np.asarray(contact.direction, dtype=float))
-    return [free, *(pressing_wall(scenario, contact.stiffness, slope) for slope in SLOPES)]
+    return [free, *(pressing_wall(scenario, contact.stiffness, slope * pressing_force(scenario))
+                    for slope in SLOPES)]
 
 
 def _loops(parts: LoopParts, walls: Iterable[Wall], config: np.ndarray, *,
