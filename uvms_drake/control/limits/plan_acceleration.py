@@ -41,3 +41,7 @@ class PlanAcceleration(Limit):
     def tube_takes(self, tube: TubeRadii) -> np.ndarray:
         """Returns zeros: it is about plans alone."""
         return np.zeros(len(self.bound))
+
+    def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
+        """Returns none: the robot may accelerate more than its plan, whose violations are logged."""
+        return {}
