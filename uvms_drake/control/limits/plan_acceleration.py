@@ -43,5 +43,5 @@ class PlanAcceleration(Limit):
         return np.zeros(len(self.bound))
 
     def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
-        """Returns none: the robot may accelerate more than its plan, whose violations are logged."""
+        """Returns none: the robot may accelerate more; violations by plans are logged."""
         return {}
