@@ -152,8 +152,11 @@ def _require_default(args: argparse.Namespace, options: Sequence[str], where: st
 
 
 def _draw_budget(certificate: Certificate, folder: Path) -> None:
-    """Draws the error budget into a folder, if it exists and is finite."""
-    parts = [part for parts in certificate.budget.values() for part in parts.values()]
+    """Draws the error budget, or that of the coupled loop, if it exists and is finite."""
+    budget, margin = certificate.budget, certificate.margin
+    if certificate.coupled is not None:
+        budget, margin = certificate.coupled.shares(), certificate.coupled.left
+    parts = [part for parts in budget.values() for part in parts.values()]
     if parts and np.isfinite(parts).all():
         import matplotlib
 
@@ -161,7 +164,7 @@ def _draw_budget(certificate: Certificate, folder: Path) -> None:
         from uvms_drake.report.figure_style import STYLE
 
         with matplotlib.rc_context(STYLE):
-            draw_budget(certificate.budget, certificate.margin).savefig(folder / BUDGET_FILE)
+            draw_budget(budget, margin).savefig(folder / BUDGET_FILE)
 
 
 def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:

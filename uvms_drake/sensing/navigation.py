@@ -266,7 +266,7 @@ class Navigation(Sensor):
         channel: Channel = getattr(self, key)
         ones, multiple, dvl = np.ones(error.size), self.noise_multiple, self.dvl
         sigma = channel.noise * ones
-        out = [ErrorChannel(f"noise of {key}", error, multiple * sigma, sigma)]
+        out = [ErrorChannel(f"noise of {key.replace('_', ' ')}", error, multiple * sigma, sigma)]
         if key == "position":
             drift = self.drift.bound * ones * (self.drift.rate > 0.0)
             out.append(ErrorChannel("drift of position", error, drift,

@@ -1,6 +1,8 @@
 """Tests of `tube.coupled.budget`: sums, norms, and the way through a file."""
 
+
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,6 +36,17 @@ def budget():
 def test_random_sources_add_up_by_their_squares_and_the_others_as_they_are():
     np.testing.assert_allclose(by_chance(SOURCES, 6.0), 6.0 * 5.0 + 2.0)
     np.testing.assert_allclose(budget().worst, 9.0 + 8.0 + 2.0)
+
+
+def test_shares_by_chance_add_up_to_the_sum_without_what_is_not_counted():
+    whole = budget()
+    (depth,) = whole.shares().values()
+    assert sum(depth.values()) == pytest.approx(whole.by_chance[whole.rows.index("depth")])
+    assert set(depth) == {each.name for each in SOURCES if each.counted}
+    quiet = replace(whole, sources=tuple(
+        replace(each, std=0.0 * each.std) for each in SOURCES if each.random))
+    assert set(quiet.shares()["depth"].values()) == {0.0}
+    assert replace(whole, sources=()).shares() == {}
 
 
 def test_the_quantile_is_that_of_a_union_bound():

@@ -205,7 +205,7 @@ def test_every_sensor_has_its_sources(loop):
     names = {channel.name for channel in coupled_loop(loop.parts, loop.at, loop.wall).channels}
     assert names == {
         *(f"noise of {key}" for key in ("position", "attitude", "turning", "joints",
-                                        "joint_rates", "force")),
+                                        "joint rates", "force")),
         "fixes of velocity", "bias of accelerometers", "resolution of force", "bias of force",
         "drift of force"}
 

@@ -1,4 +1,7 @@
-"""Figure of a certificate's error budget: each radius by source, and the available margin."""
+"""Figure of a certificate's error budget: each radius by source, and the available margin.
+
+Of the coupled linear loop, whose rows it shows likewise, by chance.
+"""
 
 from collections.abc import Mapping
 
@@ -16,8 +19,9 @@ from uvms_drake.report.figure_style import (
     VERMILION,
 )
 
-UNITS = {"attitude": "mrad", "joints": "mrad", "depth_speed": "mm/s", "contact_speed": "mm/s"}
-"""Units of the radii other than lengths in millimetres."""
+UNITS = {"attitude": "mrad", "joints": "mrad", "roll": "mrad", "pitch": "mrad",
+         "depth_speed": "mm/s", "contact_speed": "mm/s"}
+"""Units of the radii other than lengths in millimetres, and joints q₁, q₂, ... in milliradians."""
 COLORS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
 HATCHES = ("", "////", "....")
 """Hatches of successive cycles through the colours."""
@@ -29,7 +33,7 @@ def draw_budget(budget: Mapping[str, Mapping[str, float]], margins: Mapping[str,
     """Draws a bar for each radius, stacked by source.
 
     Args:
-        budget: Contributions to the radii by source, finite.
+        budget: Contributions to the radii by source, finite [m, rad, m/s].
         margins: Available margins of some radii.
     """
     figure = Figure(figsize=(2.0 * COLUMN_WIDTH, 2.6), layout="constrained")
@@ -50,7 +54,8 @@ def draw_budget(budget: Mapping[str, Mapping[str, float]], margins: Mapping[str,
             axis.bar(0.0, remainder, bottom=below, color="0.8", label="all others")
         if name in margins:
             axis.axhline(1e3 * margins[name], **{**LIMIT, "label": "available margin"})
-        axis.set_title(f"{name.replace('_', ' ')} [{UNITS.get(name, 'mm')}]")
+        unit = "mrad" if name[:1] == "q" and name[1:].isdigit() else UNITS.get(name, "mm")
+        axis.set_title(f"{name.replace('_', ' ')} [{unit}]")
         axis.set_xticks([])
         axis.set_ylim(bottom=0.0)
     entries = {label: handle for axis in axes for handle, label in zip(

@@ -11,6 +11,7 @@ See tube/coupled/theory.md#gains-by-the-pattern-of-an-error.
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -27,6 +28,9 @@ GROUPS = {
     "tip_speed": ("depth speed", "tip speed y", "tip speed z"),
     "nu1": ("surge", "sway", "heave"), "nu2": ("roll rate", "pitch rate", "yaw rate")}
 """Rows of each radius of a tube, of which it is the norm; those of the joints depend on the arm."""
+
+POSES = ("depth", "tip y", "tip z", "roll", "pitch")
+"""Rows of positions and angles but those of the joints, q1, q2, ..."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,20 @@ class CoupledBudget:
     def by_chance(self) -> np.ndarray:
         """Sums by chance (rows,), see (1)."""
         return by_chance(self.sources, self.quantile)
+
+    def shares(self) -> dict[str, dict[str, float]]:
+        """Returns the share of each counted source in the sums by chance, by row.
+
+        That of a random source is in proportion to its variance. Rows are those of positions and
+        angles that have a limit.
+        """
+        counted = [each for each in self.sources if each.counted]
+        std = np.sqrt(np.sum([each.std**2 for each in counted if each.random], axis=0))
+        parts = {each.name: self.quantile * each.std**2 / np.maximum(std, np.finfo(float).tiny)
+                 if each.random else each.worst for each in counted}
+        rows = [row for row in self.left if row in POSES or re.fullmatch(r"q\d+", row)]
+        return {row: {name: float(part[self.rows.index(row)]) for name, part in parts.items()}
+                for row in rows if parts}
 
     def radii(self, sums: np.ndarray) -> dict[str, float]:
         """Returns the radii of a tube by sums of the rows, as norms."""
