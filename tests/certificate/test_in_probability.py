@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.probability import NAME, RANGES, made
 
@@ -15,11 +16,12 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
-from uvms_drake.certificate.in_probability import read_any_certificate
+from uvms_drake.certificate.in_probability import ProbabilityCertificate, read_any_certificate
 from uvms_drake.certificate.probability_table import format_probability, sentences
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.tube.coupled.budget import CoupledBudget, Source
 
 
 def test_the_verdict_is_its_exact_sentence():
@@ -37,6 +39,21 @@ def test_every_part_is_one_sentence_and_no_word_claims_more():
             assert sentence.endswith(".")
             assert sentence.count(". ") == 0
         assert "start: anywhere" in text
+
+
+def test_the_linear_budget_stands_beside_it_and_goes_through_a_file():
+    ones = np.ones(11)
+    rows = ("depth", "tip y", "tip z", "vehicle x", "roll", "pitch", "q1", "q2", "q3",
+            "depth speed", "q1 rate")
+    budget = CoupledBudget(rows, (Source("noise", 9.0 * ones, 3.0 * ones, True),), 1e-3, 6.0,
+                           ones, 2, {"depth": 0.03}, {"depth": 0.02}, (), 0.05)
+    certificate = made(coupled=budget)
+    restored = ProbabilityCertificate.from_data(json.loads(json.dumps(certificate.to_data())))
+    np.testing.assert_array_equal(restored.coupled.by_chance, budget.by_chance)
+    assert restored.to_data() == certificate.to_data()
+    text = format_probability(restored)
+    assert text.startswith(format_probability(made()))
+    assert "noise, σ" in text and "it is no proof" in text
 
 
 def test_failures_are_told_by_number_and_kind():

@@ -35,6 +35,7 @@ from uvms_drake.common.jsonable import jsonable
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.parts import uncovered
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
+from uvms_drake.tube.coupled.budget import CoupledBudget
 
 KIND = "in probability"
 """`kind` of its certificate.json."""
@@ -88,6 +89,9 @@ class ProbabilityCertificate:
     versions: dict[str, str]
     source: str
     """SHA-256 of the package's Python files that made the runs."""
+    coupled: CoupledBudget | None = None
+    """Linear budget of the coupled loop by source; None where there is none, see
+    `certificate.coupled.budget`."""
     made_by: str = "certify"
     """The command that wrote it."""
 
@@ -107,14 +111,19 @@ class ProbabilityCertificate:
 
     def to_data(self) -> dict[str, Any]:
         """Returns the content as JSON data, with its own SHA-256 as `sha256`."""
-        return signed({"kind": KIND, **jsonable(dataclasses.asdict(self), names=True)})
+        data = jsonable(dataclasses.asdict(dataclasses.replace(self, coupled=None)), names=True)
+        if self.coupled is not None:
+            data["coupled"] = jsonable(self.coupled.to_data(), names=True)
+        return signed({"kind": KIND, **data})
 
     @staticmethod
     def from_data(data: Mapping[str, Any]) -> "ProbabilityCertificate":
         """Returns the certificate of which `to_data` made `data`."""
         known = {key: value for key, value in data.items() if key not in ("kind", "sha256")}
         lists = {key: tuple(known[key]) for key in ("failed", "distribution")}
+        coupled = known["coupled"]
         return ProbabilityCertificate(**(known | lists | {
+            "coupled": None if coupled is None else CoupledBudget.from_data(coupled),
             "ranges": tuple(DrawnRange(**item) for item in known["ranges"])}))
 
     @staticmethod

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from uvms_drake.certificate.coupled.table import coupled_rows
 from uvms_drake.certificate.failure_probability import percent_above
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 
@@ -25,10 +26,11 @@ def sentences(certificate: ProbabilityCertificate) -> list[str]:
 
 
 def format_probability(certificate: ProbabilityCertificate) -> str:
-    """Returns the verdict, the sentences and the declared distribution."""
+    """Returns the verdict, the sentences, the declared distribution, and the linear budget."""
     return "\n".join([
         f"{certificate.scenario}: {certificate.verdict}", "", *sentences(certificate), "",
-        "declared distribution", *(f"  {line}" for line in certificate.distribution)])
+        "declared distribution", *(f"  {line}" for line in certificate.distribution),
+        *coupled_rows(certificate.coupled)])
 
 
 def format_coverage(outside: Sequence[str]) -> str:

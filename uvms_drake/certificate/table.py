@@ -6,6 +6,7 @@ import numpy as np
 
 from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.coupled.table import coupled_rows
 from uvms_drake.control.limits import HoldRadii
 from uvms_drake.station.motions.motions import motion_named
 from uvms_drake.tube.conditions import Condition
@@ -85,7 +86,8 @@ def format_certificate(certificate: Certificate) -> str:
         "", "conditions", *(_condition_row(item) for item in certificate.conditions),
         "", "tube", *_tube_rows(certificate),
         *_unknown_rows(certificate),
-        *_budget_rows(certificate), *_coupled_rows(certificate), *_estimate_rows(certificate),
+        *_budget_rows(certificate), *coupled_rows(certificate.coupled),
+        *_estimate_rows(certificate),
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),
         *_leg_rows(certificate),
@@ -236,33 +238,6 @@ def _budget_rows(certificate: Certificate) -> list[str]:
             row("sum", [f"{1e3 * sum(parts.values()):.4g}" for parts in budget.values()]),
             *([row("limits leave", [f"{1e3 * margin[name]:.4g}" if name in margin else "-"
                                     for name in budget])] if margin else [])]
-
-
-def _coupled_rows(certificate: Certificate) -> list[str]:
-    """Returns the linear budget of the coupled loop: sources × rows, and its sums."""
-    budget = certificate.coupled
-    if budget is None:
-        return []
-    joints = [row for row in budget.rows if row.startswith("q") and not row.endswith("rate")]
-    shown = ["depth", "tip y", "tip z", "vehicle x", "roll", "pitch", *joints[:3], "depth speed"]
-    of = [budget.rows.index(row) for row in shown]
-
-    def row(name: str, values: np.ndarray) -> str:
-        return f"  {name:<34}" + "".join(f"{1e3 * value:>12.3g}" for value in values[of])
-
-    left = "".join(f"{1e3 * budget.left[name]:>12.3g}" if name in budget.left else f"{'-':>12}"
-                   for name in shown)
-    return ["", "coupled loop, linear about the task's posture; its remainder is not bounded "
-            "[mm, mrad, mm/s]: it is no proof", f"  {'':<34}" + "".join(
-                f"{name:>12}" for name in shown),
-            *(row(f"{each.name}, worst{'' if each.counted else ', not counted'}", each.worst)
-              for each in budget.sources),
-            *(row(f"{each.name}, σ", each.std) for each in budget.sources if each.random),
-            *([row("sum, worst case", budget.worst),
-               row(f"sum, but for a chance of {budget.chance:g} a run", budget.by_chance),
-               row(f"the same, largest of {budget.postures} drawn postures", budget.elsewhere)]
-              if budget.sources else []),
-            f"  {'limits leave':<34}{left}"]
 
 
 def _unknown_rows(certificate: Certificate) -> list[str]:

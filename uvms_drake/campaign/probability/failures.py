@@ -15,6 +15,7 @@ from uvms_drake.campaign.probability.declared_distribution import (
 from uvms_drake.certificate.failure_probability import failure_bound
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.coupled.budget import CoupledBudget
 
 
 def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
@@ -40,7 +41,7 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
 
 def certificate_in_probability(
         campaign: Campaign, scenario: Scenario, results: Sequence[Mapping[str, Any]],
-        confidence: float) -> ProbabilityCertificate:
+        confidence: float, coupled: CoupledBudget | None = None) -> ProbabilityCertificate:
     """Returns the certificate that follows from the runs 0 to N − 1 of a campaign.
 
     Args:
@@ -48,6 +49,7 @@ def certificate_in_probability(
         scenario: The scenario, as it was loaded.
         results: The `result` of each of the runs, in any order.
         confidence: Confidence of the bound.
+        coupled: Linear budget of the coupled loop, which stands beside the bound.
     """
     kinds = {result["index"]: failures_of(result) for result in results}
     assert sorted(kinds) == list(range(len(results))), "a run is missing: it may have failed"
@@ -60,7 +62,7 @@ def certificate_in_probability(
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
         failed=failed, apart=_largest_apart(results),
         distribution=declared_distribution(campaign.base), ranges=declared_ranges(campaign.base),
-        seed=campaign.seed, campaign=campaign.identity, **inputs)
+        seed=campaign.seed, campaign=campaign.identity, coupled=coupled, **inputs)
 
 
 def _largest_apart(results: Sequence[Mapping[str, Any]]) -> dict[str, float]:

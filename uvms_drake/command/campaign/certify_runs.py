@@ -11,6 +11,7 @@ from uvms_drake.campaign.summary import format_campaign, summarise_campaign, sum
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.cache import store
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
+from uvms_drake.certificate.coupled.budget import coupled_budget, has_coupled_budget
 from uvms_drake.certificate.coupled.linear_distance import check_linear_loop
 from uvms_drake.certificate.in_probability import cache_key
 from uvms_drake.certificate.probability_table import format_probability
@@ -26,6 +27,7 @@ from uvms_drake.command.progress import stream_of
 from uvms_drake.command.run import BROKEN, note
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
@@ -70,7 +72,10 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         times = summarise_times([run["wall"] for run in found])
         write_results(folder, summary, times, None)
     # The certificate: in the folder, and in the cache for a run elsewhere.
-    certificate = certificate_in_probability(campaign, scenario, results, args.confidence)
+    model = load_model(scenario)
+    coupled = coupled_budget(scenario, model) if has_coupled_budget(scenario, model) else None
+    certificate = certificate_in_probability(
+        campaign, scenario, results, args.confidence, coupled)
     with output_folder(path, replaced, replaces=True) as output:
         write_certificate(certificate, output.folder)
     store(cache_key(scenario), certificate.to_data())
