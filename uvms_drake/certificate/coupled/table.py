@@ -6,7 +6,7 @@ from uvms_drake.tube.coupled.budget import CoupledBudget
 
 
 def coupled_rows(budget: CoupledBudget | None) -> list[str]:
-    """Returns the lines of a budget: sources × rows, its sums, and what limits leave."""
+    """Returns the lines of a budget: sources × rows, its sums, and the room of the limits."""
     if budget is None:
         return []
     joints = [row for row in budget.rows if row.startswith("q") and not row.endswith("rate")]
