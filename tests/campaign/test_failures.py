@@ -44,6 +44,8 @@ def with_wall(**changes):
     (KEPT | {"losses": 1}, ("contact",)), (with_wall(losses=1), ("contact",)),
     (KEPT | {"apart": {"tip": 0.4, "joints": 0.9}}, ()),
     (KEPT | {"apart": {"tip": 0.4, "joints": 1.01}}, ("linear",)),
+    (KEPT | {"apart": {"tip": 0.4, "joints": None}}, ("linear",)),
+    (KEPT | {"apart": {"tip": 0.4, "joints": float("nan")}}, ("linear",)),
     (KEPT | {"exits_set": 1, "violations": 1}, ("tube", "limit"))])
 def test_every_kind_of_failure_counts(result, kinds):
     assert failures_of(result) == kinds

@@ -35,7 +35,9 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "force": max(wall.get("static", 0.0), wall.get("peak", 0.0)) > 1.0,
         "no plan": result["mpc_failures"] > 0,
         "contact": max(result["losses"], wall.get("losses", 0)) > 0,
-        "linear": max(result.get("apart", {}).values(), default=0.0) > 1.0}
+        # A linear loop that diverges has no finite distance: None in a stored run.
+        "linear": any(ratio is None or not ratio <= 1.0
+                      for ratio in result.get("apart", {}).values())}
     return tuple(kind for kind in FAILURES if did.get(kind, False))
 
 
@@ -68,4 +70,5 @@ def certificate_in_probability(
 def _largest_apart(results: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Returns the largest distance from the linear loop over its line, by the rows."""
     found = [result["apart"] for result in results if "apart" in result]
-    return {rows: max(each[rows] for each in found) for rows in (found[0] if found else ())}
+    return {rows: max(float("inf") if each[rows] is None else each[rows] for each in found)
+            for rows in (found[0] if found else ())}

@@ -25,7 +25,7 @@ def coupled_rows(budget: CoupledBudget | None) -> list[str]:
               for each in budget.sources),
             *(row(f"{each.name}, σ", each.std) for each in budget.sources if each.random),
             *([row("sum, worst case", budget.worst),
-               row(f"sum, but for a chance of {budget.chance:g} a run", budget.by_chance),
+               row(f"sum of those counted, but for {budget.chance:g}", budget.by_chance),
                row(f"the same, largest of {budget.postures} drawn postures", budget.elsewhere)]
               if budget.sources else []),
             f"  {'limits leave':<34}{left}"]
