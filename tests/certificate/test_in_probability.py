@@ -136,3 +136,8 @@ def test_the_values_of_the_wall_are_those_where_the_tip_faces_it():
     assert values["wall, distance"] == pytest.approx(0.4, abs=0.05)
     assert values["wall, largest stiffness"] == values["wall, smallest stiffness"] == 700.0
     assert not outside_ranges([replace(RANGES[0], high=0.1)], values)
+
+
+def test_a_run_with_faults_of_its_own_is_none_of_the_drawn_ones():
+    faulty = load_scenario(NAME, ["faults=[!SolverFailure {probability: 1.0}]"])
+    assert ProbabilityCertificate.inputs_of(faulty)["inputs"] != made().inputs

@@ -33,7 +33,6 @@ from uvms_drake.certificate.drawn_values import (
 from uvms_drake.certificate.failure_probability import percent_above
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.parts import uncovered
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.tube.coupled.budget import CoupledBudget
 
@@ -153,13 +152,13 @@ def cache_key(scenario: Scenario) -> dict[str, Any]:
 def _fixed_inputs(scenario: Scenario) -> str:
     """Returns the SHA-256 of all but the drawn values, the tube included: it is the declared one.
 
-    Of the disturbance, bound and weights count: every kind of it is drawn.
+    Of the disturbance, bound and weights count: every kind of it is drawn. Faults count whole, for
+    those of a run are drawn beside the scenario's.
     """
     fixed = yaml_load_data(dump_scenario(without_drawn(scenario)))
     for key in IRRELEVANT:
         if key != "tube":
             fixed.pop(key, None)
     fixed["disturbance"] = [scenario.disturbance.bound, *scenario.disturbance.weights]
-    fixed["faults"] = uncovered(scenario.faults)
     text = json.dumps(jsonable(fixed, names=True), sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
