@@ -17,7 +17,8 @@ from uvms_drake.station.scenario.scenario import load_scenario
 
 KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
         "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "inside": True,
-        "wall": {"static": 0.4, "peak": 0.5, "losses": 0, "in_class": True}}
+        "wall": {"static": 0.4, "peak": 0.5, "losses": 0, "in_class": True,
+                 "first_touch_s": 12.0}}
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,7 @@ def with_wall(**changes):
     (KEPT | {"exits_trajectory": 2}, ("tube",)), (KEPT | {"violations": 3}, ("limit",)),
     (KEPT | {"limited": True}, ("saturation",)), (with_wall(static=1.01), ("force",)),
     (with_wall(peak=1.01, in_class=False), ("force",)), (KEPT | {"mpc_failures": 1}, ("no plan",)),
+    (with_wall(first_touch_s=None), ("no touch",)),
     (KEPT | {"losses": 1}, ("contact",)), (with_wall(losses=1), ("contact",)),
     (KEPT | {"apart": {"tip": 0.4, "joints": 0.9}}, ()),
     (KEPT | {"apart": {"tip": 0.4, "joints": 1.01}}, ("linear",)),

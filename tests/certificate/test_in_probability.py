@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.probability import NAME, RANGES, made
 
+from uvms_drake.campaign.probability.declared_distribution import declared_ranges
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     Certificate,
@@ -18,6 +19,7 @@ from uvms_drake.certificate.certificate import (
 from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
 from uvms_drake.certificate.in_probability import ProbabilityCertificate, read_any_certificate
 from uvms_drake.certificate.probability_table import format_probability, sentences
+from uvms_drake.command.run import sound
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -102,7 +104,7 @@ def test_a_worst_case_certificate_tells_its_kind_too(tmp_path):
     ("seed=4", None), ("current=[0.0, 0.05, 0.0]", None), ("model_error.mass=0.95", None),
     ("surface.friction=0.4", None), ("surface.geometry.point=[0.1, 0.0, 0.0]", None),
     ("start.eta=[-1.41, -0.11, -0.12, 0.03, 0.04, 0.02]", None), ("duration=40", None),
-    ("task.force=[15.0, 0.0, 0.0, 0.0, 0.0, 0.0]", None), ("log_period=0.1", None),
+    ("task.force=[15.0, 0.0, 0.0, 0.0, 0.0, 0.0]", None), ("log_period=0.1", "the scenario"),
     ("current=[0.0, 0.3, 0.0]", None),  # Drawn, though it is out of its range.
     ("ancillary.tip.k=19", "the scenario"), ("tube.z=0.4", "the scenario"),
     ("contact.friction=0.4", "the scenario"), ("mpc.hover=3", "the scenario"),
@@ -141,3 +143,23 @@ def test_the_values_of_the_wall_are_those_where_the_tip_faces_it():
 def test_a_run_with_faults_of_its_own_is_none_of_the_drawn_ones():
     faulty = load_scenario(NAME, ["faults=[!SolverFailure {probability: 1.0}]"])
     assert ProbabilityCertificate.inputs_of(faulty)["inputs"] != made().inputs
+
+
+@pytest.mark.parametrize(("override", "said"), [
+    ("surface=!UnilateralPlane {stiffness: 1000000.0}", "wall, friction is not defined"),
+    ("surface.creep=0.0002", "wall, reciprocal of the creep is 5000, declared from 0 to 200 s/m"),
+    ("surface.law.transition=0.1", "wall, transition is 0.1, declared from 0.001 to 0.005 m")])
+def test_a_wall_that_is_never_drawn_is_outside(override, said):
+    base, wall = load_scenario(NAME), load_scenario(NAME, [override])
+    ranges = declared_ranges(base)
+    assert not outside_ranges(ranges, drawn_values(base, load_model(base)))
+    outside = outside_ranges(ranges, drawn_values(wall, load_model(wall)))
+    assert any(said in each for each in outside)
+
+
+def test_nothing_is_certified_if_every_run_failed():
+    certificate = made((0, 1), runs=2, p=1.0)
+    assert not certificate.holds
+    assert certificate.verdict == "not certified in probability: every run failed"
+    with pytest.raises(RunFailed, match=f"^{NAME}: not certified in probability"):
+        sound(certificate, NAME)

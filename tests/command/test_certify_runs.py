@@ -3,12 +3,13 @@
 import json
 import shlex
 import shutil
+from dataclasses import replace
 
 import pytest
 from support.campaigns import CLOSE
 from support.outputs import DATA, DATA_ONLY, written
 
-from uvms_drake.certificate.certificate import Certificate, fingerprint
+from uvms_drake.certificate.certificate import Certificate, fingerprint, write_certificate
 from uvms_drake.certificate.in_probability import read_any_certificate
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
@@ -22,7 +23,8 @@ OUTSIDE = ["--set", "current=[0.1, 0.0, 0.0]"]
 
 @pytest.mark.parametrize(("args", "words"), [
     (["--runs", "0"], "--runs = 0: must be at least 1"),
-    (["--runs", "2", "--confidence", "1"], "--confidence = 1.0: must be above 0 and below 1"),
+    (["--runs", "2", "--confidence", "1"], "--confidence = 1.0: must be at least 0.5 and below 1"),
+    (["--runs", "2", "--confidence", "0.4"], "--confidence = 0.4: must be at least 0.5"),
     (["--runs", "2", "--seed", "-1"], "--seed = -1"),
     (["--runs", "2", "--workers", "0"], "--workers = 0"),
     (["--runs", "2", "--set", "seed=4"], "--set = 'seed=4': must be --seed N"),
@@ -92,6 +94,9 @@ def test_an_interrupted_one_goes_on_to_the_same_certificate(copied, made, capsys
     assert "2 of 2 runs are there already" in err
     assert VERDICT in out
     assert "girona500_ideal, seed 3: 2 runs of 0.4 s" in out
+    # More than chosen are none of this certificate: they would be asked for by the outcome.
+    assert main([*CERTIFY, "--runs", "3", "--output", str(copied)]) == 2
+    assert "--runs = 3: must be at most 2, the number that" in capsys.readouterr().err
     # Of another seed they are others'.
     assert main([*CERTIFY, "--seed", "4", "--output", str(copied)]) == 2
     assert "another campaign" in capsys.readouterr().err
@@ -168,8 +173,13 @@ def test_a_run_that_fails_is_counted(tmp_path, capsys):
     assert main([*CERTIFY, *narrow, "--quiet", "--output", str(tmp_path)]) == 3
     out = capsys.readouterr().out
     assert "2 of 2 runs failed (0, 1): 2 left the declared tube." in out
-    assert "at most 100 % per run at 90 % confidence" in out
+    assert out.startswith("girona500_ideal: not certified in probability: every run failed\n")
     certificate = read_any_certificate(tmp_path / "certificate.json")
     assert (certificate.failures, certificate.probability) == (2, 1.0)
-    assert main(["run", *SHORT, "--set", "tube.z=1e-7", "--output", str(tmp_path), *DATA_ONLY]) == 3
+    # It is no certificate to run with; with one that bounds failures, those of a run are told.
+    run = ["run", *SHORT, "--set", "tube.z=1e-7", "--output", str(tmp_path), *DATA_ONLY]
+    assert main(run) == 1
+    assert "not certified in probability: every run failed" in capsys.readouterr().err
+    write_certificate(replace(certificate, runs=3, probability=0.9), tmp_path)
+    assert main(run) == 3
     assert "this run FAILED: the tube, set-wise" in capsys.readouterr().out

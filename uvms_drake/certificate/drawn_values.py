@@ -56,7 +56,7 @@ def drawn_values(scenario: Scenario, model: ContactModel) -> dict[str, float]:
 
 
 def _wall(scenario: Scenario, model: ContactModel) -> dict[str, float]:
-    """Returns the desired force and the values of the simulated wall."""
+    """Returns the desired force and the values of the simulated wall, if it is of a drawn kind."""
     force = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
     surface = true_surface(scenario)
     if not isinstance(surface, ShapedSurface):
@@ -69,14 +69,21 @@ def _wall(scenario: Scenario, model: ContactModel) -> dict[str, float]:
     return {"task.force": force, "wall, distance": -float(depth),
             "wall, angle": float(np.arccos(np.clip(along, -1.0, 1.0))),
             "wall, smallest stiffness": least, "wall, largest stiffness": most,
-            "wall, friction": surface.friction, "wall, dissipation": surface.dissipation}
+            "wall, friction": surface.friction, "wall, dissipation": surface.dissipation,
+            "wall, transition": surface.law.transition,
+            "wall, reciprocal of the creep": 1.0 / surface.creep}
 
 
 def outside_ranges(ranges: Sequence[DrawnRange], values: Mapping[str, float]) -> list[str]:
-    """Returns a phrase for each value that is outside of its declared range."""
-    return [f"{each.name} is {values[each.name]:.4g}, declared from {each.low:.4g} to "
-            f"{each.high:.4g} {each.unit}".rstrip()
-            for each in ranges if each.name in values and not each.holds(values[each.name])]
+    """Returns a phrase for each value that is outside of its declared range, or is not there."""
+    out = []
+    for each in ranges:
+        value = values.get(each.name)
+        if value is None or not each.holds(value):
+            found = "not defined" if value is None else f"{value:.4g}"
+            out.append(f"{each.name} is {found}, declared from {each.low:.4g} to "
+                       f"{each.high:.4g} {each.unit}".rstrip())
+    return out
 
 
 def without_drawn(scenario: Scenario) -> Scenario:

@@ -47,9 +47,14 @@ FAILURES = {
     "force": "pressed the wall harder than allowed",
     "no plan": "had a sample without a plan",
     "contact": "lost the contact",
+    "no touch": "never touched the wall",
     "linear": "left a declared line about its coupled linear loop",
 }
 """Kinds of failure of a run, in words."""
+
+ALSO_FIXED = ("tube", "log_period")
+"""Inputs that a worst-case certificate does not depend on: the declared tube, and the period of the
+samples at which a run is looked at."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +100,15 @@ class ProbabilityCertificate:
     """The command that wrote it."""
 
     @property
+    def holds(self) -> bool:
+        """Whether there is a bound below 1: not if every run failed."""
+        return self.failures < self.runs
+
+    @property
     def verdict(self) -> str:
         """The bound in words."""
+        if not self.holds:
+            return "not certified in probability: every run failed"
         return (f"certified in probability: at most {percent_above(self.probability)} per run at "
                 f"{100.0 * self.confidence:g} % confidence, for the declared distribution")
 
@@ -157,7 +169,7 @@ def _fixed_inputs(scenario: Scenario) -> str:
     """
     fixed = yaml_load_data(dump_scenario(without_drawn(scenario)))
     for key in IRRELEVANT:
-        if key != "tube":
+        if key not in ALSO_FIXED:
             fixed.pop(key, None)
     fixed["disturbance"] = [scenario.disturbance.bound, *scenario.disturbance.weights]
     text = json.dumps(jsonable(fixed, names=True), sort_keys=True, ensure_ascii=False)

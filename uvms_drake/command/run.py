@@ -155,7 +155,7 @@ def run_scenario(args: argparse.Namespace) -> int:
             output.keep(replaces=True)  # Even if the pictures fail.
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
                        replay=not args.no_replay)
-    status = _report(summary, path, output.kept)
+    status = _report(summary, path, output.kept, record)
     if show is not None and not args.no_wait:
         from uvms_drake.visual.controls import wait_for_end
 
@@ -164,7 +164,7 @@ def run_scenario(args: argparse.Namespace) -> int:
     return status
 
 
-def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
+def _report(summary: dict[str, Any], path: Path, names: list[str], record: Record) -> int:
     """Prints the summary of a run, its files and the verdict; returns the exit status."""
     from uvms_drake.report.headline import broken
     from uvms_drake.report.summary import format_summary
@@ -172,7 +172,7 @@ def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
     certified = summary["tube"]["certified"]
     print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}")
     if summary["in_probability"] is not None:
-        return _report_in_probability(summary)
+        return _report_in_probability(summary, record)
     if failed := broken(summary):
         print(f"{'GUARANTEES BROKEN' if certified else 'LIMITS VIOLATED'}: {', '.join(failed)}")
         return BROKEN
@@ -184,12 +184,22 @@ def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
     return 0
 
 
-def _report_in_probability(summary: dict[str, Any]) -> int:
-    """Prints the verdict of a run with a certificate in probability; returns the exit status."""
+def _report_in_probability(summary: dict[str, Any], record: Record) -> int:
+    """Prints the verdict of a run with a certificate in probability; returns the exit status.
+
+    A run of the declared distribution fails as one of the certificate's own would.
+    """
+    from uvms_drake.campaign.probability.failures import failures_of
+    from uvms_drake.campaign.run import outcome
+    from uvms_drake.campaign.variation import Variation
+    from uvms_drake.certificate.in_probability import FAILURES
     from uvms_drake.certificate.probability_table import format_coverage
-    from uvms_drake.report.headline import broken
+    from uvms_drake.report.headline import NAMED, broken
 
     claim, failed = summary["in_probability"], broken(summary)
+    if not claim["outside"]:
+        result = {"error": None, **outcome(record, Variation(record.scenario, None))}
+        failed += [f"it {FAILURES[kind]}" for kind in failures_of(result) if kind not in NAMED]
     print(f"this run FAILED: {', '.join(failed)}" if failed else
           "this run did not fail: tube and all limits kept")
     print(claim["verdict"] if not claim["outside"] else format_coverage(claim["outside"]))
@@ -269,7 +279,7 @@ def _new_certificate(scenario: Scenario, model: ContactModel, source: str, strea
         certificate = certified_once(scenario, progress, model)
     known = None if certificate.certified else stored(cache_key(scenario))
     if known is not None:
-        return replace(ProbabilityCertificate.from_data(known), made_by="run")
+        return sound(replace(ProbabilityCertificate.from_data(known), made_by="run"), source)
     return sound(replace(certificate, made_by="run"), source)
 
 
@@ -283,7 +293,11 @@ def sound(certificate: AnyCert, source: str) -> AnyCert:
     """Returns a certificate that holds, or raises `RunFailed`; one in probability is none less."""
     from uvms_drake.certificate.table import verdict
 
-    if isinstance(certificate, Certificate) and not certificate.certified:
+    if isinstance(certificate, ProbabilityCertificate):
+        if not certificate.holds:
+            raise RunFailed(f"{source}: {certificate.verdict}; --uncertified takes the scenario's "
+                            "declared tube")
+    elif not certificate.certified:
         raise RunFailed(f"{source}: {verdict(certificate)}; 'certify --runs N' bounds the "
                         "probability that a run fails; --uncertified takes the scenario's "
                         "declared tube")

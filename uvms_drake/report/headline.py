@@ -6,11 +6,14 @@ import numpy as np
 
 BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
 """Names of the bands of the force of a sensed contact."""
+NAMED = ("tube", "limit", "contact")
+"""Kinds of `in_probability.FAILURES` that `broken` names."""
+
 
 def broken(summary: dict[str, Any]) -> list[str]:
     """Returns the limits that a run has violated and, of a certified one, the bounds it left.
 
-    With a certificate in probability these are the failures that it counts.
+    With a certificate in probability also exits of the declared tube, and a lost contact.
     """
     names, tube = violated_limits(summary), summary["tube"]
     names += [f"the force band {BANDS[name]}" for name, row in

@@ -15,8 +15,8 @@ from uvms_drake.certificate.drawn_values import DrawnRange
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact
-from uvms_drake.station.contact.drawn_contact import FARTHEST, FORCES
-from uvms_drake.station.contact.drawn_surfaces import AT_THE_BOUND, SOFTEST
+from uvms_drake.station.contact.drawn_contact import FARTHEST, FORCES, LEAST_CREEP
+from uvms_drake.station.contact.drawn_surfaces import AT_THE_BOUND, SOFTEST, TRANSITIONS
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -114,6 +114,8 @@ def _wall_ranges(scenario: Scenario) -> Iterator[DrawnRange]:
     yield DrawnRange("wall, largest stiffness", softest, contact.stiffness, "N/m")
     yield DrawnRange("wall, friction", 0.0, contact.friction, "")
     yield DrawnRange("wall, dissipation", 0.0, contact.dissipation, "s/m")
+    yield DrawnRange("wall, transition", *TRANSITIONS, "m")
+    yield DrawnRange("wall, reciprocal of the creep", 0.0, 1.0 / LEAST_CREEP, "s/m")
 
 
 def _forces(scenario: Scenario) -> tuple[float, float]:

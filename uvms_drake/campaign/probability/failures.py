@@ -35,6 +35,7 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "force": max(wall.get("static", 0.0), wall.get("peak", 0.0)) > 1.0,
         "no plan": result["mpc_failures"] > 0,
         "contact": max(result["losses"], wall.get("losses", 0)) > 0,
+        "no touch": bool(wall) and wall["first_touch_s"] is None,
         # A linear loop that diverges has no finite distance: None in a stored run.
         "linear": any(ratio is None or not ratio <= 1.0
                       for ratio in result.get("apart", {}).values())}

@@ -23,7 +23,7 @@ from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.command_path import command_paths
 from uvms_drake.station.contact.bounds import largest_force, pressing_force, sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.coupled.budget import (
     CoupledBudget,
     Source,
@@ -111,7 +111,7 @@ def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget:
 
 
 def walls_of(scenario: Scenario) -> list[Wall]:
-    """Returns open water, and walls of the class: soft and stiff, without and with friction."""
+    """Returns open water and the stiffest wall of the class, without and with friction."""
     contact = sensed_contact(scenario)
     free = Wall(np.asarray(contact.direction, dtype=float))
     return [free, *(pressing_wall(scenario, contact.stiffness, slope * pressing_force(scenario))
@@ -238,7 +238,11 @@ def _later(part: Part, by: float, parts: LoopParts) -> Part:
 
 
 def conditions_of(budget: CoupledBudget) -> list[Condition]:
-    """Returns the conditions: stability with a margin, and the sums within the declared tube."""
+    """Returns the conditions: stability with a margin, and the sums within the declared tube.
+
+    Without a bound of the plans' accelerations, the sums are of the sensors alone; that is one that
+    is not met.
+    """
     out = [Condition("coupled loop, slowest decay at drawn postures and walls [1/s]",
                      budget.decay, ">", 0.0, theorem=STABILITY, topic="coupled loop")]
     out += [Condition(f"coupled loop, stable multiple of {each.loop}", each.margin, ">=",
@@ -246,6 +250,10 @@ def conditions_of(budget: CoupledBudget) -> list[Condition]:
             for each in budget.stability]
     if not budget.sources:
         return out
+    planned = [each.counted for each in budget.sources if each.name == PLANNED]
+    out.append(assumption(
+        "coupled linear budget", "whose sums count no plan: its accelerations have no bound",
+        0.0 if all(planned) else 1.0, topic="coupled budget", theorem=THEOREM))
     radii = budget.radii(budget.by_chance)
     return out + [
         Condition(f"coupled linear budget by chance, {name} in the declared tube", radii[name],

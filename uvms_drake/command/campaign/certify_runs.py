@@ -1,12 +1,14 @@
 """The option --runs of `certify`: a certificate in probability, from runs that are drawn."""
 
 import argparse
+import json
+import os
 import sys
 from pathlib import Path
 
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.probability.failures import certificate_in_probability
-from uvms_drake.campaign.store import require_same, run_log
+from uvms_drake.campaign.store import RunLog, require_same, run_log
 from uvms_drake.campaign.summary import format_campaign, summarise_campaign, summarise_times
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.cache import store
@@ -25,7 +27,7 @@ from uvms_drake.command.campaign.runs import (
 )
 from uvms_drake.command.progress import stream_of
 from uvms_drake.command.run import BROKEN, note
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -33,20 +35,23 @@ from uvms_drake.station.scenario.scenario_file import reported_in, scenario_sour
 
 STORE = "runs"
 """Folder of the runs, a campaign, inside of the certificate's."""
+NUMBER_FILE = "number.json"
+"""File in it with the number of runs, chosen before the first."""
 
 
 def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     """Computes the missing runs, prints and writes the certificate; returns 3 if a run failed.
 
-    All runs up to the last one that is stored count, even beyond --runs: none is chosen by its
-    outcome.
+    The number of runs is that of the first command in the folder, so that it is not chosen by their
+    outcome: all of them count where fewer are asked for, and more need another folder.
 
     Args:
         args: Arguments of `certify`.
         replaced: Names of the files of a former `certify` that are replaced or deleted.
     """
     check_draws_and_workers(args)
-    require(0.0 < args.confidence < 1.0, "--confidence", args.confidence, "above 0 and below 1")
+    require(0.5 <= args.confidence < 1.0, "--confidence", args.confidence,
+            "at least 0.5 and below 1")
     scenario = load_scenario(args.scenario, args.overrides)
     path = args.output if args.output is not None else Path("out") / scenario.name
     folder, pool = path / STORE, pool_of(args)
@@ -60,8 +65,11 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         note(scenario)
         vary(campaign, 0)
     # The runs, stored like those of any campaign.
+    model = load_model(scenario)
     with run_log(folder, campaign) as log:
-        runs = max(args.runs, 1 + max(log.runs, default=-1))
+        runs = _number_of_runs(folder, args.runs, log)
+        # Before the runs: bad input of the linear loop is to be found first.
+        coupled = coupled_budget(scenario, model) if has_coupled_budget(scenario, model) else None
         try:
             complete(campaign, runs, log, pool, stream_of(args))
         except KeyboardInterrupt:
@@ -72,8 +80,6 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         times = summarise_times([run["wall"] for run in found])
         write_results(folder, summary, times, None)
     # The certificate: in the folder, and in the cache for a run elsewhere.
-    model = load_model(scenario)
-    coupled = coupled_budget(scenario, model) if has_coupled_budget(scenario, model) else None
     certificate = certificate_in_probability(
         campaign, scenario, results, args.confidence, coupled)
     with output_folder(path, replaced, replaces=True) as output:
@@ -84,3 +90,25 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
           "\nall results of the runs: --full")
     print(f"written to {path}: {CERTIFICATE_FILE}, {STORE}", file=sys.stderr)
     return BROKEN if certificate.failures else 0
+
+
+def _number_of_runs(folder: Path, asked: int, log: RunLog) -> int:
+    """Returns the number of runs of a folder's certificate, and keeps it before the first run.
+
+    Raises:
+        InvalidParameter: More are asked for than were chosen.
+    """
+    path = folder / NUMBER_FILE
+    if not path.exists():
+        draft = path.with_suffix(".part")
+        draft.write_text(json.dumps({"runs": max(asked, 1 + max(log.runs, default=-1))}) + "\n",
+                         encoding="utf-8")
+        os.replace(draft, path)
+    try:
+        chosen = int(json.loads(path.read_text(encoding="utf-8"))["runs"])
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InvalidParameter("--output", str(path), "the file that certify has written") from None
+    require(asked <= chosen, "--runs", asked,
+            f"at most {chosen}, the number that {folder} was begun with; another number needs "
+            "another --output")
+    return chosen
