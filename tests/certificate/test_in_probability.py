@@ -70,8 +70,9 @@ def test_the_distance_from_the_linear_loop_is_told_where_it_was_looked_at():
     assert "linear loop" not in sentences(made())[-1]
     compared = made(apart={"tip": 0.341, "joints": 0.52})
     *_, distance, failure = sentences(compared)
-    assert distance == ("The largest distance of a run from its coupled linear loop with the same "
-                        "draws is 0.34 of the line of the tip and 0.52 of the line of the joints.")
+    assert distance == ("The largest distance of a run from its coupled linear loop, given its "
+                        "noise, plan, touch and friction, is 0.34 of the line of the tip and 0.52 "
+                        "of the line of the joints.")
     assert failure.endswith("or left a declared line about its coupled linear loop.")
 
 

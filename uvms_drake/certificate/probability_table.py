@@ -50,8 +50,8 @@ def _compared(certificate: ProbabilityCertificate) -> str:
     if not certificate.apart:
         return "No run was compared with its coupled linear loop."
     parts = [f"{ratio:.2g} of the line of the {rows}" for rows, ratio in certificate.apart.items()]
-    return ("The largest distance of a run from its coupled linear loop, given its noise, plan, touch "
-            f"and friction, is {_listed(parts, 'and')}.")
+    return ("The largest distance of a run from its coupled linear loop, given its noise, plan, "
+            f"touch and friction, is {_listed(parts, 'and')}.")
 
 
 def _counted(certificate: ProbabilityCertificate) -> list[str]:
