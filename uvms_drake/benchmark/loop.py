@@ -23,13 +23,7 @@ from pydrake.systems.primitives import Adder, LogVectorOutput
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.wiring import output_of, release
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import (
-    MEASURED_FORCE,
-    PAYLOAD,
-    PAYLOAD_AT_REST,
-    VEHICLE_WRENCH,
-    Signals,
-)
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Signals
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.station.motions.motions import motion_of
@@ -37,8 +31,12 @@ from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.plant import applied_disturbance
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import add_chain, add_force_measurement
-from uvms_drake.station.signals import LOGGED_AS
+from uvms_drake.station.series_connection import (
+    add_actuation,
+    add_chain,
+    add_force_measurement,
+    add_signals,
+)
 
 LOGGED = ("state", "chi", "force", "penetration")
 """Signals of the plant in a `Trace`."""
@@ -153,15 +151,8 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, scenario.start.config))
     builder.AddNamedSystem("controller", controller)
     WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
-    for name in motion.plant_signals:
-        signals[name] = uvms.GetOutputPort(name)
-    for name in (PAYLOAD, PAYLOAD_AT_REST):
-        if uvms.HasOutputPort(name):
-            signals[name] = uvms.GetOutputPort(name)
     is_tube = controller.HasInputPort("force_valid")
-    if is_tube:
-        for name in (*motion.controller_signals, *scenario.contact.controller_signals):
-            signals[LOGGED_AS.get(name, name)] = controller.GetOutputPort(name)
+    add_signals(scenario, signals, uvms=uvms, tube_mpc=controller if is_tube else None)
 
     # Sensors.
     measured = add_chain(builder, model, signals["state"], signals,
@@ -176,16 +167,9 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
         builder.Connect(finite.get_output_port(), controller.GetInputPort("force_measured"))
 
     # Actuators.
-    command = controller.GetOutputPort("tau")
-    if "tau" not in signals:
-        signals["tau"] = command
-    exerted = add_chain(builder, model, command, signals,
-                        keyed("actuation", scenario.actuation), scenario.seed)
+    signals.setdefault("tau", controller.GetOutputPort("tau"))
+    exerted = add_actuation(builder, scenario, model, controller, signals)
     builder.Connect(exerted, uvms.GetInputPort("tau"))
-    if controller.HasInputPort("applied") and exerted is not command:
-        builder.Connect(exerted, controller.GetInputPort("applied"))
-    if VEHICLE_WRENCH in signals and is_tube and scenario.ancillary.takes_wrench:
-        builder.Connect(signals[VEHICLE_WRENCH], controller.GetInputPort(VEHICLE_WRENCH))
 
     # Events and disturbance.
     source = builder.AddNamedSystem(

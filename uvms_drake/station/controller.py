@@ -7,7 +7,6 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import (
     PAYLOAD,
     PAYLOAD_AT_REST,
-    VEHICLE_WRENCH,
     Signals,
 )
 from uvms_drake.sensing.tip_pose import TipPose
@@ -16,8 +15,12 @@ from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import keyed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import add_chain, add_force_measurement
-from uvms_drake.station.signals import LOGGED_AS
+from uvms_drake.station.series_connection import (
+    add_actuation,
+    add_chain,
+    add_force_measurement,
+    add_signals,
+)
 
 
 def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Diagram:
@@ -88,20 +91,13 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     measured = add_chain(builder, model, true, signals, keyed("sensing", scenario.sensing),
                          scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
-    for name in (*motion.controller_signals, *scenario.contact.controller_signals):
-        signals[LOGGED_AS.get(name, name)] = controller.GetOutputPort(name)
+    add_signals(scenario, signals, tube_mpc=controller)
     add_force_measurement(builder, scenario, model, controller, measured, signals)
     if controller.HasInputPort("place"):
         add_mission(builder, scenario, model, controller, measured, signals, None)
     if motion.has_forces and not scenario.mission.steps:
         builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")
-    command = controller.GetOutputPort(motion.command)
-    applied = add_chain(builder, model, command, signals, keyed("actuation", scenario.actuation),
-                        scenario.seed)
-    if applied is not command and controller.HasInputPort("applied"):
-        builder.Connect(applied, controller.GetInputPort("applied"))
-    if VEHICLE_WRENCH in signals and scenario.ancillary.takes_wrench:
-        builder.Connect(signals[VEHICLE_WRENCH], controller.GetInputPort(VEHICLE_WRENCH))
+    applied = add_actuation(builder, scenario, model, controller, signals)
 
     # The applied command has the name of the plant's input; every other signal has its own.
     builder.ExportOutput(applied, motion.effect)

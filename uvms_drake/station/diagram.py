@@ -13,12 +13,7 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import (
-    PAYLOAD,
-    PAYLOAD_AT_REST,
-    VEHICLE_WRENCH,
-    Signals,
-)
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.station.contact.mission import add_mission
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at, keyed
@@ -26,8 +21,12 @@ from uvms_drake.station.plant import applied_disturbance
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.station.series_connection import add_chain, add_force_measurement
-from uvms_drake.station.signals import LOGGED_AS
+from uvms_drake.station.series_connection import (
+    add_actuation,
+    add_chain,
+    add_force_measurement,
+    add_signals,
+)
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
 from uvms_drake.visual.objects.contact_knowledge import KNOWN
@@ -115,14 +114,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, model, ocp))
     motion.connect_outside(builder, scenario, uvms, controller, meshcat)
     signals = Signals()
-    for system, names in ((uvms, motion.plant_signals), (
-            controller, (*motion.controller_signals, *scenario.contact.controller_signals))):
-        for name in names:
-            signals[LOGGED_AS.get(name, name)] = system.GetOutputPort(name)
-
-    for name in (PAYLOAD, PAYLOAD_AT_REST):  # Of a plant whose hand holds something.
-        if uvms.HasOutputPort(name):
-            signals[name] = uvms.GetOutputPort(name)
+    add_signals(scenario, signals, uvms=uvms, tube_mpc=controller)
 
     # The parts between them.
     true = uvms.GetOutputPort(motion.measured)
@@ -133,16 +125,10 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     add_force_measurement(builder, scenario, model, controller, measured, signals)
     if controller.HasInputPort("place"):
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)
-    command = controller.GetOutputPort(motion.command)
-    applied = add_chain(builder, model, command, signals,
-                        keyed("actuation", scenario.actuation), scenario.seed)
+    applied = add_actuation(builder, scenario, model, controller, signals)
     exerted = add_chain(builder, model, applied, signals,
                         faults_at("actuation", scenario.faults), scenario.seed)
     builder.Connect(exerted, uvms.GetInputPort(motion.effect))
-    if applied is not command and controller.HasInputPort("applied"):
-        builder.Connect(applied, controller.GetInputPort("applied"))
-    if VEHICLE_WRENCH in signals and scenario.ancillary.takes_wrench:
-        builder.Connect(signals[VEHICLE_WRENCH], controller.GetInputPort(VEHICLE_WRENCH))
     solver_faults = faults_at("solver", scenario.faults)
     if solver_faults:
         source = SolverFaults.AddToBuilder(

@@ -2,15 +2,24 @@
 
 from dataclasses import fields
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
+from uvms_drake.model.signals.sensor_actuator import (
+    MEASURED_FORCE,
+    PAYLOAD,
+    PAYLOAD_AT_REST,
+    VEHICLE_WRENCH,
+    Part,
+    Signals,
+)
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.parts import faults_at
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.signals import LOGGED_AS
 
 RESERVED = {"plan", "report", "solve_seconds", "tube_alarm",
             *(field.name for field in fields(Record))}
@@ -43,6 +52,52 @@ def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signa
         for system in builder.GetSystems()[before:]:
             system.set_name(f"{key}.{system.get_name()}")
     return port
+
+
+def add_signals(scenario: Scenario, signals: Signals, *, uvms: System | None = None,
+                tube_mpc: System | None = None) -> None:
+    """Adds the output ports of a plant and of a tube MPC to the signals, by their logged names.
+
+    Args:
+        scenario: Scenario with its motion and contact.
+        signals: Signals to add to.
+        uvms: The plant; None: its signals are there.
+        tube_mpc: The controller; None: its signals are there, or it is another one.
+    """
+    motion = motion_of(scenario)
+    outputs: list[tuple[System, str]] = []
+    if uvms is not None:  # With a payload's, if the hand holds something.
+        outputs += [(uvms, name) for name in (*motion.plant_signals, PAYLOAD, PAYLOAD_AT_REST)
+                    if name in motion.plant_signals or uvms.HasOutputPort(name)]
+    if tube_mpc is not None:
+        outputs += [(tube_mpc, name) for name in (
+            *motion.controller_signals, *scenario.contact.controller_signals)]
+    for system, name in outputs:
+        signals[LOGGED_AS.get(name, name)] = system.GetOutputPort(name)
+
+
+def add_actuation(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
+                  controller: System, signals: Signals) -> OutputPort:
+    """Adds the parts of actuation, without faults, and returns the output port of the last one.
+
+    A controller that has the input ports reads the applied command and the thrusters' wrench.
+
+    Args:
+        builder: Builder to add to.
+        scenario: Scenario with its actuation and law.
+        model: The controller's model.
+        controller: Controller of any kind, with the output port of the motion's command.
+        signals: Signals that the parts may read and extend.
+    """
+    command = controller.GetOutputPort(motion_of(scenario).command)
+    applied = add_chain(builder, model, command, signals,
+                        keyed("actuation", scenario.actuation), scenario.seed)
+    if applied is not command and controller.HasInputPort("applied"):
+        builder.Connect(applied, controller.GetInputPort("applied"))
+    if (VEHICLE_WRENCH in signals and controller.HasInputPort(VEHICLE_WRENCH)
+            and scenario.ancillary.takes_wrench):
+        builder.Connect(signals[VEHICLE_WRENCH], controller.GetInputPort(VEHICLE_WRENCH))
+    return applied
 
 
 def add_force_measurement(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
