@@ -37,6 +37,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.keyed_random import generator_of, normal_numbers
 from uvms_drake.common.wiring import added
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip, pose_rate_matrix
 from uvms_drake.model.frames.euler import (
@@ -75,18 +76,13 @@ class Imperfection(NamedTuple):
     """νₖ (6,) [N, N m] of the sample k."""
 
 
-def _generator(seed: int, *key: int) -> np.random.Generator:
-    return np.random.Generator(np.random.Philox(
-        np.random.SeedSequence(seed, spawn_key=(STREAM, *key))))
-
-
 def cut_noise(sigma: np.ndarray, multiple: float, seed: int, index: int) -> np.ndarray:
     """Returns νₖ (6,), k = `index`: Gaussian numbers cut to ± `multiple` · σ.
 
     It is a pure function of its arguments.
     """
-    unit = _generator(seed, 1, index).standard_normal(6)
-    return sigma * np.clip(unit, -multiple, multiple)
+    unit = normal_numbers(seed, (STREAM, 1), index, 6)
+    return sigma * np.minimum(np.maximum(unit, -multiple), multiple)
 
 
 def quantised(wrench: np.ndarray, resolution: np.ndarray) -> np.ndarray:
@@ -200,7 +196,7 @@ class ForceSensor(Sensor):
 
     def imperfection(self, seed: int) -> Imperfection:
         """Returns the errors of the copy of a seed; b and s are uniform within their bounds."""
-        b, s = _generator(seed, 0).uniform(-1.0, 1.0, (2, 6))
+        b, s = generator_of(seed, (STREAM, 0)).uniform(-1.0, 1.0, (2, 6))
         return Imperfection(b * self.bias, s * self.drift, partial(
             cut_noise, np.asarray(self.noise, dtype=float), self.noise_multiple, seed))
 

@@ -29,6 +29,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_rate, vector, within
+from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
 from uvms_drake.model.signals.linear import (
     ErrorChannel,
     LinearLoop,
@@ -44,15 +45,10 @@ STREAM = 2
 """Key of a navigation's random numbers, distinct from those of others."""
 
 
-def _generator(seed: int, *key: int) -> np.random.Generator:
-    return np.random.Generator(np.random.Philox(
-        np.random.SeedSequence(seed, spawn_key=(STREAM, *key))))
-
-
 @lru_cache(maxsize=64)
 def _rates(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns a seed's drift and bias over their bounds (3,) each, from −1 to 1."""
-    drift, bias = _generator(seed, 0).uniform(-1.0, 1.0, (2, 3))
+    drift, bias = generator_of(seed, (STREAM, 0)).uniform(-1.0, 1.0, (2, 3))
     return drift, bias
 
 
@@ -140,7 +136,7 @@ class Dvl:
         Every fix whose index is a multiple of `most` is there, which keeps the gaps short.
         """
         j = int(time * self.rate + 1e-9)
-        while j % self.most and _generator(seed, 1, j).uniform() < self.lost:
+        while j % self.most and uniform_number(seed, (STREAM, 1), j) < self.lost:
             j -= 1
         return j
 
@@ -219,20 +215,20 @@ class Navigation(Sensor):
         channel: Channel = getattr(self, key)
         error = np.zeros(count)
         if channel.noise > 0.0:
-            stream = 2, CHANNELS.index(key), round(time * channel.rate)
-            error += channel.noise * self._unit(count, seed, *stream)
+            stream = STREAM, 2, CHANNELS.index(key)
+            error += channel.noise * self._unit(count, seed, stream, round(time * channel.rate))
         if key == "position":
             error += self.drift.at(time, self.imperfection(seed).drift)
         if key == "velocity":
             j = self.dvl.last_fix(time, seed)
-            error += self.dvl.noise * self._unit(3, seed, 3, j)
+            error += self.dvl.noise * self._unit(3, seed, (STREAM, 3), j)
             error += self.imperfection(seed).bias * (time - j / self.dvl.rate)
         return error
 
-    def _unit(self, count: int, seed: int, *key: int) -> np.ndarray:
+    def _unit(self, count: int, seed: int, key: tuple[int, ...], index: int) -> np.ndarray:
         """Returns cut Gaussian numbers (count,) with σ = 1."""
-        numbers = _generator(seed, *key).standard_normal(count)
-        return np.clip(numbers, -self.noise_multiple, self.noise_multiple)
+        numbers = normal_numbers(seed, key, index, count)
+        return np.minimum(np.maximum(numbers, -self.noise_multiple), self.noise_multiple)
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
