@@ -68,7 +68,7 @@ def philox_keys(seed: int, key: tuple[int, ...], last: np.ndarray) -> np.ndarray
     first = _words(seed)
     words = [*first, *[0] * (_POOL - len(first))]
     words += [word for entry in key for word in _words(entry)]
-    entropy = [np.uint32(word) for word in words] + [last.astype(np.uint32)]
+    entropy = [np.full(1, word, dtype=np.uint32) for word in words] + [last.astype(np.uint32)]
     with np.errstate(over="ignore"):  # All arithmetic is modulo 2³².
         return _generated(_mixed(entropy)).view(np.uint64)
 
@@ -94,13 +94,13 @@ class _Hash:
         return mixed ^ mixed >> _SHIFT
 
 
-def _mixed(entropy: Sequence[np.ndarray | np.uint32]) -> list[np.ndarray]:
-    """Returns the pool of a `SeedSequence` with these words, each one or an array of one shape."""
+def _mixed(entropy: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Returns the pool of a `SeedSequence` with these words, arrays that broadcast."""
     hashed = _Hash(_INITIAL_A, _FACTOR_A)
     pool = [hashed(word) for word in entropy[:_POOL]]
 
     def mix(word: np.ndarray, other: np.ndarray) -> np.ndarray:
-        mixed = _FACTOR_LEFT * word - _FACTOR_RIGHT * other
+        mixed: np.ndarray = _FACTOR_LEFT * word - _FACTOR_RIGHT * other
         return mixed ^ mixed >> _SHIFT
 
     for source in range(_POOL):

@@ -81,8 +81,10 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
     prog.AddQuadraticCost(np.eye(len(form.r)), np.zeros(len(form.r)), x[form.r], is_convex=True)
     prog.AddLinearCost([program.slack_penalty, program.excess_penalty][: 1 + softened], x[s: v + 1])
     prog.AddBoundingBoxConstraint(0.0, np.inf, x[s: v + 1])
+    # In Fortran's order: of another one Drake's bindings make a copy, and import SciPy before.
     if len(form.motion):
-        prog.AddLinearEqualityConstraint(form.motion, np.zeros(len(form.motion)), x[:s])
+        prog.AddLinearEqualityConstraint(
+            np.asfortranarray(form.motion), np.zeros(len(form.motion)), x[:s])
     # Linear limits, all rows at once (a call costs as much as a hundred); v relaxes the soft ones.
     rows = linear_rows(form, program, z, kept, len(x))
     if softened:
@@ -107,7 +109,8 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
         bounds = np.zeros((len(radius_bound.size), len(x)))
         bounds[:, form.y[-1]], bounds[:, s], bounds[:, t] = -radius_bound.rows @ Z_x, -1.0, 1.0
         A, b = np.concatenate([A, bounds]), np.append(b, radius_bound.size)
-    limits = prog.AddLinearConstraint(A, np.full(len(b), -np.inf), b, x) if len(b) else None
+    limits = prog.AddLinearConstraint(
+        np.asfortranarray(A), np.full(len(b), -np.inf), b, x) if len(b) else None
     # Multipliers of the soft rows tell whether v = 0 is optimal.
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
