@@ -8,6 +8,8 @@ import pytest
 from uvms_drake.campaign.induced_disturbance import predicted_disturbance
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.station.motions.dynamic import make_simulated_uvms
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -29,11 +31,17 @@ def first():
     return ocp, plan
 
 
+def predicted(scenario, plan, ocp):
+    return predicted_disturbance(
+        make_simulated_uvms(scenario, ConstantDisturbance()), scenario.current, scenario.waves,
+        scenario.disturbance, plan, ocp)
+
+
 def test_where_everything_is_known_nothing_is_induced(first):
     ocp, plan = first
-    assert predicted_disturbance(load_scenario("girona500_ideal", CALM), plan, ocp) < 1e-7
+    assert predicted(load_scenario("girona500_ideal", CALM), plan, ocp) < 1e-7
     disturbed = load_scenario("girona500_ideal", ["disturbance.bound=0.1"])
-    assert predicted_disturbance(disturbed, plan, ocp) < 1e-7
+    assert predicted(disturbed, plan, ocp) < 1e-7
 
 
 @pytest.mark.parametrize("override", [
@@ -46,13 +54,13 @@ def test_what_is_predicted_from_the_first_plan_is_what_the_run_then_has(first, o
     scenario = load_scenario("girona500_ideal", [*CALM, override])
     measured = np.max(np.linalg.norm(simulate(scenario).effective_disturbance, axis=1))
     assert measured > 0.005
-    assert predicted_disturbance(scenario, plan, ocp) == pytest.approx(measured, rel=0.2)
+    assert predicted(scenario, plan, ocp) == pytest.approx(measured, rel=0.2)
 
 
 def test_what_is_induced_is_measured_by_the_bounds_of_the_components(first):
     """A tenth of the hull's bounds makes the norm of a current up to ten times as large."""
     ocp, plan = first
-    sizes = [predicted_disturbance(load_scenario("girona500_ideal", [
+    sizes = [predicted(load_scenario("girona500_ideal", [
         *CALM, "current=[0, 0.02, 0]", f"disturbance.weights={weights}"]), plan, ocp)
         for weights in ([1] * 10, [0.1] * 6 + [1] * 4, [1] * 6 + [0.9] * 4)]
     assert 3.0 * sizes[0] < sizes[1] <= 10.0 * sizes[0]
@@ -76,6 +84,6 @@ def test_what_the_readme_says_takes_all_of_the_bound(first, words):
     readme = path.read_text(encoding="utf-8")
     assert words in " ".join(readme.split())
     bound = load_scenario("girona500_ideal").disturbance.bound
-    induced = predicted_disturbance(
+    induced = predicted(
         load_scenario("girona500_ideal", [*CALM, ALL_OF_IT[words]]), plan, ocp)
     assert induced == pytest.approx(bound, rel=0.15)

@@ -28,7 +28,7 @@ def test_nothing_happens_while_the_robot_hovers():
 
 def test_outside_of_the_bounds_every_promise_is_kept(campaign):
     """Every kind of event occurs once; each exit of a bound is in the log."""
-    kinds = kinds_outside(campaign.base)
+    kinds = kinds_outside(has_forces=True, num_joints=len(campaign.base.start.q))
     beyond = replace(campaign, outside=True, model_error=0.2,
                      scenario=campaign.scenario.replace("duration: 0.6", "duration: 1.6"))
     results = [run_one(beyond, index)["result"] for index in range(len(kinds))]

@@ -152,7 +152,7 @@ def test_a_run_with_faults_of_its_own_is_none_of_the_drawn_ones():
     ("surface.law.transition=0.1", "wall, transition is 0.1, declared from 0.001 to 0.005 m")])
 def test_a_wall_that_is_never_drawn_is_outside(override, said):
     base, wall = load_scenario(NAME), load_scenario(NAME, [override])
-    ranges = declared_ranges(base)
+    ranges = list(declared_ranges(base))
     assert not outside_ranges(ranges, drawn_values(base, load_model(base)))
     outside = outside_ranges(ranges, drawn_values(wall, load_model(wall)))
     assert any(said in each for each in outside)

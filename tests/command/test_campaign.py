@@ -122,4 +122,5 @@ def test_a_robot_of_a_urdf_is_taken(make, tmp_path, capsys, nothing_long):
 
 @pytest.mark.parametrize("scenario", ["girona500_ideal", "bluerov2_ideal"])
 def test_the_shipped_robots_are_taken(scenario):
-    check_draws(load_scenario(scenario), 0.5)
+    shipped = load_scenario(scenario)
+    check_draws(shipped.model, shipped.model_error, 0.5)

@@ -89,16 +89,11 @@ def _parsed(text: str) -> Scenario:
 
 def require_same_code(campaign: Campaign) -> None:
     """Raises `RunFailed` unless program and robot are those that a campaign was made with."""
-    now = _code(campaign.base)
+    now = fingerprint(campaign.base) | {"source": source_digest()}
     for key, what in (("source", "this package"), ("versions", "a version"),
                       ("files", "a file of the robot")):
         if now[key] != getattr(campaign, key):
             raise RunFailed(f"{what} is not as it was when the campaign was made")
-
-
-def _code(scenario: Scenario) -> dict[str, Any]:
-    prints = fingerprint(scenario)
-    return {"files": prints["files"], "versions": prints["versions"], "source": source_digest()}
 
 
 def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None,
@@ -114,7 +109,7 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
         outside: As of `Campaign`.
         progress: As of `certified_once`.
     """
-    applied = scenario
+    applied, prints = scenario, fingerprint(scenario)
     walls: tuple[CertifiedWall, ...] = ()
     targets: tuple[Target, ...] = (Target(None, 1.0, scenario.mpc.terminal_radius),)
     if certificate is not None:
@@ -127,7 +122,7 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
     return Campaign(
         scenario=dump_scenario(applied), certified=certificate is not None, seed=seed,
         model_error=model_error, outside=outside, walls=walls, targets=targets,
-        **_code(scenario))
+        files=prints["files"], versions=prints["versions"], source=source_digest())
 
 
 def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Target]:

@@ -17,8 +17,10 @@ from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.progress import Progress, part_of
 from uvms_drake.common.schema import load_typed
-from uvms_drake.control.limits import TubeRadii
+from uvms_drake.control.limits import Limits, TubeRadii
+from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.model.frames.euler import wrap_angle
+from uvms_drake.model.surface.law import Surface
 from uvms_drake.station.motions.motions import models_force
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -52,45 +54,45 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
         certificate: Certificate that holds for it.
         progress: Progress callback, as of `certified_once`.
     """
-    walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
+    certified = [(1.0, 0.0, certificate.applied_to(scenario))]
     others = OTHER_WALLS if models_force(scenario) else ()
     for i, (stiffness, tilt) in enumerate(others):
         if tilt and scenario.surface.normal is None:
             continue
-        other = _with_surface(scenario, stiffness, tilt)
+        surface, force = _other_surface(scenario.surface, scenario.task.force, stiffness, tilt)
+        other = replace(scenario, surface=surface, task=replace(scenario.task, force=force))
         try:
             found = certified_once(other, part_of(progress, i / len(others), (i + 1) / len(others)))
         except InvalidParameter:  # No equilibrium in the limits, or too large a force at the start.
             continue
         if found.certified:
-            walls.append(_wall(stiffness, tilt, found.applied_to(other)))
-    return tuple(walls)
-
-
-def _wall(stiffness: float, tilt: float, scenario: Scenario) -> CertifiedWall:
-    return CertifiedWall(
-        stiffness, tilt, yaml_dump_typed(scenario.tube), scenario.mpc.terminal_radius)
+            certified.append((stiffness, tilt, found.applied_to(other)))
+    return tuple(CertifiedWall(stiffness, tilt, yaml_dump_typed(applied.tube),
+                               applied.mpc.terminal_radius)
+                 for stiffness, tilt, applied in certified)
 
 
 def with_wall(scenario: Scenario, wall: CertifiedWall) -> Scenario:
     """Returns the scenario with another surface, and with the tube and terminal set of that."""
-    other = _with_surface(scenario, wall.stiffness, wall.tilt)
-    return replace(other, tube=load_typed(TubeRadii, yaml_load_data(wall.tube)),
-                   mpc=replace(other.mpc, terminal_radius=wall.radius))
+    surface, force = _other_surface(
+        scenario.surface, scenario.task.force, wall.stiffness, wall.tilt)
+    return replace(scenario, surface=surface, task=replace(scenario.task, force=force),
+                   tube=load_typed(TubeRadii, yaml_load_data(wall.tube)),
+                   mpc=replace(scenario.mpc, terminal_radius=wall.radius))
 
 
-def _with_surface(scenario: Scenario, stiffness: float, tilt: float) -> Scenario:
-    """Returns the scenario with a surface that is stiffer, and turned with 𝔉_des."""
-    surface, task = scenario.surface, scenario.task
+def _other_surface(surface: Surface, force: np.ndarray, stiffness: float, tilt: float
+                   ) -> tuple[Surface, np.ndarray]:
+    """Returns the surface, stiffer and turned, and 𝔉_des (6,) turned with it."""
     surface = surface.stiffened(stiffness)
     if tilt and surface.normal is not None:
         normal, anchor = (np.asarray(each, dtype=float)
                           for each in (surface.normal, surface.anchor))
         R = RotationMatrix(AngleAxis(tilt, _horizontal_in(normal))).matrix()
-        force = np.asarray(task.force, dtype=float).copy()
+        force = np.asarray(force, dtype=float).copy()
         force[:3] = R @ force[:3]
-        surface, task = surface.moved(R, anchor - R @ anchor), replace(task, force=force)
-    return replace(scenario, surface=surface, task=task)
+        surface = surface.moved(R, anchor - R @ anchor)
+    return surface, force
 
 
 def _horizontal_in(normal: np.ndarray) -> np.ndarray:
@@ -100,15 +102,14 @@ def _horizontal_in(normal: np.ndarray) -> np.ndarray:
     return line / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
 
 
-def turns_freely(scenario: Scenario) -> bool:
+def turns_freely(mpc: MpcConfig, limits: Limits) -> bool:
     """Returns whether a turn about the vertical makes no difference to the nominal MPC either.
 
     Further limits may be along axes of Σ_I.
     """
-    mpc = scenario.mpc
     weights = [mpc.weight_y] if mpc.terminal_weight is None else [mpc.weight_y, mpc.terminal_weight]
     even = all(bool(x == y) for x, y in (np.asarray(weight, dtype=float)[:2] for weight in weights))
-    return even and not scenario.limits.more
+    return even and not limits.more
 
 
 def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:

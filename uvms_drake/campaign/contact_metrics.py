@@ -8,9 +8,9 @@ import numpy as np
 from uvms_drake.campaign.distribution import distribution_of
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.report.signals import settling_index
 from uvms_drake.report.summary import summarise_contact
-from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
@@ -38,17 +38,18 @@ Result = Mapping[str, Any]
 def contact_metrics(record: Record) -> dict[str, Any]:
     """Returns the per-run metrics that add to or replace the default ones; none of a known surface.
 
-    With a contact estimate the press metrics as `wall`, and the force error along n in place of
+    With a declared wall the press metrics as `wall`, and the force error along n in place of
     that of 𝔉: the wall's tilt and its friction exert a force normal to n, where none is desired.
     """
-    if record.scenario.contact.is_modelled:
+    contact = record.scenario.contact.declared_wall()
+    if contact is None:
         return {}
-    wall = press_metrics(record)
+    wall = press_metrics(record, contact)
     return {"wall": wall, "force_error": wall["final_error"],
             "settling_time_s": wall["settling_time_s"]}
 
 
-def press_metrics(record: Record) -> dict[str, Any]:
+def press_metrics(record: Record, contact: UnknownContact) -> dict[str, Any]:
     """Returns the press metrics of a run.
 
     `static` and `peak` are forces along the wall's own normal, at rest and in motion, over their
@@ -58,11 +59,11 @@ def press_metrics(record: Record) -> dict[str, Any]:
     is whether the wall is in the class wherever it was touched, `worst_violation` the largest
     violation of a limit by a plan, in the limit's own unit.
     """
-    scenario, contact = record.scenario, sensed_contact(record.scenario)
-    surface, summary = _surface(record), summarise_contact(record)
+    task, surface, summary = record.scenario.task, _surface(record), summarise_contact(record)
     found = membership(surface, contact, *_ends(record))
-    error = np.abs(record.force[:, :3] @ contact.direction - pressing_force(scenario))
-    tolerance = scenario.task.force_tolerance
+    desired = float(np.asarray(task.force)[:3] @ contact.direction)
+    error = np.abs(record.force[:, :3] @ contact.direction - desired)
+    tolerance = task.force_tolerance
     settled, touch = settling_index(error, tolerance), summary["first_touch_s"]
     touching = record.penetration > 0.0
     since = touching[np.argmax(error <= tolerance):] if np.any(error <= tolerance) else touching[:0]
@@ -71,7 +72,7 @@ def press_metrics(record: Record) -> dict[str, Any]:
         "shape": type(surface.geometry).__name__, "law": type(surface.law).__name__,
         "stiffness": None if found is None else found.stiffness,
         "angle": None if found is None else found.angle,
-        "desired": pressing_force(scenario),
+        "desired": desired,
         "static": summary["largest_static_force"] / contact.force,
         "peak": np.max(normal_force(record)) / contact.peak(contact.force, contact.largest_advance),
         "first_touch_s": touch,
@@ -82,7 +83,7 @@ def press_metrics(record: Record) -> dict[str, Any]:
         "lateral_error_m": None if touch is None else np.linalg.norm(across(
             contact.direction, record.chi[np.argmax(touching), :3] - _ends(record)[1])),
         "losses": np.count_nonzero(np.diff(since.astype(int)) < 0),
-        "in_class": in_class(record),
+        "in_class": in_class(record, contact),
         "worst_violation": np.max(record.mpc_violation, initial=0.0),
     }
 
@@ -94,13 +95,13 @@ def normal_force(record: Record) -> np.ndarray:
     return force
 
 
-def in_class(record: Record) -> bool:
+def in_class(record: Record, contact: UnknownContact) -> bool:
     """Returns whether the wall of a run is in the class wherever the tip touched it.
 
     The tip has to stay in the ball of proven membership, and the rate of the force normal to n
     within the class's bound; only the time before the first too large force counts.
     """
-    contact, surface, ends = sensed_contact(record.scenario), _surface(record), _ends(record)
+    surface, ends = _surface(record), _ends(record)
     center, reach = ball_about(surface.anchor, contact, surface.law, *ends)
     hard = surface.static_force(record.chi) > contact.force
     allowed = slice(int(np.argmax(hard)) if np.any(hard) else len(hard))

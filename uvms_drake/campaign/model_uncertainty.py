@@ -7,6 +7,7 @@ does not count as one inside of the bounds if it was too much. Where d̃ is zero
 then the scenario's own errors are the largest that are drawn, and every run counts.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,7 +18,9 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.plant.model_error import FACTORS, ModelError
+from uvms_drake.plant.uvms_plant import make_uvms_plant
+from uvms_drake.plant.waves import Wave
 from uvms_drake.station.motions.dynamic import make_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -57,30 +60,35 @@ class Unknowns(NamedTuple):
     payload: float = 0.0
     """Mass of the payload [kg]."""
 
-    def put_into(self, scenario: Scenario, scale: float = 1.0) -> Scenario:
-        """Returns the scenario with `scale` times all of it, added to its own errors."""
-        known, surface = scenario.model_error, scenario.surface_error
+    def of_robot(self, known: ModelError, scale: float = 1.0) -> ModelError:
+        """Returns the error of the model with `scale` times that of the robot added."""
         relative = {name: getattr(known, name) * (1.0 + scale * getattr(self, name))
                     for name in FACTORS}
         payload = replace(known.payload, mass=known.payload.mass + scale * self.payload)
+        return replace(known, **relative, payload=payload)
+
+    def put_into(self, scenario: Scenario, scale: float = 1.0) -> Scenario:
+        """Returns the scenario with `scale` times all of it, added to its own errors."""
+        surface = scenario.surface_error
         return replace(
-            scenario, model_error=replace(known, **relative, payload=payload),
+            scenario, model_error=self.of_robot(scenario.model_error, scale),
             surface_error=replace(
                 surface, stiffness=surface.stiffness * (1.0 + scale * self.stiffness),
                 shift=surface.shift + scale * self.shift, turn=surface.turn + scale * self.turn),
             current=np.asarray(scenario.current, dtype=float) + scale * self.current)
 
 
-def check_draws(scenario: Scenario, largest: float) -> None:
-    """Raises `InvalidParameter` if the robot cannot have an error that may be drawn.
+def check_draws(robot: str, known: ModelError, largest: float) -> None:
+    """Raises `InvalidParameter` if a robot cannot have an error that may be drawn.
 
     Args:
-        scenario: As it is loaded; its motion is dynamic.
+        robot: Name or folder of the robot.
+        known: Its declared errors.
         largest: Largest relative error.
     """
-    drawn = Unknowns(mass=largest, payload=LARGEST_PAYLOAD).put_into(scenario)
+    drawn = Unknowns(mass=largest, payload=LARGEST_PAYLOAD).of_robot(known)
     try:
-        make_simulated_uvms(drawn, ConstantDisturbance())
+        make_uvms_plant(robot, disturbance=ConstantDisturbance(), error=drawn)
     except InvalidParameter as error:
         raise InvalidParameter(
             "--model-error", largest, "0 for this robot, or numbers in its file: a campaign draws "
@@ -125,15 +133,18 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
     shared = replace(scenario, model_error=replace(scenario.model_error, share=share))
     for _ in range(ATTEMPTS):
         candidate = unknowns.put_into(shared, scale)
-        induced = predicted_disturbance(candidate, plan, ocp)
+        induced = predicted_disturbance(
+            make_simulated_uvms(candidate, ConstantDisturbance()), candidate.current,
+            candidate.waves, candidate.disturbance, plan, ocp)
         if induced <= margin:
             return candidate
         scale *= SMALLER * margin / induced
     return scenario
 
 
-def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
-    """Returns the scenario with its declared unknowns drawn, up to their declared size.
+def as_declared(known: ModelError, current: np.ndarray, waves: Sequence[Wave],
+                rng: np.random.Generator) -> tuple[ModelError, np.ndarray, list[Wave]]:
+    """Returns declared unknowns drawn up to their declared size.
 
     An error of either sign is drawn, a current from any horizontal direction, up or down, and a
     wave of any direction and phase: those that a certificate counts,
@@ -141,7 +152,9 @@ def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     are known stay known.
 
     Args:
-        scenario: Its `model_error`, `current` and `waves` are the largest.
+        known: Largest errors of the model.
+        current: Largest velocity of the water (3,) [m/s].
+        waves: Largest waves.
         rng: Source of the draws.
     """
     def part() -> float:
@@ -151,7 +164,6 @@ def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     def heading() -> float:
         return float(rng.uniform(-np.pi, np.pi))
 
-    known, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
     relative = {name: 1.0 + (getattr(known, name) - 1.0) * part() for name in FACTORS}
     shift, carried = part() * np.asarray(known.buoyancy_shift, dtype=float), abs(part())
     payload = replace(known.payload, mass=carried * known.payload.mass,
@@ -164,9 +176,8 @@ def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
         stiff = abs(part())
         friction = replace(friction, coulomb=stiff * np.asarray(friction.coulomb, dtype=float),
                            static=stiff * np.asarray(friction.static, dtype=float))
-    waves = [replace(wave, amplitude=abs(part()) * wave.amplitude, direction=heading(),
-                     phase=heading()) for wave in scenario.waves]
-    return replace(
-        scenario, current=water, waves=waves,
-        model_error=replace(known, **relative, buoyancy_shift=shift, payload=payload,
-                            joint_friction=friction))
+    drawn = [replace(wave, amplitude=abs(part()) * wave.amplitude, direction=heading(),
+                     phase=heading()) for wave in waves]
+    error = replace(known, **relative, buoyancy_shift=shift, payload=payload,
+                    joint_friction=friction)
+    return error, water, drawn

@@ -18,7 +18,6 @@ from uvms_drake.model.signals.sensor_actuator import Fault
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.plant.waves import Wave
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 
 FAULT_SECONDS = 0.5
@@ -35,83 +34,40 @@ STIFFER = 10.0
 EXCESS_FACTORS = (1.5, 2.0, 5.0)
 """Sizes of the disturbance over d̃."""
 
-Step = Callable[[Scenario, float, np.random.Generator], Scenario]
-
-
-def _faulty(fault: Fault) -> Callable[[Scenario], Scenario]:
-    return lambda scenario: replace(scenario, faults=[*scenario.faults, fault])
-
-
-def _frozen(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    return _faulty(FrozenState(_instant(scenario, rng), FAULT_SECONDS))(scenario)
-
-
-def _lost(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    return _faulty(LostState(_instant(scenario, rng), FAULT_SECONDS))(scenario)
-
-
-def _stuck(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    joint = int(rng.integers(len(scenario.start.q)))
-    return _faulty(StuckJoint(joint, _instant(scenario, rng)))(scenario)
-
-
-def _excess(factor: float) -> Step:
-    return lambda scenario, largest, rng: _faulty(ExcessDisturbance(factor))(scenario)
-
-
-def _stiffer(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    return Unknowns(stiffness=STIFFER - 1.0).put_into(scenario)
-
-
-def _misplaced(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    return Unknowns(shift=SHIFT * rng.uniform(-1.0, 1.0, 3), turn=TURN * rng.uniform(-1.0, 1.0, 3)
-                    ).put_into(scenario)
-
-
-def _model(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    return Unknowns(*(largest * rng.uniform(-1.0, 1.0, 4)).tolist()).put_into(scenario)
-
-
-def _current(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    direction = rng.normal(size=3)
-    return Unknowns(current=CURRENT * rng.uniform() * direction / np.linalg.norm(direction)
-                    ).put_into(scenario)
-
-
-def _payload_and_trim(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    return Unknowns(buoyancy=TRIM * rng.uniform(-1.0, 1.0), payload=PAYLOAD * rng.uniform()
-                    ).put_into(scenario)
-
-
-def _waves(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    direction, phase = rng.uniform(-np.pi, np.pi, 2).tolist()
-    wave = Wave(WAVE * rng.uniform(), rng.uniform(*WAVE_PERIODS), direction, phase)
-    return replace(scenario, waves=[*scenario.waves, wave])
-
-
-def _instant(scenario: Scenario, rng: np.random.Generator) -> float:
-    hover = scenario.mpc.hover
-    return hover + float(rng.uniform(EARLIEST, LATEST)) * (scenario.duration - hover)
-
-
-STUCK = "joint stuck"
-MEASURED_WRONG = ("state frozen", "state lost")
+FROZEN, LOST, STUCK, WAVES = "state frozen", "state lost", "joint stuck", "waves"
+MEASURED_WRONG = (FROZEN, LOST)
 """Kinds with a wrong feedback signal, for which the tube does not scale."""
-
-_ALL_MOTIONS: dict[str, Step] = {
-    "state frozen": _frozen, "state lost": _lost,
-    **{f"d of {factor:g} bounds": _excess(factor) for factor in EXCESS_FACTORS}}
-_WITH_FORCES: dict[str, Step] = {
-    STUCK: _stuck, f"surface {STIFFER:g} x stiffer": _stiffer,
-    "surface misplaced": _misplaced, "model wrong": _model, "payload, trim": _payload_and_trim,
-    "current": _current, "waves": _waves}
+_EXCESSES = {f"d of {factor:g} bounds": factor for factor in EXCESS_FACTORS}
 
 
-def kinds_outside(scenario: Scenario) -> tuple[str, ...]:
-    """Returns the kinds of event that apply to a scenario."""
-    with_forces = _WITH_FORCES if motion_of(scenario).has_forces else ()
-    return (*_ALL_MOTIONS, *(kind for kind in with_forces
-                             if kind != STUCK or np.size(scenario.start.q) > 0))
+def _misplaced(largest: float, rng: np.random.Generator) -> Unknowns:
+    return Unknowns(shift=SHIFT * rng.uniform(-1.0, 1.0, 3), turn=TURN * rng.uniform(-1.0, 1.0, 3))
+
+
+def _wrong_model(largest: float, rng: np.random.Generator) -> Unknowns:
+    return Unknowns(*(largest * rng.uniform(-1.0, 1.0, 4)).tolist())
+
+
+def _payload_and_trim(largest: float, rng: np.random.Generator) -> Unknowns:
+    return Unknowns(buoyancy=TRIM * rng.uniform(-1.0, 1.0), payload=PAYLOAD * rng.uniform())
+
+
+def _current(largest: float, rng: np.random.Generator) -> Unknowns:
+    direction = rng.normal(size=3)
+    return Unknowns(current=CURRENT * rng.uniform() * direction / np.linalg.norm(direction))
+
+
+_ERRORS: dict[str, Callable[[float, np.random.Generator], Unknowns]] = {
+    f"surface {STIFFER:g} x stiffer": lambda largest, rng: Unknowns(stiffness=STIFFER - 1.0),
+    "surface misplaced": _misplaced, "model wrong": _wrong_model,
+    "payload, trim": _payload_and_trim, "current": _current}
+"""Draws of a kind's errors, by the largest relative one of "model wrong"."""
+
+
+def kinds_outside(*, has_forces: bool, num_joints: int) -> tuple[str, ...]:
+    """Returns the kinds of event that apply to a motion, with or without forces, of a robot."""
+    with_forces = (*([STUCK] if num_joints else []), *_ERRORS, WAVES) if has_forces else ()
+    return (*MEASURED_WRONG, *_EXCESSES, *with_forces)
 
 
 def step_outside(kind: str, scenario: Scenario, largest: float, rng: np.random.Generator
@@ -124,4 +80,27 @@ def step_outside(kind: str, scenario: Scenario, largest: float, rng: np.random.G
         largest: Largest relative error of "model wrong".
         rng: Random generator of onset and size.
     """
-    return (_ALL_MOTIONS | _WITH_FORCES)[kind](scenario, largest, rng)
+    if kind in _ERRORS:
+        return _ERRORS[kind](largest, rng).put_into(scenario)
+    if kind == WAVES:
+        return replace(scenario, waves=[*scenario.waves, _wave(rng)])
+    fault = _fault(kind, len(scenario.start.q), scenario.mpc.hover, scenario.duration, rng)
+    return replace(scenario, faults=[*scenario.faults, fault])
+
+
+def _wave(rng: np.random.Generator) -> Wave:
+    direction, phase = rng.uniform(-np.pi, np.pi, 2).tolist()
+    return Wave(WAVE * rng.uniform(), rng.uniform(*WAVE_PERIODS), direction, phase)
+
+
+def _fault(kind: str, num_joints: int, first_plan: float, end: float, rng: np.random.Generator
+           ) -> Fault:
+    """Returns a fault that begins between the first plan and the end of a run [s]."""
+    if kind in _EXCESSES:
+        return ExcessDisturbance(_EXCESSES[kind])
+    joint = int(rng.integers(num_joints)) if kind == STUCK else 0
+    onset = first_plan + float(rng.uniform(EARLIEST, LATEST)) * (end - first_plan)
+    faults: dict[str, Fault] = {
+        FROZEN: FrozenState(onset, FAULT_SECONDS), LOST: LostState(onset, FAULT_SECONDS),
+        STUCK: StuckJoint(joint, onset)}
+    return faults[kind]

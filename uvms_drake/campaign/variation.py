@@ -19,15 +19,19 @@ from uvms_drake.campaign.outside_assumptions import kinds_outside, step_outside
 from uvms_drake.certificate.certify import first_plan
 from uvms_drake.certificate.declared_unknowns import has_unknowns
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.limits import Limit
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.model.signals.sensor_actuator import Fault
 from uvms_drake.plant.adversary import ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
+    Disturbance,
     RandomDisturbance,
     SinusoidalDisturbance,
 )
+from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.motions.motions import make_ocp, models_force, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
@@ -43,9 +47,6 @@ UNKNOWNS_LIKELY = 0.5
 FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
 """Probability that a run has faults of the solver, and range of the probability per sample."""
 ATTEMPTS = 100
-
-Disturbance = (
-    SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance | AdversarialDisturbance)
 
 
 class Variation(NamedTuple):
@@ -65,14 +66,16 @@ def vary(campaign: Campaign, index: int) -> Variation:
         RunFailed: No draw is feasible.
     """
     base = campaign.base
-    kinds = kinds_outside(base)
+    motion = motion_of(base)
+    kinds = kinds_outside(has_forces=motion.has_forces, num_joints=len(base.start.q))
     outside = kinds[index % len(kinds)] if campaign.outside else None
     for attempt in range(ATTEMPTS):
         rng = np.random.Generator(np.random.Philox(
             np.random.SeedSequence([campaign.seed, index, attempt])))
         # Surface, desired force and place.
         target = campaign.targets[rng.integers(len(campaign.targets))]
-        yaw = float(rng.uniform(-np.pi, np.pi)) if turns_freely(base) else 0.0
+        turns = turns_freely(base.mpc, base.limits)
+        yaw = float(rng.uniform(-np.pi, np.pi)) if turns else 0.0
         shift = rng.uniform(-1.0, 1.0, 3) * SHIFT_REACH
         aimed = with_target(moved(campaign.declared(target), yaw, shift), target)
         # A start with a feasible first plan.
@@ -80,7 +83,7 @@ def vary(campaign: Campaign, index: int) -> Variation:
             model = load_model(aimed)
             ocp = make_ocp(aimed, model)
             scenario = replace(aimed, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
-                               start=_start(aimed, ocp, rng))
+                               start=_start(aimed.start, ocp.limits["q"], rng))
             start = start_state(scenario, ocp)
         except InvalidParameter:
             if attempt == 0:
@@ -92,35 +95,37 @@ def vary(campaign: Campaign, index: int) -> Variation:
             continue
         # An unknown surface, and all disturbances.
         scenario = base.contact.drawn(scenario, first, rng)
-        scenario = replace(scenario, disturbance=_disturbance(scenario, ocp.model.size, rng))
+        scenario = replace(scenario, disturbance=_disturbance(
+            scenario.disturbance, motion, ocp.model.size, rng))
         if outside is not None:
             scenario = step_outside(outside, scenario, campaign.model_error, rng)
         else:
-            scenario = _shared(_with_fault(scenario, rng), ocp, plan, campaign.model_error, rng)
+            scenario = replace(scenario, faults=[*scenario.faults, *_faults(rng)])
+            scenario = _shared(scenario, ocp, plan, campaign.model_error, rng)
         return Variation(scenario, outside)
     raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
 
 
-def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
-    """Returns a start: the vehicle near the scenario's, the arm anywhere within its limits.
+def _start(declared: Start, joints: Limit, rng: np.random.Generator) -> Start:
+    """Returns a start: the vehicle near the declared one, the arm anywhere within its limits.
 
     The arm is interpolated by a uniform fraction towards a uniform posture.
     """
-    eta = np.asarray(scenario.start.eta, dtype=float) + POSE_REACH * rng.uniform(-1.0, 1.0, 6)
-    q = np.asarray(scenario.start.q, dtype=float)
-    posture = rng.uniform(ocp.limits["q"].lower, ocp.limits["q"].upper)
+    eta = np.asarray(declared.eta, dtype=float) + POSE_REACH * rng.uniform(-1.0, 1.0, 6)
+    q = np.asarray(declared.q, dtype=float)
+    posture = rng.uniform(joints.lower, joints.upper)
     return Start(eta=eta, q=q + rng.uniform() * (posture - q))
 
 
-def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Disturbance:
+def _disturbance(declared: Disturbance, motion: Motion, size: int, rng: np.random.Generator
+                 ) -> Disturbance:
     """Returns a disturbance of the full bound: an adversary of any kind, or a random one.
 
     Where no forces act the only adversary is `along_task_error`.
     """
-    bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
+    bound, weights = declared.bound, declared.weights
     period = float(np.exp(rng.uniform(*np.log(PERIODS))))
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    motion = motion_of(scenario)
     kind = str(rng.choice([*motion.adversaries, "random"]))
     direction = rng.normal(size=motion.disturbance_size(size))
     if kind == "random":
@@ -135,13 +140,11 @@ def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Dis
         weights=weights)
 
 
-def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:
-    """Returns the scenario, possibly with faults at random samples that the theory covers."""
+def _faults(rng: np.random.Generator) -> list[Fault]:
+    """Returns a fault at random samples that the theory covers, or none."""
     fault = (SolverFailure, SolverTimeout, DroppedPeriod)[rng.integers(3)]
     probability = float(rng.uniform(*FAULT_RATES))
-    if rng.uniform() > FAULT_LIKELY:
-        return scenario
-    return replace(scenario, faults=[*scenario.faults, fault(probability)])
+    return [fault(probability)] if rng.uniform() <= FAULT_LIKELY else []
 
 
 def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
@@ -151,7 +154,9 @@ def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
     If the scenario itself declares some, or d̃ = 0, they are those.
     """
     if scenario.disturbance.d_bound == 0.0 or has_unknowns(scenario):
-        return as_declared(scenario, rng)
+        error, current, waves = as_declared(
+            scenario.model_error, scenario.current, scenario.waves, rng)
+        return replace(scenario, model_error=error, current=current, waves=waves)
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
     if not (wanted and models_force(scenario)):
         return scenario

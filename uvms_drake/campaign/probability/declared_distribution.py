@@ -4,7 +4,7 @@ It is the one of `variation.vary` for a scenario with its declared tube and with
 of the model.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,43 +12,28 @@ from uvms_drake.campaign import variation
 from uvms_drake.campaign.certified_surfaces import turns_freely
 from uvms_drake.campaign.model_uncertainty import AT_FULL_SIZE
 from uvms_drake.certificate.drawn_values import DrawnRange
-from uvms_drake.plant.model_error import FACTORS
-from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.contact.bounds import largest_force, sensed_contact
-from uvms_drake.station.contact.drawn_contact import FARTHEST, FORCES, LEAST_CREEP
-from uvms_drake.station.contact.drawn_surfaces import AT_THE_BOUND, SOFTEST, TRANSITIONS
+from uvms_drake.plant.model_error import FACTORS, ModelError
+from uvms_drake.plant.waves import Wave, largest_speed
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 
 
-def declared_distribution(scenario: Scenario) -> tuple[str, ...]:
-    """Returns a sentence for each part of the distribution."""
-    return tuple(_sentences(scenario))
-
-
-def declared_ranges(scenario: Scenario) -> tuple[DrawnRange, ...]:
-    """Returns the ranges of the values of `drawn_values`."""
-    return tuple(_ranges(scenario))
-
-
-def _sentences(scenario: Scenario) -> Iterator[str]:
+def declared_distribution(scenario: Scenario) -> Iterator[str]:
+    """Yields a sentence for each part of the distribution."""
     x, _, _, roll, _, yaw = variation.POSE_REACH
     yield (f"start: vehicle uniform within {x:g} m, {roll:g} rad of roll and pitch and {yaw:g} rad "
            "of yaw of the declared pose; the arm uniform on the line from its declared posture to "
            "one that is uniform within its limits; a draw without a feasible first plan is "
            "repeated")
-    turned = "and turned by any angle about the vertical" if turns_freely(scenario) else ""
+    turned = "and turned by any angle about the vertical" if turns_freely(
+        scenario.mpc, scenario.limits) else ""
     yield f"place: all is shifted by up to {variation.SHIFT_REACH:g} m along each axis {turned}"
-    if not scenario.contact.is_modelled:
-        contact, (least, most) = sensed_contact(scenario), _forces(scenario)
-        yield f"desired force: uniform from {least:.3g} to {most:.3g} N"
-        yield ("wall: plane, hull, pipe from inside or bumps, with a linear, hardening or bilinear "
-               f"force; normal within {contact.angle:.3g} rad of the direction, stiffness from "
-               f"{SOFTEST:g} of {contact.stiffness:g} N/m to all of it, friction up to "
-               f"{contact.friction:g}, dissipation up to {contact.dissipation:g} s/m: each at its "
-               f"bound with the probability {AT_THE_BOUND:g}, else uniform; at a distance of up to "
-               f"{FARTHEST:g} m, as far as it can be pressed in time")
-    yield from _unknowns(scenario)
+    yield from scenario.contact.about_drawn(scenario)
+    sizes = _unknowns(scenario.model_error, np.asarray(scenario.current, dtype=float),
+                      scenario.waves)
+    if sizes:
+        yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
+               f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")
     if scenario.disturbance.bound > 0.0:
         yield (f"disturbance: random or of any adversary, of the full bound "
                f"{scenario.disturbance.bound:g}")
@@ -58,9 +43,8 @@ def _sentences(scenario: Scenario) -> Iterator[str]:
            f"or are dropped, each with a probability that is uniform from {low:g} to {high:g}")
 
 
-def _unknowns(scenario: Scenario) -> Iterator[str]:
-    """Yields a sentence on the declared unknowns, if there are some."""
-    error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
+def _unknowns(error: ModelError, current: np.ndarray, waves: Sequence[Wave]) -> list[str]:
+    """Returns the sizes of the declared unknowns, with their names."""
     sizes = [f"{name.replace('_', ' ')} {abs(getattr(error, name) - 1.0):.3g}" for name in FACTORS
              if getattr(error, name) != 1.0]
     if np.any(error.buoyancy_shift):
@@ -72,14 +56,13 @@ def _unknowns(scenario: Scenario) -> Iterator[str]:
     if np.any(current):
         sizes.append(f"current {np.hypot(*current[:2]):.3g} m/s from any heading and "
                      f"{abs(current[2]):.3g} m/s up or down")
-    if scenario.waves:
-        sizes.append(f"waves {largest_speed(scenario.waves):.3g} m/s of any heading and phase")
-    if sizes:
-        yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
-               f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")
+    if waves:
+        sizes.append(f"waves {largest_speed(waves):.3g} m/s of any heading and phase")
+    return sizes
 
 
-def _ranges(scenario: Scenario) -> Iterator[DrawnRange]:
+def declared_ranges(scenario: Scenario) -> Iterator[DrawnRange]:
+    """Yields the ranges of the values of `drawn_values`."""
     for i, (value, reach) in enumerate(zip(scenario.start.eta, variation.POSE_REACH, strict=True)):
         yield DrawnRange(f"start.eta.{i}", float(value - reach), float(value + reach),
                          "m" if i < 3 else "rad")
@@ -100,25 +83,5 @@ def _ranges(scenario: Scenario) -> Iterator[DrawnRange]:
             ("payload.displaced", error.payload.displaced, "kg"),
             ("joint_friction", error.joint_friction.largest, "N m")):
         yield DrawnRange(f"model_error.{name}", 0.0, most, unit)
-    if not scenario.contact.is_modelled:
-        yield from _wall_ranges(scenario)
-
-
-def _wall_ranges(scenario: Scenario) -> Iterator[DrawnRange]:
-    contact, (least, most) = sensed_contact(scenario), _forces(scenario)
-    softest = SOFTEST * contact.stiffness
-    yield DrawnRange("task.force", least, most, "N")
-    yield DrawnRange("wall, distance", contact.clearance, FARTHEST, "m")
-    yield DrawnRange("wall, angle", 0.0, contact.angle, "rad")
-    yield DrawnRange("wall, smallest stiffness", softest, contact.stiffness, "N/m")
-    yield DrawnRange("wall, largest stiffness", softest, contact.stiffness, "N/m")
-    yield DrawnRange("wall, friction", 0.0, contact.friction, "")
-    yield DrawnRange("wall, dissipation", 0.0, contact.dissipation, "s/m")
-    yield DrawnRange("wall, transition", *TRANSITIONS, "m")
-    yield DrawnRange("wall, reciprocal of the creep", 0.0, 1.0 / LEAST_CREEP, "s/m")
-
-
-def _forces(scenario: Scenario) -> tuple[float, float]:
-    """Returns the smallest and the largest desired force [N]."""
-    low, high = np.minimum(FORCES, largest_force(scenario))
-    return float(low), float(high)
+    for drawn in scenario.contact.drawn_ranges(scenario):
+        yield DrawnRange(*drawn)

@@ -64,7 +64,8 @@ def certificate_in_probability(
         probability=failure_bound(len(results), len(failed), confidence),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
         failed=failed, apart=_largest_apart(results),
-        distribution=declared_distribution(campaign.base), ranges=declared_ranges(campaign.base),
+        distribution=tuple(declared_distribution(campaign.base)),
+        ranges=tuple(declared_ranges(campaign.base)),
         seed=campaign.seed, campaign=campaign.identity, coupled=coupled, **inputs)
 
 

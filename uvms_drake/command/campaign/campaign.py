@@ -40,7 +40,7 @@ from uvms_drake.common.progress import part_of
 from uvms_drake.report.summary import format_summary
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 from uvms_drake.station.simulation import simulate
 
@@ -57,13 +57,13 @@ def run_campaign(args: argparse.Namespace) -> int:
     # The scenario, its certificate, and everything else that the runs have in common.
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, set_options(args.overrides))
-    output = folder_of(args, scenario)
+    output = folder_of(args, scenario.name)
     require_own(output, OWN_FILES)
     pool = pool_of(args)
     with reported_in(source):
         scenario = drawable(scenario)
         if args.model_error > 0.0 and motion_of(scenario).has_forces:
-            check_draws(scenario, args.model_error)
+            check_draws(scenario.model, scenario.model_error, args.model_error)
         require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
                                            outside=args.outside), certified=not args.uncertified)
         note(scenario)
@@ -91,10 +91,10 @@ def run_campaign(args: argparse.Namespace) -> int:
     return 0 if well else BROKEN
 
 
-def folder_of(args: argparse.Namespace, scenario: Scenario) -> Path:
+def folder_of(args: argparse.Namespace, scenario: str) -> Path:
     """Returns the folder of a campaign: the one asked for, or out/<scenario>-campaign."""
     kind = "outside" if args.outside else "campaign"
-    return args.output if args.output is not None else Path("out") / f"{scenario.name}-{kind}"
+    return args.output if args.output is not None else Path("out") / f"{scenario}-{kind}"
 
 
 def replay_run(args: argparse.Namespace) -> int:
@@ -104,7 +104,7 @@ def replay_run(args: argparse.Namespace) -> int:
         option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
         require(getattr(args, name) == args.parser.get_default(name), option, getattr(args, name),
                 "left out with --replay: the campaign in the folder determines it")
-    campaign = folder_of(args, load_scenario(args.scenario))
+    campaign = folder_of(args, load_scenario(args.scenario).name)
     record = replayed(campaign, args.replay)
     path = campaign / f"run-{args.replay}"
     with output_folder(path, (*DATA_FILES, *picture_files())) as output:

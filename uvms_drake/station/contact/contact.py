@@ -18,6 +18,7 @@ from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.station.command_path import actuation_delay_of, command_limits
 from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
@@ -130,6 +131,10 @@ class Contact(ABC):
         """Returns the force 𝔉 (T, 6) that the law should take in place of the model's, if any."""
         return logs.get("force_last_valid")
 
+    def declared_wall(self) -> UnknownContact | None:
+        """Returns the declared bounds that a report checks; None: the surface is known."""
+        return None
+
     def specification(self, scenario: "Scenario") -> ContactSpecification | None:
         """Returns the data of an unknown wall for a picture; None: the surface is known."""
         return None
@@ -149,6 +154,14 @@ class Contact(ABC):
             rng: Random generator.
         """
         return scenario
+
+    def about_drawn(self, scenario: "Scenario") -> Iterator[str]:
+        """Yields the sentences on the distribution of `drawn`; by default nothing is drawn."""
+        yield from ()
+
+    def drawn_ranges(self, scenario: "Scenario") -> Iterator[tuple[str, float, float, str]]:
+        """Yields name, smallest and largest value, and unit of the values of `drawn`."""
+        yield from ()
 
     # The certificate.
 

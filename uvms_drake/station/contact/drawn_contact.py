@@ -1,5 +1,6 @@
 """Walls and forces that a campaign draws for a sensed contact."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,10 +12,16 @@ from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.command_path import actuation_delay_of
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
-from uvms_drake.station.contact.drawn_surfaces import draw_wall
+from uvms_drake.station.contact.drawn_surfaces import (
+    AT_THE_BOUND,
+    SOFTEST,
+    TRANSITIONS,
+    draw_wall,
+)
 from uvms_drake.station.step_bounds import friction_rate, largest_rate
 
 if TYPE_CHECKING:
@@ -45,7 +52,7 @@ def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "
     """
     assert isinstance(ocp, TrackingOcp)  # The problem of a sensed contact.
     contact = sensed_contact(scenario)
-    force = float(rng.uniform(*np.minimum(FORCES, largest_force(scenario))))
+    force = float(rng.uniform(*drawn_forces(scenario)))
     steepest = steepest_friction(scenario, ocp)
     scenario = replace(scenario, task=replace(scenario.task, force=contact.wrench(force)))
     start, goal = tips(scenario, ocp)
@@ -71,6 +78,38 @@ def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "
         creep = max(LEAST_CREEP, at_unit_creep / steepest)
         return replace(drawn, surface=replace(wall, creep=creep))
     raise RunFailed(f"none of {ATTEMPTS} drawn walls is in the class")
+
+
+def drawn_forces(scenario: "Scenario") -> tuple[float, float]:
+    """Returns the smallest and the largest desired force that is drawn [N]."""
+    low, high = np.minimum(FORCES, largest_force(scenario))
+    return float(low), float(high)
+
+
+def about_drawn(contact: UnknownContact, forces: tuple[float, float]) -> Iterator[str]:
+    """Yields the sentences on the desired force, from the smallest to the largest, and the wall."""
+    yield f"desired force: uniform from {forces[0]:.3g} to {forces[1]:.3g} N"
+    yield ("wall: plane, hull, pipe from inside or bumps, with a linear, hardening or bilinear "
+           f"force; normal within {contact.angle:.3g} rad of the direction, stiffness from "
+           f"{SOFTEST:g} of {contact.stiffness:g} N/m to all of it, friction up to "
+           f"{contact.friction:g}, dissipation up to {contact.dissipation:g} s/m: each at its "
+           f"bound with the probability {AT_THE_BOUND:g}, else uniform; at a distance of up to "
+           f"{FARTHEST:g} m, as far as it can be pressed in time")
+
+
+def drawn_ranges(contact: UnknownContact, forces: tuple[float, float]
+                 ) -> Iterator[tuple[str, float, float, str]]:
+    """Yields name, ends and unit of the ranges of the desired force and the wall."""
+    softest = SOFTEST * contact.stiffness
+    yield "task.force", *forces, "N"
+    yield "wall, distance", contact.clearance, FARTHEST, "m"
+    yield "wall, angle", 0.0, contact.angle, "rad"
+    yield "wall, smallest stiffness", softest, contact.stiffness, "N/m"
+    yield "wall, largest stiffness", softest, contact.stiffness, "N/m"
+    yield "wall, friction", 0.0, contact.friction, ""
+    yield "wall, dissipation", 0.0, contact.dissipation, "s/m"
+    yield "wall, transition", *TRANSITIONS, "m"
+    yield "wall, reciprocal of the creep", 0.0, 1.0 / LEAST_CREEP, "s/m"
 
 
 def tips(scenario: "Scenario", ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:

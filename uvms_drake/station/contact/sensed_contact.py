@@ -49,7 +49,12 @@ from uvms_drake.station.contact.bounds import (
     slower,
 )
 from uvms_drake.station.contact.contact import OPERATOR, Contact, Statement
-from uvms_drake.station.contact.drawn_contact import drawn_contact
+from uvms_drake.station.contact.drawn_contact import (
+    about_drawn,
+    drawn_contact,
+    drawn_forces,
+    drawn_ranges,
+)
 from uvms_drake.station.contact.hold import hold_radii
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.problem import posed_task
@@ -316,6 +321,11 @@ class SensedContact(UnknownContact, Contact):
         """Returns the true force (T, 6): the errors of its measurement count as a disturbance."""
         return logs["force"]
 
+    def declared_wall(self) -> Self:
+        """Returns the declared bounds of wall, forces and readings, checked."""
+        with within("contact"):
+            return self.checked()
+
     def specification(self, scenario: "Scenario") -> ContactSpecification:
         """Returns the direction into the wall, and the margin of the safe region."""
         return ContactSpecification(
@@ -330,6 +340,14 @@ class SensedContact(UnknownContact, Contact):
     def drawn(self, scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "Scenario":
         """Returns the scenario with a wall and a desired force of its class."""
         return drawn_contact(scenario, ocp, rng)
+
+    def about_drawn(self, scenario: "Scenario") -> Iterator[str]:
+        """Yields the sentences on the desired force and the wall."""
+        return about_drawn(sensed_contact(scenario), drawn_forces(scenario))
+
+    def drawn_ranges(self, scenario: "Scenario") -> Iterator[tuple[str, float, float, str]]:
+        """Yields the ranges of the desired force and the wall."""
+        return drawn_ranges(sensed_contact(scenario), drawn_forces(scenario))
 
     def assumed_settings(self) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""
