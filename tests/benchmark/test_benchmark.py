@@ -11,6 +11,7 @@ from uvms_drake.benchmark import benchmark
 from uvms_drake.benchmark.benchmark import Run, run_all, runs_of
 from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, versions_of
 from uvms_drake.benchmark.overview import draw_overview, relative_errors
+from uvms_drake.benchmark.recorded import read_runs, write_runs
 from uvms_drake.benchmark.table import NAVIGATION, STEPS, WHY, format_benchmark, summarise
 from uvms_drake.campaign.pool import Pool
 from uvms_drake.command.main import main
@@ -158,6 +159,31 @@ def test_of_unfinished_runs_the_whole_draws_are_shown(tmp_path):
     assert finish(runs[0]) == [0]  # No draw is whole: all that there is.
     assert finish(runs[2], runs[3]) == [1, 1]
     assert finish(runs[1], runs[4]) == [0, 0, 1, 1]
+
+
+def test_a_recorded_benchmark_has_the_same_tables(tmp_path, capsys):
+    runs = [result("tube_mpc", 0, 0.3, exits=3), result("tube_mpc", 1, 0.3, error="Bad: a, b"),
+            *(result("impedance", i, rms, desired=20.0) for i, rms in enumerate((0.1, 0.2, None)))]
+    write_runs(runs, tmp_path / "benchmark.csv")
+    read = read_runs(tmp_path / "benchmark.csv")
+    assert summarise(read) == summarise(runs)
+    assert read[0] == {key: value for key, value in runs[0].items() if key != "ended"}
+    command = ["benchmark", "--output", str(tmp_path / "out"), "--quiet"]
+    recorded = ["--recorded", str(tmp_path / "benchmark.csv")]
+    assert main([*command, *recorded, "--controllers", "impedance"]) == 0
+    assert "| tube_mpc" not in capsys.readouterr().out
+    again = read_runs(tmp_path / "out" / "benchmark.csv")
+    assert [run["controller"] for run in again] == ["impedance"] * 3
+
+
+def test_a_file_that_records_no_benchmark_is_refused(tmp_path, capsys):
+    (tmp_path / "log.csv").write_text("time,force\n0.0,1.0\n", encoding="utf-8")
+    write_runs([result("impedance", 0, 0.1)], tmp_path / "benchmark.csv")
+    for file, case in (("log.csv", "soft"), ("none.csv", "soft"), ("benchmark.csv", "soft")):
+        command = ["benchmark", "--recorded", str(tmp_path / file), "--cases", case]
+        assert main([*command, "--output", str(tmp_path / "out")]) == 2
+        assert f"--recorded = {tmp_path / file}" in capsys.readouterr().err.replace("'", "")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_damaged_file_of_a_run_is_repeated(tmp_path, monkeypatch):

@@ -25,6 +25,8 @@ from uvms_drake.common.jsonable import jsonable
 from uvms_drake.station.problem import load_model
 
 RUNS_FOLDER = "runs"
+SAMPLED = "curve"
+"""Key of the samples of the force in a run's result."""
 SAMPLES = 200
 """Samples of the force that a run keeps, for the figure."""
 LONGEST, HASH = 100, 12
@@ -89,7 +91,7 @@ def run_one(run: Run) -> dict[str, Any]:
         if run.controller.startswith(EXITS) and run.controller in CONTROLLERS:
             result["exits"] = float(trace.signals["memory"][-1, 0])
         kept = np.linspace(0, len(trace.time) - 1, SAMPLES).astype(int)
-        result["curve"] = {"time": trace.time[kept], "force": trace.signals["force"][kept, 0]}
+        result[SAMPLED] = {"time": trace.time[kept], "force": trace.signals["force"][kept, 0]}
         result["desired"] = float(scenario.task.force[0])
     except (InvalidParameter, RunFailed, RuntimeError, ValueError, np.linalg.LinAlgError) as error:
         result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -9,6 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from uvms_drake.benchmark.benchmark import SAMPLED
 from uvms_drake.benchmark.cases import CASES
 from uvms_drake.benchmark.controllers import CONTROLLERS, TUBE
 from uvms_drake.report.figure_style import (
@@ -39,7 +40,7 @@ def write_figures(results: Sequence[dict[str, Any]], folder: Path) -> list[Path]
     """Writes a figure for each robot of the results; returns their paths."""
     paths = []
     for robot in dict.fromkeys(result["robot"] for result in results):
-        own = [result for result in results if result["robot"] == robot and "curve" in result]
+        own = [result for result in results if result["robot"] == robot and SAMPLED in result]
         if own:
             paths.append(folder / figure_name(robot))
             with matplotlib.rc_context(STYLE):
@@ -67,8 +68,8 @@ def draw(results: Sequence[dict[str, Any]]) -> Figure:
                 continue
             result = drawn[name]
             color, style = others.get(name, (BLUE, "-"))
-            time = np.array(result["curve"]["time"]) - (result["touch"] or 0.0)
-            axis.plot(time, result["curve"]["force"], color=color, linestyle=style,
+            time = np.array(result[SAMPLED]["time"]) - (result["touch"] or 0.0)
+            axis.plot(time, result[SAMPLED]["force"], color=color, linestyle=style,
                       linewidth=1.3 if name == TUBE else 0.8, zorder=3 if name == TUBE else 2,
                       label=name.replace("_", " "))
         axis.set_title(CASES[case].text.split(":")[0], fontsize=6.5)

@@ -11,7 +11,10 @@ from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 
-JSON_FILE, TABLE_FILE = "benchmark.json", "benchmark.md"
+JSON_FILE, TABLE_FILE, CSV_FILE = "benchmark.json", "benchmark.md", "benchmark.csv"
+
+SELECTED = ("controllers", "robots", "cases")
+"""Options that select runs."""
 
 
 def add_benchmark(commands: argparse._SubParsersAction) -> None:
@@ -37,6 +40,9 @@ def add_benchmark(commands: argparse._SubParsersAction) -> None:
     benchmark.add_argument("--finished", action="store_true",
                            help="compute nothing: tables and figures of the runs in the folder, of "
                                 "whole draws if there are any")
+    benchmark.add_argument("--recorded", type=Path, metavar="FILE.csv",
+                           help="compute nothing: tables of the selected runs of a benchmark.csv, "
+                                "of whichever version of the package")
     take_quiet(benchmark)
 
 
@@ -45,6 +51,7 @@ def run_benchmark(args: argparse.Namespace) -> int:
     from uvms_drake.benchmark.benchmark import default_names, run_all, runs_of
     from uvms_drake.benchmark.figure import figure_name, write_figures
     from uvms_drake.benchmark.overview import OVERVIEW, write_overview
+    from uvms_drake.benchmark.recorded import read_runs, write_runs
     from uvms_drake.benchmark.table import format_benchmark, summarise
     from uvms_drake.common.jsonable import jsonable
 
@@ -52,18 +59,21 @@ def run_benchmark(args: argparse.Namespace) -> int:
     controllers, robots, cases = (given or known for given, known in zip(
         (args.controllers, args.robots, args.cases), default_names(), strict=True))
     runs = runs_of(controllers, robots, cases, args.runs, args.seed)
-    own = (JSON_FILE, TABLE_FILE, OVERVIEW, *(figure_name(robot) for robot in robots))
+    recorded = None if args.recorded is None else read_runs(args.recorded, **{
+        key: getattr(args, key) for key in SELECTED if getattr(args, key)})
+    own = (JSON_FILE, TABLE_FILE, CSV_FILE, OVERVIEW, *(figure_name(robot) for robot in robots))
     try:
         with output_folder(args.output, own) as output:
             with closing(Bar("running", stream_of(args))) as progress:
-                results = run_all(runs, args.output, args.processes, progress,
-                                  finished=args.finished)
+                results = recorded or run_all(
+                    runs, args.output, args.processes, progress, finished=args.finished)
             # Data, tables and figures of the results.
             summary = summarise(results)
             text = format_benchmark(summary)
             (output.folder / JSON_FILE).write_text(json.dumps(
                 jsonable(summary), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
             (output.folder / TABLE_FILE).write_text(text + "\n", encoding="utf-8")
+            write_runs(results, output.folder / CSV_FILE)
             write_figures(results, output.folder)
             write_overview(summary, output.folder)
     except KeyboardInterrupt:
