@@ -25,8 +25,8 @@ def bands_of(scenario: uv.Scenario) -> tuple[HoldRadii, dict[str, float]]:
     """Returns the radii in a hold and the force bounds of a scenario."""
     model = check_inputs(scenario)
     basis, motion = basis_of(scenario, model), motion_of(scenario)
-    found = motion.in_contact(motion.tubes[type(scenario.ancillary)](scenario.ancillary, basis),
-                              scenario, basis)
+    found = scenario.contact.in_contact(
+        motion.tubes[type(scenario.ancillary)].tube(scenario.ancillary, basis), scenario, basis)
     failed = [str(each) for each in found.conditions if not each.holds]
     if failed or found.radii.hold is None:
         raise SystemExit(f"{scenario.name}: {failed}")

@@ -21,7 +21,6 @@ from make_all import provenance, uvms_drake
 import uvms_drake as uv
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
-from uvms_drake.certificate.declared_unknowns import declared_sources
 from uvms_drake.command.campaign.campaign import CAMPAIGN_FILE
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.problem import load_model
@@ -141,9 +140,10 @@ def largest_of(case: Case, study: Study, duration: str, known: dict[str, Largest
     for part in PARTS:
         size = float(f"{part * found.tolerance:.3g}")
         scenario, _ = study.fitted(
-            unknown.declared(study.scenario, size), declared_sources, SearchMemo())
+            unknown.declared(size), unknown.sources(size), SearchMemo())
         certificate = certified_once(uv.load_scenario(BASE, [
-            *case.settings(size), duration, LONG, *ADVICE.findall(settings_of(scenario))]))
+            *case.settings(size), duration, LONG, *ADVICE.findall(settings_of(
+                scenario.model_error, scenario.disturbance, scenario.contact))]))
         print(f"  {size:g}: {failures(certificate) or 'certified'}", file=sys.stderr)
         if certificate.certified:
             return found._replace(certified=size)

@@ -77,19 +77,19 @@ def test_a_joint_gets_no_more_than_the_robot_has(planned):
 
 
 def test_a_disturbance_whose_tube_takes_too_much_is_made_less_by_as_much_and_a_fifth():
-    scenario = load_scenario(IDEAL)
-    assert roomier(scenario, 2.0 / 3.0) == setting(
-        disturbance__bound=float(f"{scenario.disturbance.bound / 1.8:.2g}"))
+    bound = load_scenario(IDEAL).disturbance.bound
+    assert roomier(bound, 0.0, 2.0 / 3.0) == setting(
+        disturbance__bound=float(f"{bound / 1.8:.2g}"))
+    assert roomier(bound, 0.5, 2.0 / 3.0).startswith("smaller declared unknowns")
     for share in (1.1, 0.0, -0.2):
-        assert roomier(scenario, share) == ""
+        assert roomier(bound, 0.0, share) == ""
 
 
 def test_a_horizon_and_a_safety_factor_are_given_as_numbers():
-    scenario = load_scenario(IDEAL)
     assert longer(15) == "--set mpc.horizon=23"
-    factor = float(overrides(safer(scenario, 1.1))[0].partition("=")[2])
-    assert factor > 1.1 * scenario.certificate.safety_factor
-    assert safer(scenario, 5.0) == safer(scenario, 0.9) == ""
+    factor = float(overrides(safer(1.2, 1.1))[0].partition("=")[2])
+    assert factor > 1.1 * 1.2
+    assert safer(1.2, 5.0) == safer(1.2, 0.9) == ""
 
 
 def test_a_value_stands_before_the_advice_in_words():

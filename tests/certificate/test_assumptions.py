@@ -33,7 +33,7 @@ def unmet(scenario):
 def test_every_shipped_scenario_names_the_axes_that_its_robot_does_not_drive(name):
     scenario = load_scenario(name)
     model = load_model(scenario)
-    assert unnamed_axes(scenario, model) == ()
+    assert unnamed_axes(scenario.actuation, model) == ()
     statement = scope_of(assumptions_of(scenario, model))["actuation"]
     assert ("NOT girona500_arm5e as it is, whose thrusters drive no roll" in statement) == (
         scenario.model == "girona500_arm5e")

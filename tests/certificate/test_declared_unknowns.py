@@ -1,6 +1,7 @@
 """Tests of `uvms_drake.certificate.declared_unknowns`: its bounds against Drake's plant."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from uvms_drake.certificate.declared_unknowns import (
     LEAST_WEIGHT,
     RESERVED,
     UnmodelledBounds,
+    declared_sources,
     fitting_disturbance,
-    has_unknowns,
     payload_acceleration,
     payload_condition,
     unknown_effects,
     unknowns_condition,
+    weights_of,
 )
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.disturbance import ConstantDisturbance
@@ -53,15 +55,34 @@ def basis():
         return replace(basis_of(scenario, load_model(scenario)), weights=WEIGHTS)
 
 
+def bounds_in(scenario, basis):
+    return UnmodelledBounds(scenario.model, basis, RADII, scenario.seed)
+
+
+def sources_of(scenario):
+    return partial(declared_sources, scenario.unknowns)
+
+
+def effects_of(scenario, basis):
+    return unknown_effects(sources_of(scenario), bounds_in(scenario, basis),
+                           weights_of(scenario.disturbance, basis))
+
+
+def condition_of(scenario, effects, fitting=None):
+    (found,) = unknowns_condition(
+        scenario.disturbance.bound, scenario.model_error.share, effects, fitting)
+    return found
+
+
 @pytest.mark.parametrize("name", [name if name in ("mass", "current") else pytest.param(
     name, marks=pytest.mark.slow) for name in CASES])
 def test_no_motion_of_the_plant_is_off_by_more_than_the_sum(name, basis):
     """ζ̇ of the simulated robot in its water, less ζ̇_c, at random motions and rates."""
     scenario = load_scenario(NAME, [*FEW, FAR, *CASES[name]])
-    effects = unknown_effects(scenario, basis, RADII)
+    effects = effects_of(scenario, basis)
     total = sum(each.takes for each in effects)
     each = sum(np.array(effect.each) for effect in effects)
-    rate = UnmodelledBounds(scenario, basis, RADII).rate
+    rate = bounds_in(scenario, basis).rate
     # Random motions of the set, many on its faces.
     rng, (lower, upper) = np.random.default_rng(5), box(basis.model, basis.declared)
     unit = np.clip(rng.uniform(-0.3, 1.3, (RUNS, len(lower))), 0.0, 1.0)
@@ -86,29 +107,29 @@ def test_no_motion_of_the_plant_is_off_by_more_than_the_sum(name, basis):
 
 def test_nothing_declared_takes_nothing(basis):
     scenario = load_scenario(NAME, FEW)
-    assert not has_unknowns(scenario)
-    assert unknown_effects(scenario, basis, RADII) == ()
-    assert unknowns_condition(scenario, ()) == []
+    assert not scenario.unknowns.present
+    assert effects_of(scenario, basis) == ()
+    assert unknowns_condition(scenario.disturbance.bound, 0.0, ()) == []
 
 
 def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basis):
     scenario = load_scenario(NAME, [*FEW, "model_error.drag=1.02", "current=[0.005, 0, 0]"])
-    effects = unknown_effects(scenario, basis, RADII)
+    effects = effects_of(scenario, basis)
     assert [each.name for each in effects] == ["drag off by 0.02", "a current of 0.005 m/s"]
-    (failed,) = unknowns_condition(scenario, effects)
+    failed = condition_of(scenario, effects)
     total = sum(each.takes for each in effects)
     assert (failed.left, failed.right, failed.holds) == (total, 0.0, False)
     assert f"a current of 0.005 m/s: {effects[1].takes:.3g}" in failed.name
     bound = float(2.0 * total)
     wide = replace(scenario, disturbance=replace(scenario.disturbance, bound=bound))
-    (failed,) = unknowns_condition(wide, effects)
+    failed = condition_of(wide, effects)
     assert failed.advice.startswith("--set model_error.share=0.5")
     shared = replace(wide, model_error=replace(wide.model_error, share=0.51))
-    assert unknowns_condition(shared, effects)[0].holds
+    assert condition_of(shared, effects).holds
     narrow = replace(wide, disturbance=replace(wide.disturbance, bound=0.5 * total))
-    assert unknowns_condition(narrow, effects)[0].advice == ""
+    assert condition_of(narrow, effects).advice == ""
     fitted = replace(narrow.disturbance, bound=0.12, weights=np.array([0.5, 1.0]))
-    assert unknowns_condition(narrow, effects, lambda: fitted)[0].advice == (
+    assert condition_of(narrow, effects, lambda: fitted).advice == (
         "--set disturbance.bound=0.12 --set disturbance.weights=[0.5,1] "
         "--set model_error.share=0.95")
 
@@ -116,11 +137,12 @@ def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basi
 @pytest.mark.parametrize("name", ["current", "friction"])
 def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):
     scenario = load_scenario(NAME, [*FEW, *CASES[name]])
-    given = fitting_disturbance(scenario, basis, RADII)
+    given = fitting_disturbance(
+        scenario.disturbance, sources_of(scenario), bounds_in(scenario, basis))
     fitted = replace(scenario, disturbance=given, model_error=replace(
         scenario.model_error, share=RESERVED))
-    (effect,) = unknown_effects(fitted, replace(basis, weights=given.weights), RADII)
-    assert unknowns_condition(fitted, [effect])[0].holds
+    (effect,) = effects_of(fitted, replace(basis, weights=given.weights))
+    assert condition_of(fitted, [effect]).holds
     assert RESERVED * given.bound < 1.01 * effect.takes
     assert np.max(given.weights) == 1.0
     # No component of the ellipsoid is much larger than it has to be.
@@ -132,28 +154,29 @@ def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name
 
 def test_a_second_search_does_not_refute_the_first(basis):
     for override in (CASES["mass"], CASES["current"]):
-        (effect,) = unknown_effects(load_scenario(NAME, [*FEW, *override]), basis, RADII)
+        (effect,) = effects_of(load_scenario(NAME, [*FEW, *override]), basis)
         assert 0.3 * effect.takes < effect.second <= effect.takes
 
 
 def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis):
     scenario = load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1"])
-    effects = unknown_effects(scenario, basis, RADII)
-    found = payload_acceleration(scenario, basis, RADII, effects)
+    effects = effects_of(scenario, basis)
+    bounds = bounds_in(scenario, basis)
+    found = payload_acceleration(scenario.model_error, scenario.disturbance, bounds, effects)
     assert 0.5 * found.claim < found.second <= found.claim
-    (failed,) = payload_condition(scenario, found)
+    (failed,) = payload_condition(scenario.model_error.payload, found)
     assert failed.advice.startswith("--set model_error.payload.acceleration=")
     allowed = load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1",
                                    failed.advice.removeprefix("--set ")])
-    assert payload_condition(allowed, found)[0].holds
+    assert payload_condition(allowed.model_error.payload, found)[0].holds
     # The change of its weight and inertia since the tare.
     plain, heavy = (each.contact.force_bounds(each) for each in (
         load_scenario(NAME, FEW), allowed))
     most = 9.81 + allowed.model_error.payload.acceleration
     assert heavy.error - plain.error == pytest.approx(2.0 * 0.1 * most)
     nothing = load_scenario(NAME, FEW)
-    assert payload_acceleration(nothing, basis, RADII, ()) is None
-    assert payload_condition(nothing, None) == []
+    assert payload_acceleration(nothing.model_error, nothing.disturbance, bounds, ()) is None
+    assert payload_condition(nothing.model_error.payload, None) == []
 
 
 @pytest.mark.parametrize(("overrides", "names"), [

@@ -128,7 +128,7 @@ def test_another_program_makes_it_stale():
     ("seed=9", None)])
 def test_a_value_out_of_its_range_is_told(change, phrase):
     scenario = load_scenario(NAME, [change])
-    found = made().outside(scenario, load_model(scenario))
+    found = made().outside(drawn_values(scenario, load_model(scenario)))
     assert found == ([] if phrase is None else [phrase])
 
 

@@ -36,13 +36,18 @@ def scenario():
     return load_scenario("girona500_contact")
 
 
+def forces(certificate, scenario):
+    return force_bounds(
+        certificate, scenario.contact.force_limit(scenario.limits), scenario.task.force)
+
+
 def rows_of(text):
     """Returns the texts of the rows by their first 18 characters."""
     return {line[:18].strip(): line[18:] for line in text.splitlines()}
 
 
 def test_a_certificate_that_holds_is_a_verdict_and_five_numbers(scenario):
-    text = format_overview(HOLDS, scenario, 27.31)
+    text = format_overview(HOLDS, forces(HOLDS, scenario), 27.31)
     assert len(text.splitlines()) == 7
     assert text.startswith("girona500_contact: certified: all 4 conditions hold; of the 24 ")
     rows, largest = rows_of(text), scenario.contact.force
@@ -62,21 +67,22 @@ def test_the_tightest_limit_is_that_of_the_largest_part_and_not_of_the_smallest_
 
 def test_a_force_is_limited_by_what_the_scenario_limits():
     known = load_scenario("girona500_ideal")
-    assert force_bounds(HOLDS, known).motion == known.limits.static_force
-    assert force_bounds(replace(HOLDS, bounds={}), known).error is None
+    assert forces(HOLDS, known).motion == known.limits.static_force
+    assert forces(replace(HOLDS, bounds={}), known).error is None
 
 
 def test_the_band_of_a_hold_is_that_of_a_plan_that_has_stood_where_there_is_one(scenario):
-    text = format_overview(replace(HOLDS, bounds=HOLDS.bounds | {HOLD: 3.25}), scenario)
+    stood = replace(HOLDS, bounds=HOLDS.bounds | {HOLD: 3.25})
+    text = format_overview(stood, forces(stood, scenario))
     assert " 23.25 N in a hold of 20 ± 3.25 N" in text
 
 
 def test_a_mission_holds_with_its_hardest_step(scenario):
     legs = (Leg("Approach", 10.0, None, 1.0, 60.0, ""), Leg("Hold", 12.0, 8.5, 5.0, 60.0, ""),
             Leg("Slide", 10.0, 11.0, 25.0, 50.0, ""))
-    assert force_bounds(replace(HOLDS, legs=legs), scenario)[1:] == (10.0, 11.0)
+    assert forces(replace(HOLDS, legs=legs), scenario)[1:] == (10.0, 11.0)
     stood = (*legs[:2], replace(legs[2], hold_band=2.0))
-    assert force_bounds(replace(HOLDS, legs=stood), scenario)[1:] == (12.0, 8.5)
+    assert forces(replace(HOLDS, legs=stood), scenario)[1:] == (12.0, 8.5)
 
 
 def test_every_failed_condition_is_told_by_how_much_and_with_advice(scenario):
@@ -85,7 +91,7 @@ def test_every_failed_condition_is_told_by_how_much_and_with_advice(scenario):
         Condition("first plan, distance to the terminal set", 2.0, "<=", 1.0,
                   "--set mpc.horizon=23", theorem="t", topic="first plan to the terminal set"),
         Condition("unheard of", np.nan, "<=", 1.0, theorem="t")))
-    lines = format_overview(failing, scenario).splitlines()
+    lines = format_overview(failing, forces(failing, scenario)).splitlines()
     begin = lines.index("does not hold")
     assert lines[begin + 1] == "  tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2"
     assert lines[begin + 2].startswith("    what would help: a smaller disturbance.bound")
@@ -105,5 +111,5 @@ def test_the_papers_lemma_is_there_if_it_was_asked_for(scenario):
     """D16: `printed radius inf` in every certificate."""
     title = "the paper's Lemma"
     assert title not in format_certificate(HOLDS)
-    assert title not in format_overview(HOLDS, scenario)
+    assert title not in format_overview(HOLDS, forces(HOLDS, scenario))
     assert title in format_certificate(replace(HOLDS, paper={"printed radius": np.inf}))

@@ -40,7 +40,7 @@ def test_a_second_part_that_measures_the_force_is_refused():
 def test_no_angle_of_a_plan_goes_further_between_its_knots_and_some_as_far():
     """Joints that keep a limit at both ends; and an angle that turns there and back."""
     base = load_scenario("girona500_contact")
-    planned = declared_set(base, load_model(base))
+    planned = declared_set(base.limits, load_model(base))
     step, rng = 0.2, np.random.default_rng(0)
     most = between_knots(planned, step)
     before, after = rng.uniform(-planned.qdot, planned.qdot, (2, 20_000))

@@ -6,6 +6,7 @@ from support.quick import FEW
 
 from uvms_drake.certificate.certify import basis_of, tightening_margins
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.station.motions.motions import limits_of
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.propose_gains import propose_gains
 from uvms_drake.tube.laws.resolved import resolved_law_tube
@@ -19,7 +20,8 @@ def test_the_proposal_keeps_the_bandwidth_and_leaves_something_of_every_limit(mo
     assert max(law.k, law.sigma) <= 15.0
     scenario.ancillary = law
     tube = resolved_law_tube(law, basis_of(scenario, model)).radii
-    assert all(item.holds for item in tightening_margins(scenario, tube, model))
+    assert all(item.holds for item in tightening_margins(
+        tube, limits_of(scenario, model)))
     chi_des = scenario.surface.pose_for(np.asarray(scenario.task.force), scenario.task.pose)
     bounds = ultimate_bounds(
         tube, scenario.surface, chi_des, np.asarray(scenario.task.force))

@@ -17,7 +17,6 @@ from uvms_drake.campaign.certified_surfaces import moved, turns_freely
 from uvms_drake.campaign.model_uncertainty import as_declared, with_unknowns
 from uvms_drake.campaign.outside_assumptions import kinds_outside, step_outside
 from uvms_drake.certificate.certify import first_plan
-from uvms_drake.certificate.declared_unknowns import has_unknowns
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
@@ -153,7 +152,7 @@ def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
 
     If the scenario itself declares some, or d̃ = 0, they are those.
     """
-    if scenario.disturbance.d_bound == 0.0 or has_unknowns(scenario):
+    if scenario.disturbance.d_bound == 0.0 or scenario.unknowns.present:
         error, current, waves = as_declared(
             scenario.model_error, scenario.current, scenario.waves, rng)
         return replace(scenario, model_error=error, current=current, waves=waves)

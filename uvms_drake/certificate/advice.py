@@ -12,7 +12,6 @@ from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.scenario.scenario import Scenario
 
 MORE = 1.2
 """Factor on the excess, for the tube that grows with a wider limit."""
@@ -52,17 +51,20 @@ def wider(limit: Limit, index: int, above: bool, excess: float, model: UvmsModel
     return ""
 
 
-def roomier(scenario: Scenario, share: float) -> str:
+def roomier(bound: float, reserved: float, share: float) -> str:
     """Returns the disturbance whose tube about fits: a tube is about in proportion to it.
 
-    `share` is the fraction of this tube that fits into the limit with the smallest margin. Larger
-    gains make a smaller tube, too, but take more of the inputs: no advice step by step. Where
-    declared unknowns ask for the bound, it is not smaller.
+    Larger gains make a smaller tube, too, but take more of the inputs: no advice step by step.
+    Where declared unknowns ask for the bound, it is not smaller.
+
+    Args:
+        bound: `disturbance.bound`.
+        reserved: `model_error.share`.
+        share: Fraction of this tube that fits into the limit with the smallest margin.
     """
-    bound = getattr(scenario.disturbance, "bound", None)
-    if bound is None or not 0.0 < share <= 1.0:
+    if not 0.0 < share <= 1.0:
         return ""
-    if scenario.model_error.share > 0.0:
+    if reserved > 0.0:
         return "smaller declared unknowns, with the disturbance.bound that they ask for"
     return setting(disturbance__bound=float(f"{share / MORE * bound:.2g}"))
 
@@ -72,15 +74,18 @@ def longer(horizon: int) -> str:
     return setting(mpc__horizon=math.ceil(1.5 * horizon))
 
 
-def safer(scenario: Scenario, ratio: float) -> str:
+def safer(safety_factor: float, ratio: float) -> str:
     """Returns a safety factor with which an estimate exceeds the result of a second search.
 
     Empty if the ratio is out of the range of a safety factor.
+
+    Args:
+        safety_factor: `certificate.safety_factor`.
+        ratio: That result over the estimate.
     """
     if not 1.0 < ratio < 2.0:
         return ""
-    return setting(certificate__safety_factor=_up(1.02 * ratio * scenario.certificate.safety_factor,
-                                                  2))
+    return setting(certificate__safety_factor=_up(1.02 * ratio * safety_factor, 2))
 
 
 def rounded_up(value: float, digits: int = 3) -> float:

@@ -13,12 +13,16 @@ from uvms_drake.actuation.ideal_wrench import IdealWrench
 from uvms_drake.actuation.lagged_wrench import LaggedWrench
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thrusters import Thrusters
-from uvms_drake.certificate.declared_unknowns import has_unknowns
+from uvms_drake.control.limits import Limits
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.contact.contact import OPERATOR
+from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.station.contact.contact import OPERATOR, Statement
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER
 from uvms_drake.station.contact.sensed_contact import CERTIFIER
+from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -41,9 +45,17 @@ class Assumption:
 
 def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption, ...]:
     """Returns the assumptions of a scenario's certificate, those of `SCOPE` first."""
-    return tuple(Assumption(about, statement, by) for part in (
-        _actuation, _sensing, _surface, _disturbance, _robot, _program)
-        for about, statement, by in part(scenario, model))
+    motion, contact, actuation = motion_of(scenario), scenario.contact, scenario.actuation
+    about_surface = (
+        [*contact.about_surface(scenario), ("surface", "the tip alone touches anything", OPERATOR)]
+        if motion.has_forces else [("surface", "none that disturbs the motion", OPERATOR)])
+    return tuple(Assumption(about, statement, by) for about, statement, by in (
+        *_actuation(scenario.model, actuation, scenario.limits, model, forces=motion.has_forces),
+        *_sensing([*contact.about_sensing(scenario)], actuation),
+        *about_surface,
+        *_disturbance(motion, scenario.disturbance, scenario.unknowns, model.size),
+        *_robot(scenario.model, forces=motion.has_forces),
+        *_program(scenario.mpc.time_step, scenario.certificate.safety_factor)))
 
 
 def scope_of(assumptions: Sequence[Assumption]) -> dict[str, str]:
@@ -57,55 +69,50 @@ def undriven_axes(model: UvmsModel) -> tuple[str, ...]:
     return () if model.thrusters is None else tuple(model.thrusters.undriven)
 
 
-def _thrusters(scenario: Scenario) -> bool:
+def _thrusters(actuation: Sequence[Actuator]) -> bool:
     """Returns whether the robot's own thrusters are among the parts."""
-    return any(type(part) is Thrusters for part in scenario.actuation)
+    return any(type(part) is Thrusters for part in actuation)
 
 
-def unnamed_axes(scenario: Scenario, model: UvmsModel) -> tuple[str, ...]:
+def unnamed_axes(actuation: Sequence[Actuator], model: UvmsModel) -> tuple[str, ...]:
     """Returns the undriven axes that no `IdealWrench` names; none if thrusters are simulated."""
-    if _thrusters(scenario):
+    if _thrusters(actuation):
         return ()
-    named = {axis for part in scenario.actuation if isinstance(part, IdealWrench)
-             for axis in part.undriven}
+    named = {axis for part in actuation if isinstance(part, IdealWrench) for axis in part.undriven}
     return tuple(axis for axis in undriven_axes(model) if axis not in named)
 
 
-Lines = Iterator[tuple[str, str, str]]
-
-
-def _actuation(scenario: Scenario, model: ContactModel) -> Lines:
-    """Yields the wrench and the torques."""
-    undriven, forces = undriven_axes(model), motion_of(scenario).has_forces
+def _actuation(robot: str, actuation: Sequence[Actuator], limits: Limits, model: UvmsModel, *,
+               forces: bool) -> Iterator[Statement]:
+    """Yields the wrench and the torques, or the velocity if no forces move the robot."""
+    undriven = undriven_axes(model)
     timing = "at once, in continuous time"
-    for part in scenario.actuation:
+    for part in actuation:
         if isinstance(part, SampledCommand):
             timing = f"under a zero-order hold of {part.period:.3g} s, {part.delay:.3g} s late"
         elif isinstance(part, LaggedWrench):
             timing = f"the wrench sampled every {part.period:.3g} s, with a lag of {part.lag:g} s"
     ideal = ("an ideal wrench on six axes and a torque on every joint" if forces else
              "the velocity of the vehicle on six axes and the rate of every joint as commanded")
-    if _thrusters(scenario):
-        yield "actuation", f"the thrusters of {scenario.model} as its files have them", MAKER
+    if _thrusters(actuation):
+        yield "actuation", f"the thrusters of {robot} as its files have them", MAKER
     elif undriven:
-        yield ("actuation", f"{ideal}, {timing}; NOT {scenario.model} as it is, whose thrusters "
+        yield ("actuation", f"{ideal}, {timing}; NOT {robot} as it is, whose thrusters "
                f"drive no {', '.join(undriven)}"
-               + ("" if unnamed_axes(scenario, model) else ", asked for by !IdealWrench"),
+               + ("" if unnamed_axes(actuation, model) else ", asked for by !IdealWrench"),
                f"{OPERATOR}, by other thrusters")
     else:
         yield "actuation", f"{ideal}, {timing}", MAKER
     if forces:
-        limited = [name for name in ("tau", "thrusters")
-                   if getattr(scenario.limits, name) is not None]
+        limited = [name for name in ("tau", "thrusters") if getattr(limits, name) is not None]
         yield ("actuation", "every force M(𝔮)u of a command within limits.u"
                + (f" and limits.{', limits.'.join(limited)}" if limited else "")
                + " is there, without dead band, ripple or thermal limit", MAKER)
 
 
-def _sensing(scenario: Scenario, model: ContactModel) -> Lines:
-    """Yields the measured state and the measured force."""
-    clock = any(isinstance(part, SampledCommand) for part in scenario.actuation)
-    force = list(scenario.contact.about_sensing(scenario))
+def _sensing(force: list[Statement], actuation: Sequence[Actuator]) -> Iterator[Statement]:
+    """Yields the measured state, and the statements about the measured force."""
+    clock = any(isinstance(part, SampledCommand) for part in actuation)
     yield ("sensing", "exact pose, velocity and joint angles, "
            + ("at the ticks of the clock" if clock else "in continuous time")
            + ("; a force sensor within its declared errors" if force else ""),
@@ -113,50 +120,40 @@ def _sensing(scenario: Scenario, model: ContactModel) -> Lines:
     yield from force
 
 
-def _surface(scenario: Scenario, model: ContactModel) -> Lines:
-    """Yields the surface, and the absence of other contacts."""
-    if not motion_of(scenario).has_forces:
-        yield "surface", "none that disturbs the motion", OPERATOR
-        return
-    yield from scenario.contact.about_surface(scenario)
-    yield "surface", "the tip alone touches anything", OPERATOR
-
-
-def _disturbance(scenario: Scenario, model: ContactModel) -> Lines:
+def _disturbance(motion: Motion, bound: Disturbance, unknowns: Unknowns, size: int
+                 ) -> Iterator[Statement]:
     """Yields the bound of d, and the declared unknowns that are a part of it."""
-    motion, bound = motion_of(scenario), scenario.disturbance
-    size = f"in norm at most {bound.d_bound:.4g}"
+    ball = f"in norm at most {bound.d_bound:.4g}"
     if np.size(bound.weights):
-        axes = bound.d_bound * bound.relative_weights(model.size)
-        size = "in the ellipsoid of semi-axes " + ", ".join(f"{each:.3g}" for each in axes)
+        ball = "in the ellipsoid of semi-axes " + ", ".join(
+            f"{each:.3g}" for each in bound.axes(size))
     yield ("disturbance", f"all that acts on the robot and is not modelled is a "
-           f"{motion.disturbance_symbol} {size} {motion.disturbance_unit}", OPERATOR)
-    error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
+           f"{motion.disturbance_symbol} {ball} {motion.disturbance_unit}", OPERATOR)
+    error, current = unknowns.error, unknowns.current
     if np.any(current):
         yield ("disturbance", "of that, a steady uniform current of at most "
                f"{np.hypot(*current[:2]):.3g} m/s horizontally, {abs(current[2]):.3g} m/s up or "
                "down", OPERATOR)
-    if scenario.waves:
-        yield "disturbance", f"of that, {len(scenario.waves)} regular waves as declared", OPERATOR
+    if unknowns.waves:
+        yield "disturbance", f"of that, {len(unknowns.waves)} regular waves as declared", OPERATOR
     if error.size > 0.0:
         yield ("disturbance", "of that, mass, water and joint friction of the robot that are off "
                "by the sizes of model_error", MAKER)
-    if has_unknowns(scenario):
+    if unknowns.present:
         yield ("disturbance", f"all else keeps to {1.0 - error.share:.3g} of the bound", OPERATOR)
 
 
-def _robot(scenario: Scenario, model: ContactModel) -> Lines:
+def _robot(robot: str, *, forces: bool) -> Iterator[Statement]:
     """Yields the robot and its start."""
-    yield ("robot", f"geometry, joints and their ranges are those of the files of "
-           f"{scenario.model}" + (", and so are inertia, added mass, drag and buoyancy"
-                                  if motion_of(scenario).has_forces else ""), MAKER)
+    yield ("robot", f"geometry, joints and their ranges are those of the files of {robot}"
+           + (", and so are inertia, added mass, drag and buoyancy" if forces else ""), MAKER)
     yield "robot", "it is at rest at the declared start, no plan before it", OPERATOR
 
 
-def _program(scenario: Scenario, model: ContactModel) -> Lines:
+def _program(time_step: float, safety_factor: float) -> Iterator[Statement]:
     """Yields the computer and the searches."""
-    yield ("computer", f"each plan is there at its knot, every {scenario.mpc.time_step:g} s, and "
+    yield ("computer", f"each plan is there at its knot, every {time_step:g} s, and "
            "the law's arithmetic takes no time and does not round", INTEGRATOR)
     yield ("search", "no supremum that is marked 'estimated' is larger than its search "
-           f"found, times {scenario.certificate.safety_factor:g}; the terminal set holds between "
+           f"found, times {safety_factor:g}; the terminal set holds between "
            "its samples", CERTIFIER)

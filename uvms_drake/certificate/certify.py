@@ -7,6 +7,7 @@ does not hold: then the scenario is not certified. The tube depends on the scena
 law, see `Motion.tubes`; a law that is not there has no certificate.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -21,19 +22,25 @@ from uvms_drake.certificate.assumptions import assumptions_of, undriven_axes, un
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
 from uvms_drake.certificate.coupled.budget import conditions_of as coupled_conditions
-from uvms_drake.certificate.coupled.budget import coupled_budget, has_coupled_budget
+from uvms_drake.certificate.coupled.budget import coupled_budget
 from uvms_drake.certificate.declared_unknowns import (
+    UnmodelledBounds,
+    declared_sources,
     fitting_disturbance,
     payload_acceleration,
     payload_condition,
     unknown_effects,
     unknowns_condition,
+    weights_of,
 )
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.limits import (
     HoldRadii,
+    Limit,
+    Limits,
     TubeRadii,
     check_limits,
     joint_limits,
@@ -45,18 +52,14 @@ from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.plan.plan import P, Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Component
+from uvms_drake.model.signals.sensor_actuator import Actuator, Component
 from uvms_drake.model.surface.law import NotOffered
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.command_path import actuation_delay_of, command_paths
-from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.contact.mission_legs import legs_of
-from uvms_drake.station.motions.motions import (
-    limits_of,
-    make_ocp,
-    models_force,
-    motion_of,
-)
+from uvms_drake.station.motions.motion import Motion
+from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.parts import uncovered
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
@@ -98,12 +101,12 @@ def certify(scenario: Scenario, progress: Progress = silent,
     assert active_memo() is None, "a certificate searches for itself"
     # Inputs, and a law without a tube, for which there is nothing to compute.
     model = check_inputs(scenario, model)
-    law, weights = scenario.ancillary, weights_of(scenario, model)
+    motion, law, disturbance = motion_of(scenario), scenario.ancillary, scenario.disturbance
+    weights = motion.weights(disturbance, model.size)
     draft = Certificate(
         scenario=scenario.name, motion=scenario.motion, law=scenario.law, k=law.k, sigma=law.sigma,
-        d_bound=scenario.disturbance.d_bound, weights=None if np.all(weights == 1.0) else weights,
+        d_bound=disturbance.d_bound, weights=None if np.all(weights == 1.0) else weights,
         assumptions=assumptions_of(scenario, model), **fingerprint(scenario))
-    motion = motion_of(scenario)
     if type(law) not in motion.tubes:
         return draft.adding([assumption(
             f"certificate of the law {type(law).__name__}", "none is known", topic="law",
@@ -117,41 +120,45 @@ def certify(scenario: Scenario, progress: Progress = silent,
         if all(condition.holds for condition in found.conditions):
             found = scenario.contact.in_contact(found, scenario, basis)
         # These belong to the file even if the tube leaves nothing of a limit.
+        limits = limits_of(scenario, model)
         draft = replace(
             draft, constants=tuple(basis.constants.values()), tube=found.radii, budget={
                 name: dict(parts) for name, parts in found.budget.items()},
-            margin=budget_margins(scenario, found, model),
+            margin=budget_margins(found.budget, limits, model),
             conditions=(*found.conditions, *assumed_conditions(scenario, model)))
-        if has_coupled_budget(scenario, model):
-            coupled = coupled_budget(scenario, model)
+        if (coupled := coupled_budget(scenario, model)) is not None:
             draft = replace(draft, coupled=coupled).adding(coupled_conditions(coupled))
         if scenario.mission.steps and np.size(found.radii.u):
-            draft = replace(draft, legs=tuple(legs_of(
-                scenario.mission.checked(), sensed_contact(scenario), found.radii,
-                draft.conditions)))
+            draft = replace(draft, legs=tuple(scenario.contact.legs(
+                scenario.mission, found.radii, draft.conditions)))
         if not draft.certified:
             return draft
         # Declared unknowns, as a part of d.
-        effects = unknown_effects(scenario, basis, found.radii)
-        draft = replace(draft.adding(unknowns_condition(
-            scenario, effects, partial(fitting_disturbance, scenario, basis, found.radii))),
-            unknowns=effects)
-        carried = payload_acceleration(scenario, basis, found.radii, effects)
-        draft = draft.adding(payload_condition(scenario, carried))
+        carried, error = None, scenario.model_error
+        if scenario.unknowns.present:
+            bounds = UnmodelledBounds(scenario.model, basis, found.radii, scenario.seed)
+            sources = partial(declared_sources, scenario.unknowns)
+            effects = unknown_effects(sources, bounds, weights_of(disturbance, basis))
+            carried = payload_acceleration(error, disturbance, bounds, effects)
+            draft = replace(draft, unknowns=effects).adding([
+                *unknowns_condition(disturbance.bound, error.share, effects, partial(
+                    fitting_disturbance, disturbance, sources, bounds)),
+                *payload_condition(error.payload, carried)])
         if not draft.certified:
             return draft
         # Margins of the tightened limits, before the second search, which takes long.
-        tightening, proven = how_many_are_proven(scenario, found, model)
-        draft = replace(draft.adding(tightening_margins(scenario, found.radii, model)),
-                        tightening=tightening, proven=proven)
+        tightening, proven = how_many_are_proven(found, limits)
+        draft = replace(
+            draft.adding(advised(tightening_margins(found.radii, limits), disturbance.bound,
+                                 error.share)), tightening=tightening, proven=proven)
         if not draft.certified:
             return draft
         estimates = (*found.check(), *(
-            Estimate(f"d by {each.name}", each.takes, each.second) for each in effects),
+            Estimate(f"d by {each.name}", each.takes, each.second) for each in draft.unknowns),
             *([carried] if carried else []))
         draft = replace(draft.adding([
-            replace(each, advice=safer(scenario, each.left)) for each in unrefuted(estimates)]),
-            estimates=estimates)
+            replace(each, advice=safer(basis.settings.safety_factor, each.left))
+            for each in unrefuted(estimates)]), estimates=estimates)
         if not draft.certified:
             return draft
         return _with_terminal_set(draft, found, scenario, model, progress)
@@ -167,17 +174,18 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     Those that it cannot give up are `assumptions.assumptions_of`.
     """
     # Axes without a thruster, model errors, options of the MPC, parts of the loop.
+    motion, contact, actuation = motion_of(scenario), scenario.contact, scenario.actuation
     mpc, model = scenario.mpc, model or load_model(scenario)
-    unnamed, undriven = unnamed_axes(scenario, model), ", ".join(undriven_axes(model))
+    unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
     assumed: list[tuple[str, str, float]] = [
-        *uncounted_unknowns(scenario),
+        *uncounted_unknowns(scenario.unknowns, motion, actuation),
         ("surface_error", "which the controller does not know", scenario.surface_error.size),
         ("faults", "which the proofs do not cover", len(uncovered(scenario.faults))),
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set", "none", not mpc.terminal_set)]
-    assumed += scenario.contact.assumed_settings()
-    assumed += motion_of(scenario).assumed_settings(mpc)
+    assumed += contact.assumed_settings()
+    assumed += motion.assumed_settings(mpc)
     conditions = [
         assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
                    + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
@@ -186,43 +194,43 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
         *(assumption(key, reason, broken, theorem=GUARANTEE) for key, reason, broken in assumed),
         *(assumption(f"mpc.terms[{i}]", f"{type(term).__name__}, which the terminal set leaves out",
                      topic="mpc.terms", theorem=GUARANTEE) for i, term in enumerate(mpc.terms))]
-    for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
+    for key, parts in (("sensing", scenario.sensing), ("actuation", actuation)):
         conditions += [
             assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
                        theorem=GUARANTEE)
             for i, part in enumerate(parts) if part.assumption() is not None
-            and not scenario.contact.bounds_error_of(part)
-            and not is_counted(scenario, part, model)]
+            and not contact.bounds_error_of(part)
+            and not is_counted(part, scenario.ancillary, actuation, model, mpc.time_step)]
     return conditions
 
 
-def uncounted_unknowns(scenario: Scenario) -> list[tuple[str, str, float]]:
+def uncounted_unknowns(unknowns: Unknowns, motion: Motion, actuation: Sequence[Actuator]
+                       ) -> list[tuple[str, str, float]]:
     """Returns key, reason and size of the unknowns that `declared_unknowns` does not count.
 
     It counts forces on a robot whose command acts at once.
     """
-    at_once = all(isinstance(part, IdealWrench) for part in scenario.actuation)
-    counted = motion_of(scenario).has_forces and at_once
-    sizes = {"current": float(np.linalg.norm(scenario.current)),
-             "waves": largest_speed(scenario.waves), "model_error": scenario.model_error.size}
+    counted = motion.has_forces and all(isinstance(part, IdealWrench) for part in actuation)
+    sizes = {"current": float(np.linalg.norm(unknowns.current)),
+             "waves": largest_speed(unknowns.waves), "model_error": unknowns.error.size}
     return [(key, "counted only where forces move the robot at once", 0.0 if counted else size)
             for key, size in sizes.items()]
 
 
-def is_counted(scenario: Scenario, part: Component, model: ContactModel) -> bool:
+def is_counted(part: Component, law: AncillaryLaw, actuation: Sequence[Actuator],
+               model: ContactModel, time_step: float) -> bool:
     """Returns whether the tube includes the effect of a part on the command, if it is the only one.
 
     A clock, see `tube.actuation.zoh_command`, where a condition of the tube names an effect without
     a bound; or a lag of the vehicle's wrench that `tube.actuation.lagged_wrench` has a proof for.
     """
-    law = scenario.ancillary
-    delays = [each for each in scenario.actuation if not isinstance(each, IdealWrench)]
+    delays = [each for each in actuation if not isinstance(each, IdealWrench)]
     if len(delays) != 1 or not isinstance(law, TipFirst):
         return False
     if not isinstance(part, LaggedWrench):
         return isinstance(part, SampledCommand)
-    actuators = actuators_of(command_paths(scenario, model), actuation_delay_of(scenario, model))
-    return lag_is_proven(law, actuators, scenario.mpc.time_step)
+    actuators = actuators_of(command_paths(actuation, model), actuation_delay_of(actuation, model))
+    return lag_is_proven(law, actuators, time_step)
 
 
 def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
@@ -237,25 +245,17 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
     """
     with within("certificate"):
         check_settings(scenario.certificate)
-    model = model or load_model(scenario)
-    motion_of(scenario).check(scenario)
+    model, motion = model or load_model(scenario), motion_of(scenario)
+    motion.check(scenario)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
-    dynamic = motion_of(scenario).has_forces
-    check_limits(scenario.limits, model.num_joints, accelerations=dynamic)
+    check_limits(scenario.limits, model.num_joints, accelerations=motion.has_forces)
     with within("ancillary"):
         scenario.ancillary.check()
-    weights_of(scenario, model)
-    none = np.zeros(model.size if dynamic else 0)
+    motion.weights(scenario.disturbance, model.size)
+    none = np.zeros(model.size if motion.has_forces else 0)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
     start_state(without_tube, make_ocp(without_tube, model))
     return model
-
-
-def weights_of(scenario: Scenario, model: ContactModel) -> np.ndarray:
-    """Returns the diagonal of Ŵ, one for each component of the disturbance, the largest 1."""
-    with within("disturbance"):
-        return scenario.disturbance.relative_weights(
-            motion_of(scenario).disturbance_size(model.size))
 
 
 def certified_once(scenario: Scenario, progress: Progress = silent,
@@ -274,37 +274,13 @@ def certified_once(scenario: Scenario, progress: Progress = silent,
     return replace(Certificate.from_data(data), scenario=scenario.name)
 
 
-def declared_set(scenario: Scenario, model: ContactModel) -> ConstraintSet:
+def declared_set(limits: Limits, model: UvmsModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
-    limits = scenario.limits
-    require(not models_force(scenario) or limits.static_force is not None,
-            "limits.static_force", None,
-            "a number [N], for a certificate: its constants are suprema over forces up to it")
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
     return ConstraintSet(
         q_lower=q_lower, q_upper=q_upper, roll=limits.roll, pitch=limits.pitch,
         tip_pitch=limits.tip_pitch, nu1=limits.nu1, nu2=limits.nu2, qdot=limits.qdot,
         force_max=UNLIMITED if limits.static_force is None else limits.static_force)
-
-
-def constants_of(scenario: Scenario, model: ContactModel, declared: ConstraintSet,
-                 names: tuple[str, ...]) -> dict[str, Constant]:
-    """Returns constants, estimated and proven, by name, from the cache if they are there."""
-    if not names:
-        return {}
-    settings, weights = scenario.certificate, weights_of(scenario, model)
-    key = {"names": names,
-           "set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
-           "surface": repr(scenario.surface), "samples": settings.constant_samples,
-           "safety_factor": settings.safety_factor, "seed": settings.seed,
-           "files": fingerprint(scenario)["files"], "motion": scenario.motion,
-           "weights": weights.tolist()}
-
-    def compute() -> dict:
-        found = motion_of(scenario).constants(names, model, declared, weights, settings)
-        return {name: constant.to_data() for name, constant in found.items()}
-
-    return {name: Constant.from_data(data) for name, data in cached(key, compute).items()}
 
 
 def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | None = None
@@ -318,32 +294,50 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         model: The controller's model.
         names: Names of the constants; those that the scenario's law needs if None.
     """
-    declared, contact = declared_set(scenario, model), scenario.contact.force_bounds(scenario)
-    weights = weights_of(scenario, model)
+    motion, law, limits = motion_of(scenario), scenario.ancillary, scenario.limits
+    actuation, settings = scenario.actuation, scenario.certificate
+    require(not motion.has_forces or scenario.contact.force_limit(limits) is not None,
+            "limits.static_force", None,
+            "a number [N], for a certificate: its constants are suprema over forces up to it")
+    declared, contact = declared_set(limits, model), scenario.contact.force_bounds(scenario)
+    weights = motion.weights(scenario.disturbance, model.size)
     if names is None:
-        law = scenario.ancillary
-        names = motion_of(scenario).tubes[type(law)].constants(law, weights)
-    limits = scenario.limits
+        names = motion.tubes[type(law)].constants(law, weights)
+
+    # Constants, estimated and proven.
+    key = {"names": names,
+           "set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
+           "surface": repr(scenario.surface), "samples": settings.constant_samples,
+           "safety_factor": settings.safety_factor, "seed": settings.seed,
+           "files": fingerprint(scenario)["files"], "motion": scenario.motion,
+           "weights": weights.tolist()}
+
+    def search() -> dict:
+        found = motion.constants(names, model, declared, weights, settings)
+        return {name: constant.to_data() for name, constant in found.items()}
+
+    constants = cached(key, search) if names else {}
+    # Speeds and actuators.
     speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
     return Basis(
         model=model, declared=declared,
-        constants=constants_of(scenario, model, declared, names),
+        constants={name: Constant.from_data(data) for name, data in constants.items()},
         d_bound=scenario.disturbance.d_bound, weights=weights,
-        u_limit=np.asarray(limits.u, dtype=float), settings=scenario.certificate,
+        u_limit=np.asarray(limits.u, dtype=float), settings=settings,
         contact=contact, forces=bool(
             limits.tau is not None or limits.thrusters is not None or limits.more),
         largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
-        actuators=actuators_of(command_paths(scenario, model), actuation_delay_of(scenario, model)))
+        actuators=actuators_of(command_paths(actuation, model),
+                               actuation_delay_of(actuation, model)))
 
 
-def tightening_margins(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:
+def tightening_margins(tube: TubeRadii, limits: Mapping[str, Limit]) -> list[Condition]:
     """Returns a condition for every limit: the tube must leave something of it.
 
     Limits of one number come first, as they do among the settings.
     """
     conditions, tube = [], resolved_radii(tube)
-    for limit in sorted(limits_of(scenario, model).values(),
-                        key=lambda limit: limit.labels != [limit.name]):
+    for limit in sorted(limits.values(), key=lambda limit: limit.labels != [limit.name]):
         if limit.tube_takes(tube) is None:
             conditions.append(assumption(
                 f"limits.{limit.name}", "no tightening by the tube is defined",
@@ -353,31 +347,35 @@ def tightening_margins(scenario: Scenario, tube: TubeRadii, model: ContactModel)
                 Condition(f"tube in limits.{label}", radius, "<", margin, theorem=TIGHTENING,
                           kind="tightening", topic=f"limits.{limit.name}", about=label)
                 for label, radius, margin in limit.margins(tube)]
-    share = min((each.right / each.left for each in conditions if each.left > 0.0), default=1.0)
-    advice = roomier(scenario, share)
-    return [each if each.holds else replace(each, advice=advice) for each in conditions]
+    return conditions
 
 
-def budget_margins(scenario: Scenario, found: LawTube, model: ContactModel) -> dict[str, float]:
+def advised(margins: list[Condition], bound: float, reserved: float) -> list[Condition]:
+    """Returns `tightening_margins` with an advice on those that fail, see `advice.roomier`."""
+    share = min((each.right / each.left for each in margins if each.left > 0.0), default=1.0)
+    advice = roomier(bound, reserved, share)
+    return [each if each.holds else replace(each, advice=advice) for each in margins]
+
+
+def budget_margins(budget: Iterable[str], limits: Mapping[str, Limit], model: UvmsModel
+                   ) -> dict[str, float]:
     """Returns the smallest limit of each radius of a budget that has one."""
-    limits = {"attitude": ("roll", "pitch"), "depth_speed": ("contact_speed[0]",),
+    labels = {"attitude": ("roll", "pitch"), "depth_speed": ("contact_speed[0]",),
               "joints": tuple(f"q{j + 1}" for j in range(model.num_joints))}
     none = resolved_radii(TubeRadii(u=np.zeros(model.size), tau=np.zeros(model.size)))
-    margin = {label: size for limit in limits_of(scenario, model).values()
-              for label, _, size in limit.margins(none)}
-    return {name: min(known) for name in found.budget
-            if (known := [margin[label] for label in limits.get(name, ()) if label in margin])}
+    margin = {label: size for limit in limits.values() for label, _, size in limit.margins(none)}
+    return {name: min(known) for name in budget
+            if (known := [margin[label] for label in labels.get(name, ()) if label in margin])}
 
 
-def how_many_are_proven(scenario: Scenario, found: LawTube, model: ContactModel
-                        ) -> tuple[int, int]:
+def how_many_are_proven(found: LawTube, limits: Mapping[str, Limit]) -> tuple[int, int]:
     """Returns the number of limits that a tube tightens, and of those tightened by proven numbers.
 
     A number is estimated if it changes with the radii that are.
     """
     doubled = {name: 2.0 * getattr(found.radii, name) for name in found.estimated
                if not isinstance(getattr(found.radii, name), HoldRadii | None)}
-    margins = [tightening_margins(scenario, radii, model)
+    margins = [tightening_margins(radii, limits)
              for radii in (found.radii, replace(found.radii, **doubled))]
     pairs = [(old, new) for old, new in zip(*margins, strict=True) if old.left > 0.0]
     return len(pairs), sum(old.left == new.left for old, new in pairs)

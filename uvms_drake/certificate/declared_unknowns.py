@@ -19,7 +19,8 @@ from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.model_error import FACTORS, ModelError, add_simulated_uvms
-from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.plant.payload import Payload
+from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.search.estimate import Estimate
@@ -70,19 +71,21 @@ class UnmodelledBounds:
     """Bounds of the unmodelled accelerations of a robot that is controlled within its limits.
 
     Args:
-        scenario: The scenario.
+        robot: Name or folder of the robot.
         basis: Basis of its tube.
         radii: Its tube, which bounds the feedback.
+        seed: Seed of the searches.
     """
 
-    def __init__(self, scenario: Scenario, basis: Basis, radii: TubeRadii):
-        self.model, self._scenario, self._basis = basis.model, scenario, basis
+    def __init__(self, robot: str, basis: Basis, radii: TubeRadii, seed: int):
+        self.robot, self.basis, self.model = robot, basis, basis.model
+        self._seed = seed
         tube, n = resolved_radii(radii), basis.model.num_joints
         off = np.concatenate([
             np.full(n, tube.joints or 0.0), [tube.roll or 0.0, tube.pitch or 0.0],
             np.repeat([tube.nu1 or 0.0, tube.nu2 or 0.0, tube.qdot or 0.0], [3, 3, n])])
         self._factor = basis.settings.safety_factor
-        change = self._factor * drift_change(self.model, basis.declared, off, scenario.seed)
+        change = self._factor * drift_change(self.model, basis.declared, off, seed)
         self.rate = commanded_rate(
             self.model, basis.u_limit, basis.largest_rate + np.asarray(radii.u) + change,
             force=basis.declared.force_max if basis.contact is None else 0.0)
@@ -91,7 +94,7 @@ class UnmodelledBounds:
     def true(self, **error: Any) -> UvmsModel:
         """Returns the robot with a model error."""
         plant = MultibodyPlant(time_step=0.0)
-        uvms = add_simulated_uvms(plant, self._scenario.model, ModelError(**error))
+        uvms = add_simulated_uvms(plant, self.robot, ModelError(**error))
         plant.Finalize()
         return UvmsModel(uvms)
 
@@ -99,19 +102,18 @@ class UnmodelledBounds:
                 ) -> tuple[np.ndarray, float]:
         """Returns bounds of |dᵢ| (6+n,) and of ‖Ŵ⁻¹d‖₂, estimated, for the diagonal of Ŵ."""
         found = self._factor * largest(
-            terms, self.model, self._basis.declared, weights, self._scenario.seed)
+            terms, self.model, self.basis.declared, weights, self._seed)
         return found[:-1], float(found[-1])
 
     def second(self, terms: Sequence[UnmodelledTerm], weights: np.ndarray) -> float:
         """Returns the largest ‖Ŵ⁻¹d‖₂ at random points."""
-        model, declared = self.model, self._basis.declared
+        model, declared = self.model, self.basis.declared
 
         def norms(points: np.ndarray) -> np.ndarray:
             at = motions(points, model, declared)
             return np.max([sizes(term(at), weights)[:, -1:] for term in terms], axis=0)
 
-        return float(second_over_joints(norms, *box(model, declared), self._scenario.seed)[0])
-
+        return float(second_over_joints(norms, *box(model, declared), self._seed)[0])
 
     def hand(self, reach: float, unknown: np.ndarray) -> Estimate:
         """Returns the largest acceleration of points about the tip [m/s²], estimated.
@@ -120,7 +122,7 @@ class UnmodelledBounds:
             reach: Their largest distance from the tip [m].
             unknown: Bounds of |dᵢ| (6+n,), in addition to the commanded rate.
         """
-        model, declared, seed = self.model, self._basis.declared, self._scenario.seed
+        model, declared, seed = self.model, self.basis.declared, self._seed
 
         def values(points: np.ndarray) -> np.ndarray:
             at = motions(points, model, declared)
@@ -131,34 +133,27 @@ class UnmodelledBounds:
                         float(second_over_joints(values, *limits, seed)[0]))
 
 
-def has_unknowns(scenario: Scenario) -> bool:
-    """Returns whether a scenario declares a model error or a motion of the water."""
-    return bool(scenario.model_error.size > 0.0 or np.any(scenario.current) or scenario.waves)
+Sources = Callable[
+    [UnmodelledBounds, list[UnknownEffect]], Iterator[tuple[str, list[UnmodelledTerm]]]]
+"""Names and terms of unknowns by the bounds of the accelerations, and by the effects of the
+unknowns so far, to which the caller adds each."""
 
 
-def unknown_effects(scenario: Scenario, basis: Basis, radii: TubeRadii,
-                    weights: np.ndarray | None = None, sources: "Sources | None" = None, *,
+def unknown_effects(sources: Sources, bounds: UnmodelledBounds, weights: np.ndarray, *,
                     checked: bool = True) -> tuple[UnknownEffect, ...]:
-    """Returns the effect of each declared unknown, on top of those before it.
+    """Returns the effect of each unknown, on top of those before it.
 
     The robot changes by one source after the other, and the rate that the next one meets includes
     the effects of those before: so their sum bounds the effect of all.
 
     Args:
-        scenario: The scenario.
-        basis: Basis of its tube.
-        radii: Its tube, which bounds the feedback.
-        weights: w (6+n,); those of the scenario's disturbance if None.
-        sources: The unknowns; those that the scenario declares if None.
+        sources: The unknowns, such as those of `declared_sources`.
+        bounds: Bounds of the accelerations.
+        weights: w (6+n,), see `weights_of`.
         checked: Whether a second search is made.
     """
-    if sources is None and not has_unknowns(scenario):
-        return ()
-    bounds, effects = UnmodelledBounds(scenario, basis, radii), list[UnknownEffect]()
-    if weights is None:
-        given = scenario.disturbance.weights
-        weights = basis.weights * (np.max(given) if np.size(given) else 1.0)
-    for name, terms in (sources or declared_sources)(scenario, bounds, effects):
+    effects = list[UnknownEffect]()
+    for name, terms in sources(bounds, effects):
         each, takes = bounds.largest(terms, weights)
         effects.append(UnknownEffect(
             name, tuple(map(float, each)), takes,
@@ -166,45 +161,51 @@ def unknown_effects(scenario: Scenario, basis: Basis, radii: TubeRadii,
     return tuple(effects)
 
 
-def fitting_disturbance(scenario: Scenario, basis: Basis, radii: TubeRadii,
-                        sources: "Sources | None" = None) -> Disturbance:
-    """Returns the scenario's disturbance with the weights and the bound that its unknowns ask for.
+def weights_of(disturbance: Disturbance, basis: Basis) -> np.ndarray:
+    """Returns the `disturbance.weights` w (6+n,), with ones for an empty list."""
+    return basis.weights * (np.max(disturbance.weights) if np.size(disturbance.weights) else 1.0)
+
+
+def fitting_disturbance(disturbance: Disturbance, sources: Sources, bounds: UnmodelledBounds
+                        ) -> Disturbance:
+    """Returns the disturbance with the weights and the bound that unknowns ask for.
 
     The weights are in proportion to the accelerations that the unknowns cause, the largest 1, and
     these take the fraction `RESERVED` of the bound. The tube changes with both, and with it
     the feedback that a model error scales: another tube may ask for a little more.
 
     Args:
-        scenario: The scenario.
-        basis: Basis of a tube, with any disturbance.
-        radii: That tube.
+        disturbance: The declared one.
         sources: As of `unknown_effects`.
+        bounds: As of `unknown_effects`, of a tube with any disturbance.
     """
-    effects = unknown_effects(scenario, basis, radii, sources=sources, checked=False)
+    effects = unknown_effects(sources, bounds, weights_of(disturbance, bounds.basis),
+                              checked=False)
     each = np.sum([effect.each for effect in effects], axis=0)
     weights = np.array([float(f"{size:.2g}") for size in np.maximum(
         each / np.max(each), LEAST_WEIGHT)])
-    fitted = unknown_effects(scenario, basis, radii, weights, sources, checked=False)
-    return replace(scenario.disturbance, weights=weights, bound=rounded_up(
+    fitted = unknown_effects(sources, bounds, weights, checked=False)
+    return replace(disturbance, weights=weights, bound=rounded_up(
         sum(effect.takes for effect in fitted) / RESERVED))
 
 
-def unknowns_condition(scenario: Scenario, effects: Sequence[UnknownEffect],
+def unknowns_condition(bound: float, share: float, effects: Sequence[UnknownEffect],
                        fitting: Callable[[], Disturbance] | None = None) -> list[Condition]:
     """Returns the condition that they fit into their part of the bound; none without unknowns.
 
     Args:
-        scenario: The scenario.
-        effects: Effects of its unknowns.
+        bound: `disturbance.bound`.
+        share: `model_error.share`.
+        effects: Effects of the unknowns.
         fitting: Returns the disturbance that would fit, for an advice.
     """
     if not effects:
         return []
-    bound, total = scenario.disturbance.bound, sum(each.takes for each in effects)
+    total = sum(each.takes for each in effects)
     parts = ", ".join(f"{each.name}: {each.takes:.3g}" for each in effects)
     found = Condition(
         f"declared unknowns, in model_error.share of disturbance.bound ({parts})", total, "<=",
-        scenario.model_error.share * bound, theorem=THEOREM, topic="declared unknowns")
+        share * bound, theorem=THEOREM, topic="declared unknowns")
     if found.holds:
         return [found]
     if total <= RESERVED * bound:
@@ -218,40 +219,39 @@ def unknowns_condition(scenario: Scenario, effects: Sequence[UnknownEffect],
         model_error__share=RESERVED))]
 
 
-def payload_acceleration(scenario: Scenario, basis: Basis, radii: TubeRadii,
+def payload_acceleration(error: ModelError, disturbance: Disturbance, bounds: UnmodelledBounds,
                          effects: Sequence[UnknownEffect]) -> Estimate | None:
     """Returns the largest acceleration of a payload that a wrist sensor reads; None without one."""
-    payload = scenario.model_error.payload
-    if not payload.present or basis.contact is None:
+    payload = error.payload
+    if not payload.present or bounds.basis.contact is None:
         return None
-    bounds, disturbance = UnmodelledBounds(scenario, basis, radii), scenario.disturbance
-    left = (1.0 - scenario.model_error.share) * disturbance.axes(basis.model.size)
-    density = read_uvms(scenario.model).hydrodynamics.fluid_density
+    left = (1.0 - error.share) * disturbance.axes(bounds.model.size)
+    density = read_uvms(bounds.robot).hydrodynamics.fluid_density
     reach = float(np.linalg.norm(payload.centre)) + payload.radius(density)
     return bounds.hand(reach, left + np.sum([each.each for each in effects], axis=0))
 
 
-def payload_condition(scenario: Scenario, found: Estimate | None) -> list[Condition]:
+def payload_condition(payload: Payload, found: Estimate | None) -> list[Condition]:
     """Returns the condition that a payload accelerates no more than its reading allows for."""
     if found is None:
         return []
     return [Condition(
         "model_error.payload.acceleration, not less than that of the payload [m/s²]",
-        scenario.model_error.payload.acceleration, ">=", found.claim,
+        payload.acceleration, ">=", found.claim,
         setting(model_error__payload__acceleration=rounded_up(1.02 * found.claim, 2)),
         theorem=READING, topic="model_error")]
 
 
-def declared_sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[UnknownEffect]
-             ) -> Iterator[tuple[str, list[UnmodelledTerm]]]:
+def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[UnknownEffect]
+                     ) -> Iterator[tuple[str, list[UnmodelledTerm]]]:
     """Yields the declared unknowns and their terms, for each sign of the robot's errors so far.
 
     Args:
-        scenario: The scenario.
-        bounds: Bounds of the accelerations.
-        before: Effects of the unknowns so far; the caller adds each.
+        unknowns: The declared unknowns.
+        bounds: As of `Sources`.
+        before: As of `Sources`.
     """
-    error = scenario.model_error
+    error = unknowns.error
     robots: list[tuple[dict[str, Any], UvmsModel]] = [({}, bounds.model)]
 
     def rate(at: Motions) -> np.ndarray:
@@ -270,7 +270,7 @@ def declared_sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[
         forces = np.concatenate([np.zeros(6), error.joint_friction.torques(n)[1]])
         yield (f"joint friction of {np.max(forces):g} N m",
                [by_forces(true, forces) for _, true in robots])
-    current, waves = np.asarray(scenario.current, dtype=float), scenario.waves
+    current, waves = unknowns.current, unknowns.waves
     if np.any(current) or waves:
         along, down = float(np.hypot(*current[:2])), abs(float(current[2]))
         parts = [f"a current of {np.linalg.norm(current):.3g} m/s"] * bool(np.any(current)) + [
@@ -279,11 +279,6 @@ def declared_sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[
         yield " and ".join(parts), [
             by_water(true, (along, sign * down), orbits)
             for _, true in robots for sign in ((1.0, -1.0) if down else (1.0,))]
-
-
-Sources = Callable[
-    [Scenario, UnmodelledBounds, list[UnknownEffect]], Iterator[tuple[str, list[UnmodelledTerm]]]]
-"""Names and terms of unknowns; the arguments are those of `declared_sources`."""
 
 
 def _robot_errors(error: ModelError) -> Iterator[tuple[str, list[dict[str, Any]]]]:

@@ -6,11 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
 ROUNDING = 1e-9
@@ -38,10 +35,7 @@ class DrawnRange:
 
 
 def drawn_values(scenario: Scenario, model: ContactModel) -> dict[str, float]:
-    """Returns the values of a scenario that may differ between runs, by name, in SI units.
-
-    Those of an unknown wall are at its point nearest to the tip at the start.
-    """
+    """Returns the values of a scenario that may differ between runs, by name, in SI units."""
     error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
     out = {f"start.eta.{i}": float(value) for i, value in enumerate(scenario.start.eta)}
     out |= {f"start.q.{i}": float(value) for i, value in enumerate(scenario.start.q)}
@@ -52,26 +46,7 @@ def drawn_values(scenario: Scenario, model: ContactModel) -> dict[str, float]:
             "model_error.payload.mass": error.payload.mass,
             "model_error.payload.displaced": error.payload.displaced,
             "model_error.joint_friction": error.joint_friction.largest}
-    return out | ({} if scenario.contact.is_modelled else _wall(scenario, model))
-
-
-def _wall(scenario: Scenario, model: ContactModel) -> dict[str, float]:
-    """Returns the desired force and the values of the simulated wall, if it is of a drawn kind."""
-    force = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
-    surface = true_surface(scenario)
-    if not isinstance(surface, ShapedSurface):
-        return {"task.force": force}
-    surface = surface.checked()
-    tip = model.task_pose(scenario.start.config)[:3]
-    depth, into = surface.geometry.depth_and_gradient(tip)
-    along = float(sensed_contact(scenario).direction @ into) / float(np.linalg.norm(into))
-    least, most = surface.law.slopes
-    return {"task.force": force, "wall, distance": -float(depth),
-            "wall, angle": float(np.arccos(np.clip(along, -1.0, 1.0))),
-            "wall, smallest stiffness": least, "wall, largest stiffness": most,
-            "wall, friction": surface.friction, "wall, dissipation": surface.dissipation,
-            "wall, transition": surface.law.transition,
-            "wall, reciprocal of the creep": 1.0 / surface.creep}
+    return out | scenario.contact.drawn_values(scenario, model)
 
 
 def outside_ranges(ranges: Sequence[DrawnRange], values: Mapping[str, float]) -> list[str]:
@@ -89,13 +64,10 @@ def outside_ranges(ranges: Sequence[DrawnRange], values: Mapping[str, float]) ->
 def without_drawn(scenario: Scenario) -> Scenario:
     """Returns the scenario with defaults for its drawn values: the part that all runs share."""
     error, zero = scenario.model_error, np.zeros(1)
-    fixed = replace(
+    return scenario.contact.without_drawn(replace(
         scenario, start=Start(), duration=1.0, seed=0, current=np.zeros(3),
         waves=[replace(wave, amplitude=0.0, direction=0.0, phase=0.0) for wave in scenario.waves],
         model_error=replace(
             error, **dict.fromkeys(FACTORS, 1.0), buoyancy_shift=np.zeros(3),
             payload=replace(error.payload, mass=0.0, displaced=0.0),
-            joint_friction=replace(error.joint_friction, coulomb=zero, static=zero)))
-    if scenario.contact.is_modelled:
-        return fixed
-    return replace(fixed, surface=ShapedSurface(), task=replace(fixed.task, force=np.zeros(6)))
+            joint_friction=replace(error.joint_friction, coulomb=zero, static=zero))))

@@ -26,13 +26,11 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.certificate.drawn_values import (
     DrawnRange,
-    drawn_values,
     outside_ranges,
     without_drawn,
 )
 from uvms_drake.certificate.failure_probability import percent_above
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.tube.coupled.budget import CoupledBudget
 
@@ -116,9 +114,9 @@ class ProbabilityCertificate:
         """Returns the scenario unchanged: the tube is the declared one."""
         return scenario
 
-    def outside(self, scenario: Scenario, model: ContactModel) -> list[str]:
-        """Returns a phrase for each value of a scenario outside of the declared ranges."""
-        return outside_ranges(self.ranges, drawn_values(scenario, model))
+    def outside(self, values: Mapping[str, float]) -> list[str]:
+        """Returns a phrase for each of the `drawn_values` outside of the declared ranges."""
+        return outside_ranges(self.ranges, values)
 
     def to_data(self) -> dict[str, Any]:
         """Returns the content as JSON data, with its own SHA-256 as `sha256`."""
@@ -139,9 +137,20 @@ class ProbabilityCertificate:
 
     @staticmethod
     def inputs_of(scenario: Scenario) -> dict[str, Any]:
-        """Returns the inputs that a certificate of a scenario has now: hashes and versions."""
+        """Returns the inputs that a certificate of a scenario has now: hashes and versions.
+
+        Of the scenario all counts but the drawn values, the tube too: it is the declared one. Of
+        the disturbance, bound and weights count: every kind of it is drawn. Faults count whole, for
+        those of a run are drawn beside the scenario's.
+        """
+        fixed = yaml_load_data(dump_scenario(without_drawn(scenario)))
+        for key in IRRELEVANT:
+            if key not in ALSO_FIXED:
+                fixed.pop(key, None)
+        fixed["disturbance"] = [scenario.disturbance.bound, *scenario.disturbance.weights]
+        text = json.dumps(jsonable(fixed, names=True), sort_keys=True, ensure_ascii=False)
         return fingerprint(scenario) | {
-            "inputs": _fixed_inputs(scenario), "source": source_digest()}
+            "inputs": hashlib.sha256(text.encode()).hexdigest(), "source": source_digest()}
 
 
 AnyCertificate = Certificate | ProbabilityCertificate
@@ -159,18 +168,3 @@ def cache_key(scenario: Scenario) -> dict[str, Any]:
     """Returns the key in the cache of the certificate in probability of a scenario."""
     declared = dataclasses.replace(scenario, name="", description="", seed=0)
     return {KIND: dump_scenario(declared), "files": fingerprint(scenario)["files"]}
-
-
-def _fixed_inputs(scenario: Scenario) -> str:
-    """Returns the SHA-256 of all but the drawn values, the tube included: it is the declared one.
-
-    Of the disturbance, bound and weights count: every kind of it is drawn. Faults count whole, for
-    those of a run are drawn beside the scenario's.
-    """
-    fixed = yaml_load_data(dump_scenario(without_drawn(scenario)))
-    for key in IRRELEVANT:
-        if key not in ALSO_FIXED:
-            fixed.pop(key, None)
-    fixed["disturbance"] = [scenario.disturbance.bound, *scenario.disturbance.weights]
-    text = json.dumps(jsonable(fixed, names=True), sort_keys=True, ensure_ascii=False)
-    return hashlib.sha256(text.encode()).hexdigest()

@@ -9,7 +9,6 @@ import numpy as np
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.table import help_for, scope, verdict, violation
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.ultimate_bounds import HOLD
 
@@ -25,14 +24,19 @@ class ForceBounds(NamedTuple):
     """Bound of the error in a hold, once the plan has stood at its target."""
 
 
-def force_bounds(certificate: Certificate, scenario: Scenario) -> ForceBounds:
-    """Returns the bounds of the static force; those of a mission are the largest of its steps."""
-    limit = scenario.contact.force_limit(scenario)
+def force_bounds(certificate: Certificate, limit: float | None, wrench: np.ndarray) -> ForceBounds:
+    """Returns the bounds of the static force; those of a mission are the largest of its steps.
+
+    Args:
+        certificate: A certificate.
+        limit: Largest static force of the plans and their tube [N], see `Contact.force_limit`.
+        wrench: Desired 𝔉 (6,) of the task [N, N m].
+    """
     bands = [(leg.force, band) for leg in certificate.legs
              if (band := leg.band if leg.hold_band is None else leg.hold_band) is not None]
     if bands:
         return ForceBounds(limit, *max(bands, key=sum))
-    desired, bounds = np.asarray(scenario.task.force, dtype=float)[:3], certificate.bounds
+    desired, bounds = np.asarray(wrench, dtype=float)[:3], certificate.bounds
     return ForceBounds(limit, float(np.linalg.norm(desired)),
                        bounds.get(HOLD, bounds.get("force")))
 
@@ -44,18 +48,18 @@ def tightest_limit(certificate: Certificate) -> Condition | None:
     return max(limits, key=lambda each: each.left / each.right, default=None)
 
 
-def format_overview(certificate: Certificate, scenario: Scenario, seconds: float | None = None
+def format_overview(certificate: Certificate, force: ForceBounds, seconds: float | None = None
                     ) -> str:
     """Returns the verdict, its assumptions, five numbers, and the failed conditions.
 
     Args:
         certificate: Certificate of the scenario.
-        scenario: The scenario.
+        force: Its bounds of the static force.
         seconds: Time of its computation [s], if it is to be told.
     """
     lines = [f"{certificate.scenario}: {verdict(certificate)}", *scope(certificate), ""]
     if certificate.certified:
-        lines += _numbers(certificate, scenario)
+        lines += _numbers(certificate, force)
     if seconds is not None:
         lines.append(f"{'computed in':<18}{seconds:.1f} s")
     return "\n".join([*lines, *_failures(certificate)]).rstrip()
@@ -70,11 +74,11 @@ def format_force(force: ForceBounds) -> str:
             f"{force.desired:.4g} ± {force.error:.3g} N")
 
 
-def _numbers(certificate: Certificate, scenario: Scenario) -> list[str]:
+def _numbers(certificate: Certificate, force: ForceBounds) -> list[str]:
     """Returns a line each for force, end-effector, tightest limit and proven numbers."""
     rows = []
     bounds = certificate.bounds
-    if text := format_force(force_bounds(certificate, scenario)):
+    if text := format_force(force):
         rows.append(("largest force", f"{text}; static, without impact and damping"))
     if "position" in bounds:
         rows.append(("end-effector", f"within {1e3 * bounds['position']:.3g} mm and "

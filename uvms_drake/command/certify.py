@@ -29,8 +29,10 @@ from uvms_drake.command.run import note
 from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.output import output_folder
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
 BUDGET_FILE = "budget.png"
@@ -84,7 +86,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
         return certify_by_runs(args, names)
     _require_default(args, ("confidence", "seed", "workers", "scheduler"), "without --runs")
     from uvms_drake.certificate.certify import certified_once, check_inputs
-    from uvms_drake.certificate.overview import format_overview
+    from uvms_drake.certificate.overview import force_bounds, format_overview
     from uvms_drake.certificate.table import format_certificate
     from uvms_drake.station.step_bounds import largest_step
     from uvms_drake.station.step_size import floored
@@ -97,7 +99,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     source = scenario_source(args.scenario, set_options(args.overrides))
     require(args.tune is None or 0.0 < args.tune < np.inf, "--tune", args.tune, "positive")
     with reported_in(source):
-        _check_studies(args, scenario)
+        _check_studies(args, motion_of(scenario), scenario.ancillary)
     path = args.output if args.output is not None else Path("out") / scenario.name
     with output_folder(path, names, replaces=True) as output:
         with reported_in(source):
@@ -111,7 +113,9 @@ def certify_scenario(args: argparse.Namespace) -> int:
         write_certificate(certificate, output.folder)
         _draw_budget(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
-    print(format_overview(certificate, scenario, seconds))
+    force = force_bounds(
+        certificate, scenario.contact.force_limit(scenario.limits), scenario.task.force)
+    print(format_overview(certificate, force, seconds))
     print(f"\n{format_certificate(certificate)}" if args.full or args.paper else
           "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
@@ -167,13 +171,13 @@ def _draw_budget(certificate: Certificate, folder: Path) -> None:
             draw_budget(budget, margin).savefig(folder / BUDGET_FILE)
 
 
-def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
+def _check_studies(args: argparse.Namespace, motion: Motion, law: AncillaryLaw) -> None:
     """Raises `InvalidParameter` for the first requested study that does not apply."""
     from uvms_drake.studies.pareto_front import check_pareto_front
 
     if args.sweep_gains:
-        check_pareto_front(scenario)
-    check_comparisons(args, scenario)
+        check_pareto_front(motion, law)
+    check_comparisons(args, motion, law)
     for option in ("tune", "tolerances"):
-        require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,
-                "motion", scenario.motion, f"dynamic, for --{option.replace('_', '-')}")
+        require(getattr(args, option) in (None, False) or motion.has_forces,
+                "motion", motion.name, f"dynamic, for --{option.replace('_', '-')}")

@@ -14,7 +14,9 @@ from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.output import output_folder
 from uvms_drake.common.progress import part_of
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.scenario.scenario import Scenario
 
 ERRATA_FILE = "errata.md"
@@ -65,16 +67,16 @@ def take_comparisons(certify: argparse.ArgumentParser) -> None:
                               "reached by an adversary, radius of the paper")
 
 
-def check_comparisons(args: argparse.Namespace, scenario: Scenario) -> None:
+def check_comparisons(args: argparse.Namespace, motion: Motion, law: AncillaryLaw) -> None:
     """Raises `InvalidParameter` for the first requested comparison that does not apply."""
     if args.paper:
         from uvms_drake.papers.nikou2018.comparison import check_comparison
 
-        check_comparison(scenario)
+        check_comparison(motion, law)
     if args.compare_laws:
         from uvms_drake.papers.nikou2018.compare_laws import check_laws
 
-        check_laws(scenario)
+        check_laws(motion)
 
 
 def beside_the_paper(args: argparse.Namespace, certificate: Certificate, scenario: Scenario,

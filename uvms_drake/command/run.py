@@ -209,9 +209,11 @@ def _report_in_probability(summary: dict[str, Any], record: Record) -> int:
 def _announced(certificate: AnyCertificate, scenario: Scenario, model: ContactModel) -> list[str]:
     """Returns the lines that a run begins with: kind and scope of its certificate."""
     if isinstance(certificate, ProbabilityCertificate):
+        from uvms_drake.certificate.drawn_values import drawn_values
         from uvms_drake.certificate.probability_table import format_coverage
 
-        return [certificate.verdict, format_coverage(certificate.outside(scenario, model))]
+        return [certificate.verdict, format_coverage(certificate.outside(
+            drawn_values(scenario, model)))]
     from uvms_drake.certificate.table import scope
 
     return [*scope(certificate), f"certified: {certificate.force_sentence}"]

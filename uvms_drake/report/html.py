@@ -12,7 +12,7 @@ from uvms_drake.certificate.in_probability import (
     ProbabilityCertificate,
     read_any_certificate,
 )
-from uvms_drake.certificate.overview import format_overview
+from uvms_drake.certificate.overview import force_bounds, format_overview
 from uvms_drake.certificate.probability_table import format_coverage, format_probability
 from uvms_drake.certificate.table import format_certificate, scope, verdict
 from uvms_drake.common.errors import RunFailed
@@ -153,7 +153,9 @@ def _certificate(certificate: AnyCertificate | None, scenario: Scenario) -> str:
         return "<p>Run without a certificate, with the tube that the scenario declares.</p>"
     if isinstance(certificate, ProbabilityCertificate):
         return f"<pre>{html.escape(format_probability(certificate))}</pre>"
-    return (f"<pre>{html.escape(format_overview(certificate, scenario))}</pre>"
+    force = force_bounds(
+        certificate, scenario.contact.force_limit(scenario.limits), scenario.task.force)
+    return (f"<pre>{html.escape(format_overview(certificate, force))}</pre>"
             "<details><summary>Everything: constants, conditions, tube, budget, estimates</summary>"
             f"<pre>{html.escape(format_certificate(certificate))}</pre></details>")
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
+from uvms_drake.certificate.drawn_values import drawn_values
 from uvms_drake.certificate.in_probability import AnyCertificate, ProbabilityCertificate
 from uvms_drake.certificate.probability_table import format_coverage
 from uvms_drake.common.jsonable import jsonable
@@ -97,7 +98,7 @@ def summarise_claim(record: Record, certificate: AnyCertificate | None, contact:
     return {"verdict": certificate.verdict, "probability": certificate.probability,
             "confidence": certificate.confidence, "runs": certificate.runs,
             "failures": certificate.failures,
-            "outside": [*certificate.outside(record.scenario, record.model), *seen]}
+            "outside": [*certificate.outside(drawn_values(record.scenario, record.model)), *seen]}
 
 
 def summarise_mpc(record: Record) -> dict[str, object]:

@@ -104,8 +104,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     builder, motion = DiagramBuilder(), motion_of(scenario)
     motion.check(scenario)
     model = model or load_model(scenario)
-    with within("disturbance"):
-        weights = scenario.disturbance.relative_weights(motion.disturbance_size(model.size))
+    weights = motion.weights(scenario.disturbance, model.size)
 
     # Plant and controller.
     ocp = motion.make_ocp(scenario, model)
@@ -145,7 +144,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
             signals["disturbance"] if bounds_disturbance(scenario, certified) else None),
         pair=controller.GetOutputPort("pair") if shared else None,
         run_bound=motion.run_bound(scenario.ancillary, scenario.disturbance.d_bound),
-        along_run=scenario.contact.is_modelled,
+        along_run=scenario.contact.bounded_along_run,
         period=scenario.log_period, begin=monitor_begin(scenario, certified),
         slack=MONITOR_SLACK,
         floor=monitor_floor(scenario))

@@ -111,8 +111,7 @@ def make_scenario(
     scenario.ancillary = law or scenario.ancillary
     scenario.disturbance = disturbance or scenario.disturbance
     scenario.contact, scenario.sensing = contact or scenario.contact, list(sensing)
-    if (not scenario.contact.is_modelled
-            or type(scenario.surface).static_force_rows is Surface.static_force_rows):
+    if not scenario.contact.takes_static_force(scenario.surface):
         scenario.limits.static_force = None
     check_scenario(scenario)
     return with_step(scenario, check_inputs(scenario, load_model(scenario, robot)))

@@ -7,15 +7,17 @@ a smaller d̃ or bandwidth.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from uvms_drake.certificate.certify import basis_of, tightening_margins
 from uvms_drake.common.errors import require
 from uvms_drake.common.progress import Progress, silent
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.motions.motion import Motion
+from uvms_drake.station.motions.motions import limits_of, motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
@@ -43,13 +45,12 @@ class ParetoPoint:
     """First condition on the tube or on a limit that fails, or an empty string."""
 
 
-def check_pareto_front(scenario: Scenario) -> None:
-    """Raises `InvalidParameter` if a scenario has no Pareto front."""
-    motion, law = motion_of(scenario), type(scenario.ancillary)
-    require(motion.has_forces, "motion", scenario.motion, "dynamic, for a front")
-    require(law in motion.tubes, "ancillary", law.__name__, "a law with a certificate, for a front")
-    require(np.isfinite(scenario.ancillary.k), "ancillary", law.__name__,
-            "a law with one k and one σ, for a front")
+def check_pareto_front(motion: Motion, law: AncillaryLaw) -> None:
+    """Raises `InvalidParameter` if there is no Pareto front with a motion and a law."""
+    name = type(law).__name__
+    require(motion.has_forces, "motion", motion.name, "dynamic, for a front")
+    require(type(law) in motion.tubes, "ancillary", name, "a law with a certificate, for a front")
+    require(np.isfinite(law.k), "ancillary", name, "a law with one k and one σ, for a front")
 
 
 def pareto_front(scenario: Scenario, model: ContactModel,
@@ -59,31 +60,28 @@ def pareto_front(scenario: Scenario, model: ContactModel,
 
     The model is the controller's.
     """
-    check_pareto_front(scenario)
-    law: Any = scenario.ancillary
-    tube_of, surface = motion_of(scenario).tubes[type(law)].tube, model.surface
+    motion, law = motion_of(scenario), cast(Any, scenario.ancillary)
+    check_pareto_front(motion, law)
+    tube_of, surface = motion.tubes[type(law)].tube, model.surface
     wrench = np.asarray(scenario.task.force, dtype=float)
     chi_des = surface.pose_for(wrench, scenario.task.pose)
-    basis = basis_of(scenario, model)
+    basis, limits = basis_of(scenario, model), limits_of(scenario, model)
     disturbances, gains = tuple(disturbances), tuple(gains)
     points: list[ParetoPoint] = []
     for d_factor in disturbances:
         for factor in gains:
             progress("tubes", len(points) / (len(disturbances) * len(gains)))
             scaled = replace(law, k=factor * law.k, sigma=factor * law.sigma)
-            # The scenario with these gains and this bound.
-            at = replace(
-                scenario, ancillary=scaled,
-                disturbance=replace(
-                    scenario.disturbance, bound=d_factor * scenario.disturbance.bound))
-            tube = tube_of(scaled, replace(basis, d_bound=at.disturbance.d_bound))
+            d_bound = replace(scenario.disturbance,
+                              bound=d_factor * scenario.disturbance.bound).d_bound
+            tube = tube_of(scaled, replace(basis, d_bound=d_bound))
             # The limits, tightened by its tube, if there is one.
             margins, bounds = [], {"force": np.inf}
             if all(item.holds for item in tube.conditions):
-                margins = tightening_margins(at, tube.radii, model)
+                margins = tightening_margins(tube.radii, limits)
                 bounds = ultimate_bounds(tube.radii, surface, chi_des, wrench)
             points.append(ParetoPoint(
-                d_bound=at.disturbance.d_bound, k=scaled.k, sigma=scaled.sigma,
+                d_bound=d_bound, k=scaled.k, sigma=scaled.sigma,
                 force=bounds["force"],
                 input_left=min((item.margin / item.right for item in margins
                                 if item.topic == "limits.u"), default=-np.inf),

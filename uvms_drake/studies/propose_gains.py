@@ -15,7 +15,7 @@ from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import TipErrors
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.motions.motions import limits_of, motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.laws.resolved import resolved_law_tube
 from uvms_drake.tube.resolved.image import input_gain
@@ -41,6 +41,7 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     wrench = np.asarray(scenario.task.force, dtype=float)
     chi_des = surface.pose_for(wrench, scenario.task.pose)
     basis = basis_of(replace(scenario, ancillary=Resolved()), model)
+    limits = limits_of(scenario, model)
 
     def force_error(law: Resolved) -> float:
         """Returns the bound of the force error with other gains [N]."""
@@ -57,9 +58,8 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     for law in sorted(candidates, key=force_error):
         if np.any(input_gain(law.k, law.sigma) * largest >= basis.u_limit):
             continue  # The linear part alone uses up an input.
-        at = replace(scenario, ancillary=law)
         tube = resolved_law_tube(law, basis)
-        margins = tightening_margins(at, tube.radii, model)
+        margins = tightening_margins(tube.radii, limits)
         if all(item.holds for item in (*tube.conditions, *margins)):
             return law, force_error(law)
     raise RunFailed(f"no gains up to {bandwidth:g} 1/s leave a margin of every limit; "

@@ -93,10 +93,10 @@ def test_the_delay_is_the_sum_of_the_parts_of_the_actuation(model):
     scenario = load_scenario("girona500_ideal", [
         "actuation=[!SampledCommand {period: 0.02, delay: 0.01}, "
         "!Thrusters {lag: 0.1, dead_time: 0.05, period: 0.01}]"])
-    np.testing.assert_allclose(actuation_delay_of(scenario, model), [0.02 + 0.155, 0.02])
-    assert actuation_delay_of(load_scenario("girona500_ideal"), model) == ON_TIME
+    np.testing.assert_allclose(actuation_delay_of(scenario.actuation, model), [0.02 + 0.155, 0.02])
+    assert actuation_delay_of(load_scenario("girona500_ideal").actuation, model) == ON_TIME
     clock = load_scenario("girona500_ideal", ["actuation=[!SampledCommand {}]"])
-    assert actuation_delay_of(clock, model) == ON_TIME
+    assert actuation_delay_of(clock.actuation, model) == ON_TIME
 
 
 def test_as_a_system_it_reads_the_plan_of_now(model):

@@ -3,6 +3,8 @@
 import json
 import math
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,14 +15,16 @@ from uvms_drake.certificate.certify import basis_of, certify
 from uvms_drake.certificate.declared_unknowns import (
     RESERVED,
     UnknownEffect,
+    UnmodelledBounds,
     declared_sources,
-    has_unknowns,
     unknown_effects,
+    weights_of,
 )
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.sensing import ForceSensor
 from uvms_drake.station.contact.bounds import largest_reading_error
+from uvms_drake.station.contact.parameters import Parameter
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.margins import margins as study
@@ -37,13 +41,13 @@ def felt():
 
 
 def value_of(today: float, start: float = 0.0):
-    return study._Value("lag", "s", today, lambda value: value, start)
+    return Parameter("lag", "s", today, lambda value: value, start)
 
 
 def ends_at(limit: float):
     """Returns what fails of a value beyond a limit."""
-    def failed(make, searches):
-        value = make()
+    def failed(parameter, size, searches):
+        value = parameter.at(size)
         return Condition("room", value, "<=", limit, theorem="t") if value > limit else None
 
     return failed
@@ -65,7 +69,7 @@ def test_nobody_looks_beyond_what_is_far_enough(monkeypatch):
 
 def test_what_is_void_at_any_value_says_so_and_what_is_too_large_at_the_least_is_zero(monkeypatch):
     void = assumption("actuation[0]", "the proofs take the feedback for continuous", theorem="t")
-    monkeypatch.setattr(study, "_worst_failed", lambda make, searches: void)
+    monkeypatch.setattr(study, "_worst_failed", lambda value, size, searches: void)
     found = study._margin(value_of(0.0, 1e-3), SearchMemo())
     assert math.isnan(found.largest)
     assert found.ends == void.name
@@ -77,21 +81,22 @@ def test_a_value_without_a_meaning_ends_it():
     def at(value):
         raise InvalidParameter("contact.angle", value, "from 0 to 0.5 rad")
 
-    assert "contact.angle" in study._worst_failed(lambda: at(0.6), SearchMemo()).name
+    assert "contact.angle" in study._worst_failed(
+        replace(value_of(0.0), at=at), 0.6, SearchMemo()).name
 
 
 def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
     """And none is certified: the conditions are those of the parts themselves."""
-    for value, kinds in zip(study._delays(felt), (
+    for value, kinds in zip(study._delays(felt, load_model(felt)), (
             ["SampledCommand", "IdealWrench"], ["SampledCommand", "IdealWrench"],
             ["Thrusters"], ["IdealWrench"]), strict=True):
         changed = value.at(value.start)
         assert [type(part).__name__ for part in changed.actuation] == kinds
-        failed = study._worst_failed(partial_at(value), SearchMemo())
+        failed = study._worst_failed(value, value.start, SearchMemo())
         assert failed is not None
         assert failed.is_count
     both = load_scenario("girona500_real_loop")
-    period, delay, lag, noise = study._delays(both)
+    period, delay, lag, noise = study._delays(both, load_model(both))
     assert period.today == 0.02
     assert [type(part).__name__ for part in lag.at(0.3).actuation] == [
         "SampledCommand", "Thrusters"]
@@ -104,12 +109,8 @@ def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
     assert np.all(noise.at(0.01).sensing[0].dvl.noise == 0.01)
 
 
-def partial_at(value):
-    return lambda: value.at(value.start)
-
-
 def test_a_worse_sensor_comes_with_the_allowance_that_it_needs(felt):
-    noise = next(value for value in study._values(felt) if "noise" in value.name)
+    noise = next(value for value in felt.contact.parameters(felt) if "noise" in value.name)
     assert noise.today == 0.25
     changed = noise.at(1.0)
     assert np.all(changed.sensing[0].noise == 4.0 * ForceSensor().noise)
@@ -119,34 +120,37 @@ def test_a_worse_sensor_comes_with_the_allowance_that_it_needs(felt):
     assert more == pytest.approx(need - now) and more > 1.0
     assert noise.at(noise.today).contact.force_error == felt.contact.force_error
     exact = replace(felt, sensing=[replace(felt.sensing[0], noise=np.zeros(6))])
-    none = next(value for value in study._values(exact) if "noise" in value.name)
+    none = next(value for value in exact.contact.parameters(exact) if "noise" in value.name)
     assert (none.today, none.start) == (0.0, 1e-3)
     np.testing.assert_allclose(none.at(0.25).sensing[0].noise, ForceSensor().noise)
-    slow = next(value for value in study._values(felt) if "lag" in value.name).at(0.05)
+    slow = next(value for value in felt.contact.parameters(felt) if "lag" in value.name).at(0.05)
     assert slow.contact.delay == pytest.approx(5.0 * 0.05 + 0.01)
 
 
 class BoundedStudy:
     """A study of a scenario that is its unknown, of which d = size (1 + size) must have room."""
 
-    scenario = 0.0
+    scenario = None
 
     def __init__(self, room: float):
         self._room = room
 
-    def effects(self, size, sources):
+    def effects(self, size):
         return (UnknownEffect("current", (size * (1.0 + size),) * 2, 1.5 * size, math.nan),)
 
     def fitted(self, size, sources, searches):
         needed = 1.5 * size * (1.0 + size)
-        return size, None if needed <= self._room else Condition(
+        failed = None if needed <= self._room else Condition(
             "room", needed, "<=", self._room, theorem="t")
+        return SimpleNamespace(model_error=size, disturbance=None, contact=None), failed
 
 
 @pytest.fixture
 def unknown(monkeypatch):
-    monkeypatch.setattr("uvms_drake.studies.margins.unknown_margins.settings_of", str)
-    return lambda most=math.inf: Unknown("current", "m/s", 0.25, lambda none, size: size, most=most)
+    monkeypatch.setattr("uvms_drake.studies.margins.unknown_margins.settings_of",
+                        lambda size, *_: str(size))
+    return lambda most=math.inf: Unknown(
+        "current", "m/s", 0.25, lambda size: size, lambda size: size, most=most)
 
 
 @pytest.mark.parametrize("room", [0.02, 0.09, 3.0])
@@ -166,12 +170,11 @@ def test_an_error_ends_where_it_has_no_meaning_or_has_no_room_at_all(unknown):
     assert (none.largest, none.ends, none.settings) == (0.0, "room", "")
 
 
-def test_every_unknown_but_the_wrench_is_declared_by_a_scenario(felt):
+def test_every_unknown_but_the_wrench_is_declared_by_a_scenario():
     for each in unknowns():
-        effects = each.declared(felt, 0.5 * each.asked)
-        assert has_unknowns(effects) == ("wrench" not in each.name)
+        assert each.declared(0.5 * each.asked).present == ("wrench" not in each.name)
     wave = next(each for each in unknowns() if "waves" in each.name)
-    assert wave.declared(felt, 0.2).waves[0].speeds == pytest.approx((0.2, 0.2))
+    assert wave.declared(0.2).waves[0].speeds == pytest.approx((0.2, 0.2))
 
 
 def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatch, capsys):
@@ -207,8 +210,7 @@ def test_a_current_with_the_settings_of_the_study_is_certified(felt, monkeypatch
     search_less(monkeypatch)
     study = Study(felt, load_model(felt))
     current = next(each for each in unknowns() if each.name == "current")
-    scenario, failed = study.fitted(
-        current.declared(study.scenario, 0.1), declared_sources, SearchMemo())
+    scenario, failed = study.fitted(current.declared(0.1), current.sources(0.1), SearchMemo())
     assert failed is None
     certificate = certify(replace(scenario, mpc=replace(scenario.mpc, horizon=23)))
     assert certificate.certified, [str(each) for each in certificate.conditions if not each.holds]
@@ -225,7 +227,7 @@ def test_nearly_the_tolerance_of_a_current_is_certified():
     study, searches = Study(scenario, load_model(scenario)), SearchMemo()
     current = next(each for each in unknowns() if each.name == "current")
     scenarios, failed = zip(*(study.fitted(
-        current.declared(study.scenario, size), declared_sources, searches)
+        current.declared(size), current.sources(size), searches)
         for size in (0.113, 0.125, 0.135)), strict=True)
     assert [each is None for each in failed] == [True, True, False]
     certificate = certify(replace(scenarios[0], mpc=replace(scenarios[0].mpc, horizon=35)))
@@ -256,5 +258,9 @@ def test_what_is_found_is_certified_and_what_is_beyond_is_not(felt, monkeypatch)
     model = load_model(declared)
     radii, conditions = tube_of(declared, model, basis_of(declared, model))
     assert all(condition.holds for condition in conditions)
-    effects = unknown_effects(declared, basis_of(declared, model), radii)
+    basis = basis_of(declared, model)
+    effects = unknown_effects(
+        partial(declared_sources, declared.unknowns),
+        UnmodelledBounds(declared.model, basis, radii, declared.seed),
+        weights_of(declared.disturbance, basis))
     assert sum(each.takes for each in effects) <= 1.02 * RESERVED * declared.disturbance.bound

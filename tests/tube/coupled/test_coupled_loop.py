@@ -63,7 +63,7 @@ class Loop:
         self.parts = loop_parts(self.scenario, self.model)
         self.wall = Wall(N, FORCE, STIFFNESS, damping=FORCE * DISSIPATION)
         self.at = operating_point(
-            self.parts, press_configuration(self.scenario, self.model), self.wall)
+            self.parts, press_configuration(self.scenario.task, self.model), self.wall)
         law = Linear(stiffness=STIFFNESS, transition=0.002)
         tip = self.model.task_pose(self.at.state[: self.model.size])[:3]
         self.surface = ShapedSurface(

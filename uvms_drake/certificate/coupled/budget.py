@@ -1,27 +1,23 @@
 """The coupled linear budget of a scenario: its sources, margins of stability and conditions."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thrusters import Thrusters
-from uvms_drake.certificate.coupled.loop_at_task import (
-    loop_parts,
-    press_configuration,
-    pressing_wall,
-)
+from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.tip_first import BlockGains, TipFirst
-from uvms_drake.control.limits import joint_limits, resolved_radii
+from uvms_drake.control.limits import Limits, TubeRadii, joint_limits, resolved_radii
 from uvms_drake.control.limits.plan_acceleration import PlanAcceleration
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.linear import ErrorChannel
-from uvms_drake.model.signals.sensor_actuator import Part
-from uvms_drake.model.surface.unknown_contact import UnknownContact
+from uvms_drake.model.signals.sensor_actuator import CommandPath, Part
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.command_path import command_paths
-from uvms_drake.station.contact.bounds import largest_force, pressing_force, sensed_contact
+from uvms_drake.station.contact.bounds import depth_left, pressing_force, sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.coupled.budget import (
@@ -47,12 +43,6 @@ THEOREM = "tube/coupled/theory.md#gains-by-the-pattern-of-an-error"
 STABILITY = "tube/coupled/theory.md#coupled-loop"
 CHANCE = 1e-3
 """Probability δ of a run in which some row of the linear loop exceeds its sum by chance."""
-SLOPES = 0.0, 15.0
-"""Slopes of friction by the tip's speed over the force at which a loop is looked at [s/m]: of a tip
-that sticks, and of one that slips at half of a creep velocity of 25 mm/s with μ = 0.2."""
-STICKING = 2
-"""Number of the walls of `walls_of` without a slope of friction; a plan that slides is looked at on
-these, since friction that grows with its speed would have no bound."""
 PLAN_PHASES = 4
 """Number of phases between two knots of a plan at which the rows are looked at."""
 POSTURES, STABLE_AT = 2, 10
@@ -68,23 +58,34 @@ FRICTION, PLANNED = "friction as any force", "plan"
 """Names of the sources that are no sensor's."""
 
 
-def has_coupled_budget(scenario: Scenario, model: ContactModel) -> bool:
-    """Returns whether a scenario has thrusters behind a clock, of which no tube is proven."""
-    paths = command_paths(scenario, model)
-    pressed = isinstance(scenario.contact, UnknownContact)
-    return (pressed and isinstance(scenario.ancillary, TipFirst)
+def has_coupled_budget(law: AncillaryLaw, walls: Sequence[Wall],
+                       paths: Sequence[CommandPath | None]) -> bool:
+    """Returns whether thrusters are behind a clock, of which no tube is proven.
+
+    Args:
+        law: The ancillary law.
+        walls: As of `Contact.linear_walls`.
+        paths: As of `command_paths`.
+    """
+    return (bool(walls) and isinstance(law, TipFirst)
             and any(path is not None and path.whole and path.period > 0.0 for path in paths)
             and any(path is not None and not path.whole for path in paths))
 
 
-def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget:
-    """Returns the budget at the task's posture, and the largest sums at drawn ones."""
-    # The loops at the task, and at drawn postures of the declared set.
-    parts, walls = loop_parts(scenario, model), walls_of(scenario)
-    config = press_configuration(scenario, model)
+def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget | None:
+    """Returns the budget at the task's posture and the largest sums at drawn ones, or None."""
+    walls = scenario.contact.linear_walls(scenario.task.force)
+    if not has_coupled_budget(
+            scenario.ancillary, walls, command_paths(scenario.actuation, model)):
+        return None
+    # The loops at the task, and at drawn postures of the declared set. A plan that slides is looked
+    # at on walls without a slope of friction: one that grows with its speed would have no bound.
+    limits, contact, force = scenario.limits, sensed_contact(scenario), pressing_force(scenario)
+    parts, sticking = loop_parts(scenario, model), [wall for wall in walls if wall.slope == 0.0]
+    config = press_configuration(scenario.task, model)
     loops = _loops(parts, walls, config)
     rng = np.random.default_rng(scenario.certificate.seed)
-    lower, upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
+    lower, upper = joint_limits(limits, model.q_lower, model.q_upper)
     at_drawn = [_loops(parts, walls, np.concatenate(
         [np.zeros(5), config[5:6], rng.uniform(lower, upper)])) for _ in range(STABLE_AT)]
     decay = min(loop.system.decay[0] for each in (loops, *at_drawn) for loop in each)
@@ -95,27 +96,21 @@ def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget:
     sources: tuple[Source, ...] = ()
     elsewhere = np.zeros(len(rows))
     if decay > 0.0:
-        bounded = largest_accelerations(scenario) is not None
+        bounded = largest_accelerations(limits) is not None
         of_plan = sources_of([
-            (loop.system, [_plan(scenario, loop)])
-            for loop in _loops(parts, walls[:STICKING], config, planned=True)],
+            (loop.system, [_plan(limits, scenario.tube, loop)])
+            for loop in _loops(parts, sticking, config, planned=True)],
             () if bounded else (PLANNED,), phases=PLAN_PHASES)
-        sources = (*sources_of([(loop.system, [*loop.channels, _friction(scenario, loop)])
-                                for loop in loops], (FRICTION,)), *of_plan)
+        sources = (*sources_of([
+            (loop.system, [*loop.channels, _friction(contact.friction * force, loop)])
+            for loop in loops], (FRICTION,)), *of_plan)
         elsewhere = np.max([by_chance((*sources_of(
             [(loop.system, loop.channels) for loop in each], phases=1), *of_plan), q)
             for each in at_drawn[:POSTURES]], axis=0)
     return CoupledBudget(
-        rows, sources, CHANCE, q, elsewhere, POSTURES, limits_left(scenario, model),
-        _declared(scenario), tuple(stability(scenario, parts, walls, config)), float(decay))
-
-
-def walls_of(scenario: Scenario) -> list[Wall]:
-    """Returns open water and the stiffest wall of the class, without and with friction."""
-    contact = sensed_contact(scenario)
-    free = Wall(np.asarray(contact.direction, dtype=float))
-    return [free, *(pressing_wall(scenario, contact.stiffness, slope * pressing_force(scenario))
-                    for slope in SLOPES)]
+        rows, sources, CHANCE, q, elsewhere, POSTURES,
+        limits_left(limits, depth_left(scenario), scenario.task.posture, model),
+        _declared(scenario.tube), tuple(stability(parts, sticking, config)), float(decay))
 
 
 def _loops(parts: LoopParts, walls: Iterable[Wall], config: np.ndarray, *,
@@ -124,12 +119,12 @@ def _loops(parts: LoopParts, walls: Iterable[Wall], config: np.ndarray, *,
             for wall in walls]
 
 
-def _plan(scenario: Scenario, loop: CoupledLoop) -> ErrorChannel:
+def _plan(limits: Limits, tube: TubeRadii, loop: CoupledLoop) -> ErrorChannel:
     """Returns the plan's accelerations; those of an undriven axis, which no plan decides, are 0."""
-    bound = largest_accelerations(scenario)
+    bound = largest_accelerations(limits)
     bound = np.ones(loop.at.model.size) if bound is None else bound.copy()
     bound[loop.undriven] = 0.0
-    tube, limits, joints = resolved_radii(scenario.tube), scenario.limits, loop.at.model.num_joints
+    tube, joints = resolved_radii(tube), loop.at.model.num_joints
     speeds = [getattr(limits, key) - (getattr(tube, key) or 0.0) for key in ("nu1", "nu2", "qdot")]
     lower, upper = joint_limits(limits, loop.at.model.q_lower, loop.at.model.q_upper)
     reach = np.concatenate([[FARTHEST_PLAN] * 3, [limits.roll, limits.pitch, FARTHEST_PLAN],
@@ -140,27 +135,22 @@ def _plan(scenario: Scenario, loop: CoupledLoop) -> ErrorChannel:
               np.where(bound > 0.0, reach, 0.0)))
 
 
-def _friction(scenario: Scenario, loop: CoupledLoop) -> ErrorChannel:
-    bound = sensed_contact(scenario).friction * pressing_force(scenario) * np.ones(2)
-    return ErrorChannel(FRICTION, loop.loop.signal_of(loop.entry(FORCE_ACROSS)), bound,
-                        kind="flow")
+def _friction(force: float, loop: CoupledLoop) -> ErrorChannel:
+    return ErrorChannel(FRICTION, loop.loop.signal_of(loop.entry(FORCE_ACROSS)),
+                        force * np.ones(2), kind="flow")
 
 
-def largest_accelerations(scenario: Scenario) -> np.ndarray | None:
+def largest_accelerations(limits: Limits) -> np.ndarray | None:
     """Returns the largest |ζ̄̇ᵢ| of a plan (6+n,), if `limits.more` has a `PlanAcceleration`."""
-    return next((np.asarray(limit.bound, dtype=float) for limit in scenario.limits.more
+    return next((np.asarray(limit.bound, dtype=float) for limit in limits.more
                  if isinstance(limit, PlanAcceleration)), None)
 
 
-def limits_left(scenario: Scenario, model: ContactModel) -> dict[str, float]:
-    """Returns the part of the limits that the task leaves to the rows."""
-    limits, contact = scenario.limits, sensed_contact(scenario)
-    q = np.asarray(scenario.task.posture, dtype=float)
+def limits_left(limits: Limits, depth: float, posture: np.ndarray, model: ContactModel
+                ) -> dict[str, float]:
+    """Returns the part of the limits that the task leaves to the rows; of the depth it is given."""
+    q = np.asarray(posture, dtype=float)
     lower, upper = joint_limits(limits, model.q_lower, model.q_upper)
-    # The depth with which the largest force is that of the task: it takes 2 κ per depth.
-    depth = (resolved_radii(scenario.tube).depth or 0.0) + (
-        largest_force(scenario) - pressing_force(scenario)) / (
-            2.0 * contact.stiffness * contact.walls.share)
     out = {"depth": depth, "roll": limits.roll, "pitch": limits.pitch}
     out |= {f"q{j + 1}": float(each) for j, each in enumerate(np.minimum(q - lower, upper - q))}
     out |= {f"q{j + 1} rate": limits.qdot for j in range(len(q))}
@@ -168,21 +158,20 @@ def limits_left(scenario: Scenario, model: ContactModel) -> dict[str, float]:
     return out | dict.fromkeys(("roll rate", "pitch rate", "yaw rate"), limits.nu2)
 
 
-def _declared(scenario: Scenario) -> dict[str, float]:
-    """Returns the radii of the scenario's tube that have rows."""
-    tube = resolved_radii(scenario.tube)
+def _declared(tube: TubeRadii) -> dict[str, float]:
+    """Returns the radii of a tube that have rows."""
+    tube = resolved_radii(tube)
     names = ("depth", "position", "roll", "pitch", "depth_speed", "tip_speed", "nu1", "nu2",
              "joints", "qdot")
     return {name: float(value) for name in names if (value := getattr(tube, name)) is not None}
 
 
-def stability(scenario: Scenario, parts: LoopParts, walls: list[Wall], config: np.ndarray
-              ) -> list[Stability]:
+def stability(parts: LoopParts, walls: Sequence[Wall], config: np.ndarray) -> list[Stability]:
     """Returns the margins of the gains, of the observers and of the delays."""
     # The largest multiple at which the loops are stable, by bisection.
-    law = scenario.ancillary
+    law = parts.law
     assert isinstance(law, TipFirst)  # or `has_coupled_budget`
-    points = [(wall, operating_point(parts, config, wall)) for wall in walls[:STICKING]]
+    points = [(wall, operating_point(parts, config, wall)) for wall in walls]
 
     def margin(changed: Callable[[float], LoopParts]) -> float:
         """Returns the largest multiple up to which all loops are stable."""

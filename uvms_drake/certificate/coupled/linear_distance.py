@@ -5,15 +5,14 @@ import re
 import numpy as np
 
 from uvms_drake.certificate.coupled.linear_run import linear_run
-from uvms_drake.certificate.coupled.loop_at_task import loop_at_task
+from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
 from uvms_drake.common.errors import require
 from uvms_drake.control.laws.tip_first import TipFirst
-from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.diagram import monitor_begin
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.tube.coupled.coupled_loop import Wall
+from uvms_drake.tube.coupled.coupled_loop import coupled_loop, operating_point
 from uvms_drake.tube.settings import LinearLines
 
 GROUPS = {"tip": "depth|tip [yz]", "vehicle": "vehicle [xyz]", "attitude": "roll|pitch|yaw",
@@ -24,9 +23,13 @@ GROUPS = {"tip": "depth|tip [yz]", "vehicle": "vehicle [xyz]", "attitude": "roll
 def check_linear_loop(scenario: Scenario) -> None:
     """Raises `InvalidParameter` if a scenario that declares lines has no coupled linear loop."""
     key, lines = "certificate.linear", scenario.certificate.linear
-    require(not scenario.contact.is_modelled, key, lines, "left out without a sensed contact")
+    walls = scenario.contact.linear_walls(scenario.task.force)
+    require(bool(walls), key, lines, "left out without a sensed contact")
     require(isinstance(scenario.ancillary, TipFirst), key, lines, "left out but for !TipFirst")
-    loop_at_task(scenario, load_model(scenario), Wall(sensed_contact(scenario).direction))
+    model = load_model(scenario)
+    parts, free = loop_parts(scenario, model), walls[0]
+    coupled_loop(parts, operating_point(
+        parts, press_configuration(scenario.task, model), free), free)
 
 
 def linear_distances(record: Record, lines: LinearLines) -> dict[str, float]:

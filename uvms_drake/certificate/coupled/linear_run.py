@@ -11,6 +11,7 @@ and the slope of the wall are not foreseen: with `across`, the logged force acro
 input, too. Left out are rounding, dead bands, limits, and everything nonlinear.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -18,11 +19,11 @@ import numpy as np
 
 from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
 from uvms_drake.model.signals.linear import Block
+from uvms_drake.model.signals.sensor_actuator import Sensor
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import CHANNELS, Navigation, channel_rows
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.coupled.coupled_loop import (
     FORCE_ACROSS,
     NORMAL_FORCE,
@@ -60,7 +61,7 @@ def linear_run(record: Record, *, across: bool = True) -> LinearRun:
     scenario, model = record.scenario, record.model
     parts, contact = loop_parts(scenario, model), sensed_contact(scenario)
     n = np.asarray(contact.direction, dtype=float)
-    config = press_configuration(scenario, model)
+    config = press_configuration(scenario.task, model)
     touched = record.time[record.penetration > 0.0]
     walls = [(0.0, Wall(n))]
     if touched.size:
@@ -69,7 +70,7 @@ def linear_run(record: Record, *, across: bool = True) -> LinearRun:
     loops = [(time, coupled_loop(parts, at, wall, planned=True)) for time, wall in walls]
     first = loops[0][1]
 
-    inputs = drawn_errors(scenario, first) | {
+    inputs = drawn_errors(scenario.sensing, scenario.seed, first) | {
         first.entry(PLAN): _accelerations(record, max(parts.delay), parts.time_step)}
     inputs |= _forces(record, first, n, walls, across=across)
     time, values = simulated(
@@ -87,16 +88,16 @@ def _stiffness(record: Record, normal: np.ndarray) -> float:
     return float(record.force[deepest, :3] @ normal / record.penetration[deepest])
 
 
-def drawn_errors(scenario: Scenario, loop: CoupledLoop) -> dict[Block, Input]:
-    """Returns the errors of the scenario's sensors by the entries of its loop, as it draws them."""
+def drawn_errors(sensing: Sequence[Sensor], seed: int, loop: CoupledLoop) -> dict[Block, Input]:
+    """Returns the errors of sensors by the entries of their loop, as the seed draws them."""
     out: dict[Block, Input] = {}
-    for part in scenario.sensing:
+    for part in sensing:
         if isinstance(part, Navigation):
             for key in CHANNELS:
                 size = len(channel_rows(loop.at.model.size)[key])
-                out[loop.entry(key)] = partial(part.error, key, size, scenario.seed)
+                out[loop.entry(key)] = partial(part.error, key, size, seed)
         elif isinstance(part, ForceSensor):
-            out[loop.entry("force")] = _force_error(part, scenario.seed)
+            out[loop.entry("force")] = _force_error(part, seed)
     return out
 
 

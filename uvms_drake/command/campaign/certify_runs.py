@@ -13,7 +13,7 @@ from uvms_drake.campaign.summary import format_campaign, summarise_campaign, sum
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.cache import store
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
-from uvms_drake.certificate.coupled.budget import coupled_budget, has_coupled_budget
+from uvms_drake.certificate.coupled.budget import coupled_budget
 from uvms_drake.certificate.coupled.linear_distance import check_linear_loop
 from uvms_drake.certificate.in_probability import cache_key
 from uvms_drake.certificate.probability_table import format_probability
@@ -69,7 +69,7 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     with run_log(folder, campaign) as log:
         runs = _number_of_runs(folder, args.runs, log)
         # Before the runs: bad input of the linear loop is to be found first.
-        coupled = coupled_budget(scenario, model) if has_coupled_budget(scenario, model) else None
+        coupled = coupled_budget(scenario, model)
         try:
             complete(campaign, runs, log, pool, stream_of(args))
         except KeyboardInterrupt:

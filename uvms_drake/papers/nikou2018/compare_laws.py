@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.certificate.certify import basis_of, weights_of
+from uvms_drake.certificate.certify import basis_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor, TubeReport
@@ -27,6 +27,7 @@ from uvms_drake.papers.nikou2018.transpose import Transpose
 from uvms_drake.papers.nikou2018.transpose_tube import transpose_task_radius
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario.scenario import Scenario
@@ -66,11 +67,12 @@ class LawRow:
 def compare_laws(scenario: Scenario, model: ContactModel, laws: Iterable[AncillaryLaw] = LAWS,
                  progress: Progress = silent) -> list[LawRow]:
     """Returns a row for every law, with the controller's model and the scenario's limits and d̃."""
-    check_laws(scenario)
+    motion = motion_of(scenario)
+    check_laws(motion)
     d, laws = scenario.disturbance.d_bound, tuple(laws)
-    weights = weights_of(scenario, model)
+    weights = motion.weights(scenario.disturbance, model.size)
     needed = {name for law in laws if type(law) in TASK_RADII
-              for name in motion_of(scenario).tubes[type(law)].constants(law, weights)}
+              for name in motion.tubes[type(law)].constants(law, weights)}
     basis = basis_of(scenario, model, tuple(sorted({*TRANSPOSE, *needed})))
     lemma = lemma_constants(basis.constants)
     rows: list[LawRow] = []
@@ -86,10 +88,9 @@ def compare_laws(scenario: Scenario, model: ContactModel, laws: Iterable[Ancilla
     return rows
 
 
-def check_laws(scenario: Scenario) -> None:
-    """Raises `InvalidParameter` unless forces move the scenario's robot."""
-    require(motion_of(scenario).has_forces, "motion", scenario.motion,
-            "dynamic, for --compare-laws")
+def check_laws(motion: Motion) -> None:
+    """Raises `InvalidParameter` unless forces move the robot."""
+    require(motion.has_forces, "motion", motion.name, "dynamic, for --compare-laws")
 
 
 def worst_deviation(scenario: Scenario, model: ContactModel, law: AncillaryLaw, attack: Kind

@@ -13,15 +13,15 @@ from uvms_drake.papers.nikou2018.comparison_system import smallest_k, transpose_
 from uvms_drake.papers.nikou2018.constants import TRANSPOSE, lemma_constants
 from uvms_drake.papers.nikou2018.kinematics.tube import KINEMATIC, kinematic_tubes
 from uvms_drake.papers.nikou2018.lemma import paper_conditions
+from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.law_tube import Basis
 
 
-def check_comparison(scenario: Scenario) -> None:
-    """Raises `InvalidParameter` if the scenario's law has no gains of the paper."""
-    law = scenario.ancillary
-    require(not motion_of(scenario).has_forces or bool(np.isfinite(law.k)), "ancillary",
+def check_comparison(motion: Motion, law: AncillaryLaw) -> None:
+    """Raises `InvalidParameter` if a law has no gains of the paper."""
+    require(not motion.has_forces or bool(np.isfinite(law.k)), "ancillary",
             type(law).__name__, "a law with one k and one σ, for --paper")
 
 

@@ -161,6 +161,17 @@ def largest_force(scenario: "Scenario") -> float:
     return contact.walls.share * left - 2.0 * contact.force_error
 
 
+def depth_left(scenario: "Scenario") -> float:
+    """Returns the radius of the depth with which the largest force would be the task's [m].
+
+    It takes 2κ₊ of the force per depth.
+    """
+    contact = sensed_contact(scenario)
+    return (resolved_radii(scenario.tube).depth or 0.0) + (
+        largest_force(scenario) - pressing_force(scenario)) / (
+            2.0 * contact.stiffness * contact.walls.share)
+
+
 def mission_conditions(scenario: "Scenario") -> list[Condition]:
     """Returns the conditions of each mission step on the safe region and the tangential speed.
 

@@ -1,7 +1,7 @@
 """The interface of a kind of contact between end-effector and surface, with its defaults."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -9,20 +9,26 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, within
-from uvms_drake.control.limits import Limit
+from uvms_drake.control.limits import Limit, Limits, TubeRadii
 from uvms_drake.control.mpc.planner import Targets
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.mission.steps import Mission
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
+from uvms_drake.plant.model_error import ModelError
 from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.station.command_path import actuation_delay_of, command_limits
+from uvms_drake.station.contact.mission_legs import Leg
+from uvms_drake.station.contact.parameters import Parameter
 from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
+from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
+from uvms_drake.tube.coupled.coupled_loop import Wall
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
@@ -49,6 +55,8 @@ class Contact(ABC):
     it, and the law's bound along the run holds, which covers d alone."""
     controller_signals: ClassVar[tuple[str, ...]] = ()
     """Output ports of the controller that are logged besides those of the motion."""
+    bounded_along_run: ClassVar[bool] = True
+    """Whether the law's bound along a run holds, which covers d alone."""
     depends_on_duration: ClassVar[bool] = False
     """Whether a certificate depends on the duration of the run, as by the drift of a sensor."""
 
@@ -69,9 +77,13 @@ class Contact(ABC):
         """Returns the limits that the contact adds to those of the scenario."""
         return []
 
-    def force_limit(self, scenario: "Scenario") -> float | None:
+    def force_limit(self, limits: Limits) -> float | None:
         """Returns the largest static force of the plans and their tube [N]; None: not limited."""
-        return scenario.limits.static_force
+        return limits.static_force
+
+    def takes_static_force(self, surface: Surface) -> bool:
+        """Returns whether `limits.static_force` can limit the force on the scenario's surface."""
+        return type(surface).static_force_rows is not Surface.static_force_rows
 
     # The controller.
 
@@ -84,7 +96,7 @@ class Contact(ABC):
         """Returns the tube-based NMPC that solves a problem of `make_ocp`; see `command_limits`."""
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
                           partial(retargeted_ocp, scenario, model))
-        actuation_delay = actuation_delay_of(scenario, model)
+        actuation_delay = actuation_delay_of(scenario.actuation, model)
         with within("mpc"):
             solver = make_solver(ocp)
         with within("ancillary"):
@@ -163,6 +175,14 @@ class Contact(ABC):
         """Yields name, smallest and largest value, and unit of the values of `drawn`."""
         yield from ()
 
+    def drawn_values(self, scenario: "Scenario", model: ContactModel) -> dict[str, float]:
+        """Returns the values that `drawn` has chosen, by name, in SI units; none by default."""
+        return {}
+
+    def without_drawn(self, scenario: "Scenario") -> "Scenario":
+        """Returns the scenario with defaults for all that `drawn` chooses."""
+        return scenario
+
     # The certificate.
 
     def force_bounds(self, scenario: "Scenario") -> MeasuredForceBounds | None:
@@ -172,6 +192,29 @@ class Contact(ABC):
     def in_contact(self, tube: LawTube, scenario: "Scenario", basis: Basis) -> LawTube:
         """Returns the tube of a law with the unmodelled effects of contact: none by default."""
         return tube
+
+    def legs(self, mission: Mission, tube: TubeRadii, conditions: Sequence[Condition]
+             ) -> list[Leg]:
+        """Returns the certified bounds of each step of a mission; see `mission_legs`."""
+        return []
+
+    def linear_walls(self, wrench: np.ndarray) -> list[Wall]:
+        """Returns the linear walls that stand for the surfaces under a desired 𝔉 (6,), free first.
+
+        None by default: then there is no coupled linear loop.
+        """
+        return []
+
+    def parameters(self, scenario: "Scenario") -> Iterator[Parameter]:
+        """Yields the parameters whose tolerances are of interest."""
+        yield from ()
+
+    def allowances(self, error: ModelError) -> dict[str, float]:
+        """Returns the settings, by key, that have to grow with the declared unknowns.
+
+        One of the contact is the left side of a condition of that topic.
+        """
+        return {}
 
     def assumed_settings(self) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""

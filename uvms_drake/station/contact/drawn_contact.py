@@ -11,6 +11,7 @@ from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, 
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.surface_error import SurfaceError
@@ -22,6 +23,7 @@ from uvms_drake.station.contact.drawn_surfaces import (
     TRANSITIONS,
     draw_wall,
 )
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.step_bounds import friction_rate, largest_rate
 
 if TYPE_CHECKING:
@@ -112,6 +114,31 @@ def drawn_ranges(contact: UnknownContact, forces: tuple[float, float]
     yield "wall, reciprocal of the creep", 0.0, 1.0 / LEAST_CREEP, "s/m"
 
 
+def drawn_values(scenario: "Scenario", model: ContactModel) -> dict[str, float]:
+    """Returns the desired force and the values of the simulated wall, if it is of a drawn kind."""
+    force = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
+    surface = true_surface(scenario)
+    if not isinstance(surface, ShapedSurface):
+        return {"task.force": force}
+    surface = surface.checked()
+    tip = model.task_pose(scenario.start.config)[:3]
+    depth, into = surface.geometry.depth_and_gradient(tip)
+    along = float(sensed_contact(scenario).direction @ into) / float(np.linalg.norm(into))
+    least, most = surface.law.slopes
+    return {"task.force": force, "wall, distance": -float(depth),
+            "wall, angle": float(np.arccos(np.clip(along, -1.0, 1.0))),
+            "wall, smallest stiffness": least, "wall, largest stiffness": most,
+            "wall, friction": surface.friction, "wall, dissipation": surface.dissipation,
+            "wall, transition": surface.law.transition,
+            "wall, reciprocal of the creep": 1.0 / surface.creep}
+
+
+def without_drawn(scenario: "Scenario") -> "Scenario":
+    """Returns the scenario with a default wall and without a desired force."""
+    return replace(scenario, surface=ShapedSurface(),
+                   task=replace(scenario.task, force=np.zeros(6)))
+
+
 def tips(scenario: "Scenario", ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:
     """Returns the start of the tip, and its desired position but for the depth (3,) [m]."""
     return ocp.model.task_pose(scenario.start.config)[:3], ocp.y_des[:3]
@@ -133,7 +160,7 @@ def pace(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: flo
     plus the time of the distance F_des/κ at the largest speed. Both are conservative estimates.
     """
     committed = committed_intervals(
-        scenario.ancillary, actuation_delay_of(scenario, ocp.model), ocp.time_step)
+        scenario.ancillary, actuation_delay_of(scenario.actuation, ocp.model), ocp.time_step)
     contact, lag = sensed_contact(scenario), ocp.following_lag(committed)
     distance = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH_DEPTH
     fastest = contact.speed - (scenario.tube.depth_speed or 0.0)

@@ -1,6 +1,6 @@
 """Contact with an unknown wall: its force is measured, its place and stiffness are estimated."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -13,7 +13,7 @@ from uvms_drake.control.contact.press_control import PressControl
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
-from uvms_drake.control.limits import Limit, resolved_radii
+from uvms_drake.control.limits import Limit, Limits, TubeRadii, resolved_radii
 from uvms_drake.control.limits.approach_speed import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
@@ -23,10 +23,12 @@ from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.between_knots import off_parabola, stopping_distance
 from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.mission.steps import Mission
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
+from uvms_drake.plant.model_error import ModelError
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
 from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.sensing.repeated_readings import CHANCE, chance_of_run, run_of_frozen
@@ -54,14 +56,19 @@ from uvms_drake.station.contact.drawn_contact import (
     drawn_contact,
     drawn_forces,
     drawn_ranges,
+    drawn_values,
+    without_drawn,
 )
 from uvms_drake.station.contact.hold import hold_radii
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
+from uvms_drake.station.contact.mission_legs import Leg, legs_of
+from uvms_drake.station.contact.parameters import Parameter, contact_parameters
 from uvms_drake.station.problem import posed_task
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
 from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
 from uvms_drake.tube.contact.uneven_motion import unevenness
+from uvms_drake.tube.coupled.coupled_loop import Wall
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.estimate import Estimate, largest_of, together
 from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
@@ -71,6 +78,9 @@ if TYPE_CHECKING:
 
 SAFETY_OF_JERK = 1.1
 """Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
+SLOPES = 0.0, 15.0
+"""Slopes of friction by the tip's speed over the force, of the linear walls [s/m]: of a tip that
+sticks, and of one that slips at half of a creep velocity of 25 mm/s with μ = 0.2."""
 
 
 def _multiple(longer: float, period: float) -> bool:
@@ -90,6 +100,7 @@ class SensedContact(UnknownContact, Contact):
     controller_signals: ClassVar[tuple[str, ...]] = (
         "target", "turn", "safe_depth", "touched", "stiffness_estimate", "stiffness_std",
         "stiffness_used", "contact_depth")
+    bounded_along_run: ClassVar[bool] = False
     depends_on_duration: ClassVar[bool] = True
 
     def controller_surface(self, surface: Surface) -> UnknownSurface:
@@ -112,9 +123,13 @@ class SensedContact(UnknownContact, Contact):
         return [ContactSpeed(contact.walls.axes, contact.speed, contact.speed_across),
                 ToolAngle(contact.direction, contact.tool_angle)]
 
-    def force_limit(self, scenario: "Scenario") -> float:
+    def force_limit(self, limits: Limits) -> float:
         """Returns the declared largest static force [N]."""
         return self.force
+
+    def takes_static_force(self, surface: Surface) -> bool:
+        """Returns that `limits.static_force` is left out: `force` limits it."""
+        return False
 
     def make_ocp(self, scenario: "Scenario", model: ContactModel) -> TrackingOcp:
         """Returns the problem for every target, with inputs for all contact forces."""
@@ -144,7 +159,7 @@ class SensedContact(UnknownContact, Contact):
         for i, step in enumerate(scenario.mission.steps):
             require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                     f"less than {largest:.3g} N, like task.force")
-        actuation_delay = actuation_delay_of(scenario, model)
+        actuation_delay = actuation_delay_of(scenario.actuation, model)
         with within("mpc"):
             solver = make_solver(ocp)
         with within("ancillary"):
@@ -348,6 +363,40 @@ class SensedContact(UnknownContact, Contact):
     def drawn_ranges(self, scenario: "Scenario") -> Iterator[tuple[str, float, float, str]]:
         """Yields the ranges of the desired force and the wall."""
         return drawn_ranges(sensed_contact(scenario), drawn_forces(scenario))
+
+    def drawn_values(self, scenario: "Scenario", model: ContactModel) -> dict[str, float]:
+        """Returns the desired force, and the values of the wall at its point nearest to the tip."""
+        return drawn_values(scenario, model)
+
+    def without_drawn(self, scenario: "Scenario") -> "Scenario":
+        """Returns the scenario with a default wall and without a desired force."""
+        return without_drawn(scenario)
+
+    def legs(self, mission: Mission, tube: TubeRadii, conditions: Sequence[Condition]
+             ) -> list[Leg]:
+        """Returns the certified bounds of each step of a mission."""
+        with within("contact"):
+            return legs_of(mission.checked(), self.checked(), tube, conditions)
+
+    def linear_walls(self, wrench: np.ndarray) -> list[Wall]:
+        """Returns open water and the stiffest wall of the class, without and with friction."""
+        with within("contact"):
+            contact = self.checked()
+        n = np.asarray(contact.direction, dtype=float)
+        force = float(np.asarray(wrench)[:3] @ n)
+        return [Wall(n), *(Wall(n, force, contact.stiffness, damping=force * contact.dissipation,
+                                slope=slope * force) for slope in SLOPES)]
+
+    def parameters(self, scenario: "Scenario") -> Iterator[Parameter]:
+        """Yields the parameters of the force sensor and of the wall, and the desired force."""
+        return contact_parameters(scenario)
+
+    def allowances(self, error: ModelError) -> dict[str, float]:
+        """Returns the error of a reading, and the acceleration of a payload that is read."""
+        read = {"contact.force_error": self.force_error}
+        if error.payload.present:
+            read["model_error.payload.acceleration"] = error.payload.acceleration
+        return read
 
     def assumed_settings(self) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""

@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
+from uvms_drake.common.errors import within
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw, RunBound
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
@@ -73,6 +74,11 @@ class Motion(ABC, Generic[AnyOcp]):
     @abstractmethod
     def disturbance_size(self, size: int) -> int:
         """Returns the number of components of the disturbance, `size` = 6 + n."""
+
+    def weights(self, disturbance: Disturbance, size: int) -> np.ndarray:
+        """Returns the diagonal of Ŵ, one for each component of the disturbance, the largest 1."""
+        with within("disturbance"):
+            return disturbance.relative_weights(self.disturbance_size(size))
 
     @abstractmethod
     def make_ocp(self, scenario: "Scenario", model: ContactModel) -> AnyOcp:

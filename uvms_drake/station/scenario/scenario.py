@@ -28,6 +28,7 @@ from uvms_drake.model.surface import Surface, UnilateralPlane
 from uvms_drake.plant import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, check_model_error
 from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
+from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.contact import Contact, KnownSurface
 from uvms_drake.station.motions.motions import motion_named
@@ -145,6 +146,11 @@ class Scenario:
     def law(self) -> str:
         """Name of the ancillary law, such as `resolved`."""
         return self.ancillary.name
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """Declared unknowns: model error, current and waves."""
+        return Unknowns(self.model_error, np.asarray(self.current, dtype=float), self.waves)
 
 
 def load_scenario(name_or_path: str, overrides: Sequence[str] = (),

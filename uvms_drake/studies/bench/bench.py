@@ -16,15 +16,17 @@ from typing import Any
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step_size import with_step
 from uvms_drake.studies.bench.bench_controller import (
     ControllerTimes,
     HorizonTimes,
+    NominalLoop,
     SolverTimes,
     measure_controller,
     measure_growth,
@@ -75,19 +77,6 @@ class Bench:
     """Times of the controller's step by horizon."""
 
 
-def measure_simulation(scenario: Scenario, model: ContactModel, effort: Effort) -> SimulationTime:
-    """Returns the time that a simulation takes, as fast as possible.
-
-    Raises:
-        RunFailed: The scenario cannot be simulated.
-    """
-    duration = min(effort.simulated, scenario.duration)
-    for simulated in (min(0.1, duration), duration):  # The first is to warm up.
-        wall = simulate(
-            replace(scenario, duration=simulated), model=model, realtime_rate=0.0).wall_time_s
-    return SimulationTime(duration, wall, duration / wall)
-
-
 def measure(scenario: Scenario, effort: Effort | None = None,
             progress: Progress = silent) -> Bench:
     """Returns all measurements of a scenario.
@@ -105,19 +94,33 @@ def measure(scenario: Scenario, effort: Effort | None = None,
     model = load_model(scenario)
     scenario = with_step(scenario, model)
     make_station(scenario, model=model)  # A value that cannot be used is refused first.
+
+    def loop(mpc: MpcConfig) -> NominalLoop:
+        ocp = make_ocp(replace(scenario, mpc=mpc), model)
+        return NominalLoop(ocp, start_state(scenario, ocp))
+
+    # A simulation, as fast as possible.
     load, wall, cpu = load_average(), time.perf_counter(), time.process_time()
     progress("a simulation", 0.0)
-    simulation = measure_simulation(scenario, model, effort)
+    duration = min(effort.simulated, scenario.duration)
+    for simulated in (min(0.1, duration), duration):  # The first is to warm up.
+        took = simulate(
+            replace(scenario, duration=simulated), model=model, realtime_rate=0.0).wall_time_s
+    simulation = SimulationTime(duration, took, duration / took)
+    # Its parts.
     progress("the controller's step", 0.25)
-    controller = measure_controller(scenario, model, effort)
+    controller = measure_controller(loop(scenario.mpc), effort)
     progress("the plant's derivative", 0.5)
     derivative = measure_derivative(scenario, model, effort)
     progress("the feedback's command", 0.7)
     feedback = measure_feedback(scenario, model, effort)
+    # The controller's step with other settings.
     progress("the controller's step by solver", 0.72)
-    solvers = measure_solvers(scenario, model, effort)
+    solvers = measure_solvers(loop(replace(
+        scenario.mpc, horizon=effort.solver_horizon, solver=effort.solvers[0])), effort)
     progress("the growth with the horizon", 0.85)
-    growth = measure_growth(scenario, model, effort)
+    growth = measure_growth([loop(replace(scenario.mpc, horizon=horizon))
+                             for horizon in effort.horizons], effort)
     cpu_share = (time.process_time() - cpu) / (time.perf_counter() - wall)
     machine = {"cpus": available_cpus(), "load_average": load, "cpu_share": cpu_share}
     versions = {"uvms_drake": VERSION, "drake": version("drake"),

@@ -2,9 +2,9 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,10 +16,6 @@ from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solver import Solution
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import start_state
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.bench.stopwatch import (
     REST,
     Effort,
@@ -99,14 +95,13 @@ class NominalLoop:
     """The nominal MPC in a closed loop with its own model, as `NominalMpc` has it.
 
     Args:
-        scenario: Task, start and horizon.
-        model: The controller's model.
+        ocp: Its problem.
+        start: (𝔮, ζ) at t = 0 (2(6+n),).
     """
 
-    def __init__(self, scenario: Scenario, model: ContactModel):
-        self.ocp: Ocp = make_ocp(scenario, model)
-        self._solver = make_solver(self.ocp)
-        self._start = start_state(scenario, self.ocp)[: self.ocp.state_size]
+    def __init__(self, ocp: Ocp, start: np.ndarray):
+        self.ocp, self._solver = ocp, make_solver(ocp)
+        self._start = start[: ocp.state_size]
         self.plan: Plan = self.ocp.resting_plan(0.0, self._start)
         self.solution: Solution | None = None
         """Solution of the last solve."""
@@ -150,9 +145,8 @@ def conic_programs() -> Iterator[Callable[[], int]]:
         yield taken
 
 
-def measure_controller(scenario: Scenario, model: ContactModel, effort: Effort) -> ControllerTimes:
+def measure_controller(loop: NominalLoop, effort: Effort) -> ControllerTimes:
     """Returns the times of the nominal MPC from the scenario's start."""
-    loop = NominalLoop(scenario, model)
     watched = {"program": (loop.ocp, "staged_program"), "solve": (scp, "solve_staged")}
     if hasattr(loop.ocp, "linearise"):
         watched["linearise"] = (loop.ocp, "linearise")
@@ -177,16 +171,12 @@ def measure_controller(scenario: Scenario, model: ContactModel, effort: Effort) 
         first_iterations=iterations)
 
 
-def measure_solvers(scenario: Scenario, model: ContactModel, effort: Effort) -> list[SolverTimes]:
-    """Returns the times of a step by solver, at one horizon; all solvers start from the same plans.
-
-    The plans are those of the first solver, from the scenario's start.
+def measure_solvers(loop: NominalLoop, effort: Effort) -> list[SolverTimes]:
+    """Returns the times of a step by solver; all solvers start from the plans of the loop's own.
 
     Raises:
         InvalidParameter: One of the solvers cannot be used.
     """
-    mpc = replace(scenario.mpc, horizon=effort.solver_horizon, solver=effort.solvers[0])
-    loop = NominalLoop(replace(scenario, mpc=mpc), model)
     solvers = {name: make_solver(loop.ocp, name) for name in effort.solvers}
     seconds: dict[str, list[float]] = {name: [] for name in solvers}
     failures = dict.fromkeys(solvers, 0)
@@ -204,14 +194,12 @@ def measure_solvers(scenario: Scenario, model: ContactModel, effort: Effort) -> 
         steps += 1
     timings = {name: Timing.of(each) for name, each in seconds.items()}
     first = timings[effort.solvers[0]].p50
-    return [SolverTimes(name, effort.solver_horizon, timing, steps, failures[name],
+    return [SolverTimes(name, loop.ocp.horizon, timing, steps, failures[name],
                         timing.p50 / first) for name, timing in timings.items()]
 
 
-def measure_growth(scenario: Scenario, model: ContactModel, effort: Effort) -> list[HorizonTimes]:
-    """Returns the times of a step at several horizons, which alternate step by step."""
-    loops = [NominalLoop(replace(scenario, mpc=replace(scenario.mpc, horizon=horizon)), model)
-             for horizon in effort.horizons]
+def measure_growth(loops: Sequence[NominalLoop], effort: Effort) -> list[HorizonTimes]:
+    """Returns the times of a step of loops of several horizons, which alternate step by step."""
     seconds: list[list[float]] = [[] for _ in loops]
     counts, failures = np.zeros(len(loops)), np.zeros(len(loops), dtype=int)
     watch = Stopwatch()

@@ -40,8 +40,8 @@ def measure_feedback(scenario: Scenario, model: ContactModel, effort: Effort
     if not found:
         return None
     own, other = found[0], AncillaryFeedback(model, Resolved(), command_limits(scenario))
-    instants = [own.GetMyContextFromRoot(context)
-                for context in run_instants(station, scenario, effort)]
+    instants = [own.GetMyContextFromRoot(context) for context in run_instants(
+        station, scenario.simulator, scenario.duration, effort)]
     seconds: tuple[list[float], list[float]] = ([], [])
     for i in range(effort.warm_up + effort.rounds * effort.instants):
         for feedback, spent in zip((own, other), seconds, strict=True):

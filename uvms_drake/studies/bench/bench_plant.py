@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, LeafSystem
 
 from uvms_drake.model.contact_model import ContactModel
@@ -51,8 +51,8 @@ def leaf_systems(diagram: Diagram, path: str = "") -> dict[str, LeafSystem]:
     return leaves
 
 
-def watched_station(scenario: Scenario, model: ContactModel, watch: Stopwatch) -> Diagram:
-    """Returns a station in which every system in Python is a part of `watch`.
+def watched_station(make: Callable[[], Diagram], watch: Stopwatch) -> Diagram:
+    """Returns the station that `make` returns, with every system in Python a part of `watch`.
 
     The functions that Drake calls are timed: those of output ports, and time derivatives. A cache
     entry counts for the system that evaluates it.
@@ -69,20 +69,21 @@ def watched_station(scenario: Scenario, model: ContactModel, watch: Stopwatch) -
     with ExitStack() as stack:
         for name in ("DeclareVectorOutputPort", "DeclareAbstractOutputPort"):
             stack.enter_context(replaced(LeafSystem, name, watched(getattr(LeafSystem, name))))
-        station = make_station(scenario, model=model)
+        station = make()
     for system in leaf_systems(station).values():
         if inspect.isfunction(getattr(type(system), "DoCalcTimeDerivatives", None)):
             system.DoCalcTimeDerivatives = watch.timed(system, system.DoCalcTimeDerivatives)
     return station
 
 
-def run_instants(station: Diagram, scenario: Scenario, effort: Effort) -> list[Context]:
-    """Returns Contexts of a station at instants of a simulation, spread over its duration."""
+def run_instants(station: Diagram, config: SimulatorConfig, duration: float, effort: Effort
+                 ) -> list[Context]:
+    """Returns Contexts of a station at instants of a simulation, spread over its duration [s]."""
     simulator = Simulator(station)
-    ApplySimulatorConfig(scenario.simulator, simulator)
+    ApplySimulatorConfig(config, simulator)
     simulator.set_target_realtime_rate(0.0)
     context = simulator.get_mutable_context()
-    duration = min(effort.simulated, scenario.duration)
+    duration = min(effort.simulated, duration)
     contexts = []
     for i in range(effort.instants):
         simulator.AdvanceTo((i + 0.5) / effort.instants * duration)
@@ -97,10 +98,10 @@ def measure_derivative(scenario: Scenario, model: ContactModel, effort: Effort) 
     of them remains; the instants alternate.
     """
     watch = Stopwatch()
-    station = watched_station(scenario, model, watch)
+    station = watched_station(partial(make_station, scenario, model=model), watch)
     names: dict[Hashable, str] = {
         system: path for path, system in leaf_systems(station).items()} | {REST: REST}
-    contexts = run_instants(station, scenario, effort)
+    contexts = run_instants(station, scenario.simulator, scenario.duration, effort)
     state = station.GetOutputPort("state")
     states = np.stack([state.Eval(context) for context in contexts])
     on_surface = int(np.count_nonzero(penetrations(model, states) > 0.0))

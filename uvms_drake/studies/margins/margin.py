@@ -8,8 +8,9 @@ import numpy as np
 
 from uvms_drake.certificate.certify import TERMINAL, tightening_margins
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motions import make_ocp, motion_of
+from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
@@ -48,24 +49,19 @@ def tube_of(scenario: Scenario, model: ContactModel, basis: Basis
     if not all(condition.holds for condition in found.conditions):
         return found.radii, list(found.conditions)
     found = scenario.contact.in_contact(found, scenario, basis)
-    tightened = tightening_margins(scenario, found.radii, model)
+    tightened = tightening_margins(found.radii, limits_of(scenario, model))
     if all(condition.holds for condition in tightened):
-        tightened += inputs_at_the_task(replace(scenario, tube=found.radii), model)
+        tightened += inputs_at_the_task(make_ocp(replace(scenario, tube=found.radii), model))
     return found.radii, [*found.conditions, *tightened]
 
 
-def inputs_at_the_task(scenario: Scenario, model: ContactModel) -> list[Condition]:
+def inputs_at_the_task(ocp: Ocp) -> list[Condition]:
     """Returns the conditions that the inputs of the task are within the tightened limits.
 
     Without them there is no terminal set of any size: in a sensed contact every force has to be
     pressed at the task, too.
-
-    Args:
-        scenario: Scenario with the tube.
-        model: The controller's model.
     """
-    ocp = make_ocp(scenario, model)
-    _, _, at_rest, _ = ocp.move(np.zeros(ocp.state_size), np.zeros(model.size))
+    _, _, at_rest, _ = ocp.move(np.zeros(ocp.state_size), np.zeros(ocp.model.size))
     return [Condition(f"{part} at the task, over its tightened limit", float(used), "<", 1.0,
                       theorem=TERMINAL)
             for limit in ocp.lasting_limits.values() if limit.about == "input"

@@ -14,8 +14,7 @@ as such.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,8 +24,8 @@ from uvms_drake.certificate.certify import assumed_conditions, basis_of
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.sensing import ForceSensor, Navigation
-from uvms_drake.station.contact.bounds import largest_reading_error, sensed_contact
+from uvms_drake.sensing import Navigation
+from uvms_drake.station.contact.parameters import Parameter
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.margins.margin import Margin, bracket, tube_of, worst_of
@@ -34,31 +33,18 @@ from uvms_drake.studies.margins.unknown_margins import Study, unknowns
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.search.search_memo import SearchMemo, memoising
 
-LAGS = 5.0
-"""Number of lags of a sensor after which older values are neglected."""
-
-
-@dataclass(frozen=True)
-class _Value:
-    """Parameter of a scenario that enters the tube."""
-
-    name: str
-    unit: str
-    today: float
-    at: Callable[[float], Scenario]
-    start: float = 1e-3
-    """First trial value, if the nominal one is zero."""
-    tried: Callable[[float], float] = float
-    """Function from a requested value to the admissible one."""
-
 
 def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent) -> list[Margin]:
     """Returns the margins of a scenario with a certified tube; `model` is the controller's."""
-    values, delays, unknown = _values(scenario), _delays(scenario), unknowns()
+    disturbance = scenario.disturbance
+    bound = Parameter("d, disturbance", "m/s², rad/s²", disturbance.bound, lambda value: replace(
+        scenario, disturbance=replace(disturbance, bound=value)), 0.01)
+    values = [bound, *scenario.contact.parameters(scenario)]
+    delays, unknown = _delays(scenario, model), unknowns()
     count, out = len(values) + len(delays) + len(unknown), list[Margin]()
     progress("tube", 0.0)
     searches = SearchMemo()
-    failed = _worst_failed(lambda: scenario, searches)
+    failed = _worst_failed(bound, bound.today, searches)
     require(failed is None, "scenario", scenario.name, f"certified, but {failed}")
     for value in (*values, *delays):
         progress(value.name, len(out) / count)
@@ -70,11 +56,11 @@ def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent
     return out
 
 
-def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Condition | None:
-    """Returns the most violated condition on the tube or a limit of a scenario, or None."""
+def _worst_failed(value: Parameter, size: float, searches: SearchMemo) -> Condition | None:
+    """Returns the most violated condition on the tube or a limit with a value, or None."""
     searches.again()
     try:
-        scenario = make()
+        scenario = value.at(size)
         model = load_model(scenario)
         conditions = assumed_conditions(scenario, model)
         if all(condition.holds for condition in conditions):
@@ -85,88 +71,23 @@ def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Conditi
     return worst_of(conditions)
 
 
-def _margin(value: _Value, searches: SearchMemo) -> Margin:
+def _margin(value: Parameter, searches: SearchMemo) -> Margin:
     """Returns the largest value, by doubling and then halving the ratio."""
     holds = value.today
     if holds == 0.0:  # Find a first positive value.
-        failed = _worst_failed(lambda: value.at(value.start), searches)
+        failed = _worst_failed(value, value.start, searches)
         if failed is not None and failed.is_count:
             return Margin(value.name, value.unit, 0.0, math.nan, failed.name)
         if failed is not None:
             return Margin(value.name, value.unit, 0.0, 0.0, failed.name)
         holds = value.start
     largest_value, failed = bracket(
-        lambda size: _worst_failed(partial(value.at, size), searches), holds)
+        lambda size: _worst_failed(value, size, searches), holds)
     return Margin(value.name, value.unit, value.today, value.tried(largest_value),
                   failed.name if failed else "")
 
 
-def _values(scenario: Scenario) -> list[_Value]:
-    """Returns the parameters that enter the tube; the bound of d is the first."""
-    def of_disturbance(bound: float) -> Scenario:
-        return replace(scenario, disturbance=replace(scenario.disturbance, bound=bound))
-
-    found = [_Value("d, disturbance", "m/s², rad/s²", scenario.disturbance.bound, of_disturbance,
-                    0.01)]
-    if scenario.contact.is_modelled:
-        return found
-    contact = sensed_contact(scenario)
-
-    def of_contact(name: str) -> Callable[[float], Scenario]:
-        def at(value: float) -> Scenario:
-            changed: Any = {name: value}
-            return _allowed(replace(scenario, contact=replace(contact, **changed)), scenario)
-
-        return at
-
-    # The force sensors, one parameter at a time.
-    for i, sensor in enumerate(scenario.sensing):
-        if isinstance(sensor, ForceSensor):
-            def of_sensor(i: int = i, sensor: ForceSensor = sensor, **changed: Any) -> Scenario:
-                parts = [*scenario.sensing]
-                parts[i] = replace(sensor, **changed)
-                return _allowed(replace(scenario, sensing=parts), scenario)
-
-            noise = np.asarray(sensor.noise, dtype=float)
-            shape = noise if np.max(noise[:3]) > 0.0 else ForceSensor().noise
-            found += [
-                _Value("force sensor, noise (σ)", "N", float(np.max(noise[:3])),
-                       lambda value, n=shape, at=of_sensor: at(  # type: ignore[misc]
-                           noise=n * value / np.max(n[:3]))),
-                _Value("force sensor, lag", "s", sensor.lag,
-                       lambda value, at=of_sensor: at(lag=value), 1e-3),  # type: ignore[misc]
-                _Value("force sensor, period", "s", 1.0 / sensor.rate,
-                       lambda value, at=of_sensor: at(rate=1.0 / value))]  # type: ignore[misc]
-    # The class of surfaces, and the desired force.
-    found += [
-        _Value("wall and tool, stiffness", "N/m", contact.stiffness, of_contact("stiffness")),
-        _Value("wall, angle of its normal", "rad", contact.angle, of_contact("angle"), 1e-3),
-        _Value("wall, friction", "-", contact.friction, of_contact("friction"), 0.01)]
-    force = np.asarray(scenario.task.force, dtype=float)
-    size = float(np.linalg.norm(force))
-    if size == 0.0 or scenario.mission.steps:
-        return found  # The steps of a mission have forces of their own.
-    return [*found, _Value("desired force", "N", size, lambda value: replace(
-        scenario, task=replace(scenario.task, force=force * value / size)))]
-
-
-def _allowed(scenario: Scenario, base: Scenario) -> Scenario:
-    """Returns the scenario with at least the allowance that the safe region needs for its sensor.
-
-    The contact then declares the delay and the error of the measurement, and for the unevenness of
-    the tip's motion as much as `base` does.
-    """
-    contact = sensed_contact(scenario)
-    bounds, known = (each.contact.force_bounds(each) for each in (scenario, base))
-    assert bounds is not None and known is not None  # The contact is sensed.
-    later = replace(scenario, contact=replace(
-        contact, delay=max(contact.delay, LAGS * bounds.lag + bounds.period)))
-    more = largest_reading_error(later, bounds, 0.0) - largest_reading_error(base, known, 0.0)
-    return replace(later, contact=replace(
-        sensed_contact(later), force_error=contact.force_error + max(more, 0.0)))
-
-
-def _delays(scenario: Scenario) -> list[_Value]:
+def _delays(scenario: Scenario, model: ContactModel) -> list[Parameter]:
     """Returns the parameters of clocks, thrusters and navigation, ideal ones if missing."""
     def with_part(key: str, kind: type, **none: Any) -> Callable[..., Scenario]:
         """Returns the scenario as a function of the changed fields of its part of a kind."""
@@ -191,7 +112,6 @@ def _delays(scenario: Scenario) -> list[_Value]:
     navigation = with_part("sensing", Navigation)
     sampled = today("actuation", SampledCommand, lambda part: part.period)
     delays = today("actuation", SampledCommand, lambda part: part.delay)
-    model = load_model(scenario)
     lag = today("actuation", Thrusters, lambda part: part.command_path(model).lag)
     dvl = today("sensing", Navigation, lambda part: float(np.max(part.dvl.noise)))
     step = scenario.mpc.time_step
@@ -201,14 +121,14 @@ def _delays(scenario: Scenario) -> list[_Value]:
         require(period <= step, "period", period, f"at most mpc.time_step, {step:g} s")
         return float(step / np.ceil(step / period - 1e-9))
 
-    found = [_Value("feedback, period", "s", sampled,
+    found = [Parameter("feedback, period", "s", sampled,
                     lambda value: clock(period=with_ticks(value)), tried=with_ticks),
-             _Value("feedback, delay", "s", delays, lambda value: clock(delay=value))]
+             Parameter("feedback, delay", "s", delays, lambda value: clock(delay=value))]
     if model.thrusters is not None:
-        found.append(_Value("thrusters, lag", "s", lag, lambda value: thrusters(lag=value)))
+        found.append(Parameter("thrusters, lag", "s", lag, lambda value: thrusters(lag=value)))
     own = next((part.dvl for part in scenario.sensing if isinstance(part, Navigation)),
                Navigation().dvl)
-    return [*found, _Value(
+    return [*found, Parameter(
         "navigation, noise of a velocity (σ)", "m/s", dvl, lambda value: navigation(
             dvl=replace(own, noise=np.full(3, value))), 1e-4)]
 

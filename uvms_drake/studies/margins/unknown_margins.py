@@ -9,6 +9,7 @@ margins of all limits.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,14 +27,17 @@ from uvms_drake.certificate.declared_unknowns import (
     payload_condition,
     unknown_effects,
     unknowns_condition,
+    weights_of,
 )
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.payload import Payload
+from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import Wave
-from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.contact import Contact
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.margins.margin import Margin, bracket, tube_of, worst_of
@@ -66,52 +70,61 @@ class Study:
         self._radii = motion_of(scenario).tubes[type(scenario.ancillary)].tube(
             scenario.ancillary, self._basis).radii
 
-    def effects(self, scenario: Scenario, sources: Sources) -> tuple[UnknownEffect, ...]:
+    def effects(self, sources: Sources) -> tuple[UnknownEffect, ...]:
         """Returns the effects of unknowns under the declared tube of the study."""
-        return unknown_effects(scenario, self._basis, self._radii, sources=sources, checked=False)
+        weights = weights_of(self.scenario.disturbance, self._basis)
+        return unknown_effects(sources, self._bounds(self._basis, self._radii), weights,
+                               checked=False)
 
-    def fitted(self, scenario: Scenario, sources: Sources, searches: SearchMemo
+    def fitted(self, unknowns: Unknowns, sources: Sources, searches: SearchMemo
                ) -> tuple[Scenario, Condition | None]:
-        """Returns a scenario with the disturbance that its unknowns ask for; the failed condition.
+        """Returns the scenario with the disturbance that unknowns ask for; the failed condition.
 
         Args:
-            scenario: Scenario with unknowns.
-            sources: Its unknowns.
+            unknowns: The declared unknowns.
+            sources: Names and terms of the unknowns.
             searches: Memo of the searches of a tube.
         """
-        basis, radii, failed = self._basis, self._radii, None
+        scenario = replace(self.scenario, model_error=replace(unknowns.error, share=RESERVED),
+                           current=unknowns.current, waves=list(unknowns.waves))
+        bounds, failed = self._bounds(self._basis, self._radii), None
         for _ in range(ROUNDS):
-            scenario = replace(
-                scenario, disturbance=fitting_disturbance(scenario, basis, radii, sources),
-                model_error=replace(scenario.model_error, share=RESERVED))
-            scenario, basis, radii, conditions = self._allowed(scenario, searches)
+            disturbance = fitting_disturbance(scenario.disturbance, sources, bounds)
+            scenario, basis, radii, conditions = self._allowed(
+                replace(scenario, disturbance=disturbance), searches)
             failed = worst_of(conditions)
             if failed is not None:
                 return scenario, failed
-            effects = unknown_effects(scenario, basis, radii, sources=sources, checked=False)
-            carried = payload_acceleration(scenario, basis, radii, effects)
-            failed = worst_of([*unknowns_condition(scenario, effects),
-                               *payload_condition(scenario, carried)])
+            bounds, error = self._bounds(basis, radii), scenario.model_error
+            effects = unknown_effects(sources, bounds, weights_of(disturbance, basis),
+                                      checked=False)
+            carried = payload_acceleration(error, disturbance, bounds, effects)
+            failed = worst_of([*unknowns_condition(disturbance.bound, error.share, effects),
+                               *payload_condition(error.payload, carried)])
             if failed is None:
                 break
             if carried is not None:
-                error = scenario.model_error
                 scenario = replace(scenario, model_error=replace(error, payload=replace(
                     error.payload, acceleration=rounded_up(SPARE * carried.claim, 2))))
         return scenario, failed
 
+    def _bounds(self, basis: Basis, radii: TubeRadii) -> UnmodelledBounds:
+        return UnmodelledBounds(self.scenario.model, basis, radii, self.scenario.seed)
+
     def _allowed(self, scenario: Scenario, searches: SearchMemo
                  ) -> tuple[Scenario, Basis, TubeRadii, list[Condition]]:
-        """Returns a scenario with the error of readings that its tube needs, and that tube."""
+        """Returns a scenario with the allowance that its tube needs, and that tube."""
         basis = basis_of(scenario, self.model)
         with memoising(searches):
             searches.again()
             radii, conditions = tube_of(scenario, self.model, basis)
+            allowances = scenario.contact.allowances(scenario.model_error)
             short = next((each for each in conditions if not each.holds
-                          and each.topic == "contact.force_error"), None)
+                          and each.topic in allowances), None)
             if short is not None and math.isfinite(short.right):
-                scenario = replace(scenario, contact=replace(
-                    sensed_contact(scenario), force_error=rounded_up(short.right)))
+                contact: Any = scenario.contact
+                scenario = replace(scenario, contact=replace(contact, **{
+                    short.topic.removeprefix("contact."): rounded_up(short.right)}))
                 searches.again()
                 radii, conditions = tube_of(scenario, self.model, basis)
         return scenario, basis, radii, conditions
@@ -124,19 +137,21 @@ class Unknown:
     name: str
     unit: str
     asked: float
-    declared: Callable[[Scenario, float], Scenario]
-    """Function from a scenario without unknowns and a size to one that declares it."""
-    sources: Callable[[float], Sources] = lambda size: declared_sources
+    declared: Callable[[float], Unknowns]
+    """Function from a size to the unknowns that a scenario declares."""
+    undeclared: Callable[[float], Sources] | None = None
     """Function from a size to its sources, where no key of a scenario declares it."""
     most: float = math.inf
     """Largest meaningful size."""
 
+    def sources(self, size: float) -> Sources:
+        """Returns names and terms at a size."""
+        return (partial(declared_sources, self.declared(size)) if self.undeclared is None
+                else self.undeclared(size))
+
     def margin(self, study: Study) -> Margin:
         """Returns the largest size that fits the conditions, with the disturbance it asks for."""
         searches, of_d, certified = SearchMemo(), SearchMemo(), study.scenario
-
-        def at(size: float) -> tuple[Scenario, Sources]:
-            return self.declared(study.scenario, size), self.sources(size)
 
         def failing(size: float) -> Condition | None:
             nonlocal certified
@@ -145,12 +160,13 @@ class Unknown:
                                  theorem="tube/theory.md#model-error-as-a-disturbance")
             of_d.again()
             with memoising(of_d):
-                scenario, failed = study.fitted(*at(size), searches)
+                scenario, failed = study.fitted(
+                    self.declared(size), self.sources(size), searches)
             if failed is None:
                 certified = scenario
             return failed
 
-        (asked,) = study.effects(*at(self.asked))
+        (asked,) = study.effects(self.sources(self.asked))
         size = self.asked
         while (failed := failing(size)) is not None and size > SMALLEST * self.asked:
             size /= 4.0
@@ -158,38 +174,33 @@ class Unknown:
             return Margin(self.name, self.unit, 0.0, 0.0, failed.name, asked.each, self.asked)
         size, failed = bracket(failing, size)
         return Margin(self.name, self.unit, 0.0, size, failed.name if failed else "", asked.each,
-                      self.asked, settings_of(certified))
+                      self.asked, settings_of(
+                          certified.model_error, certified.disturbance, certified.contact))
 
 
-def settings_of(scenario: Scenario) -> str:
+def settings_of(error: ModelError, disturbance: Disturbance, contact: Contact) -> str:
     """Returns the settings of a fitted scenario besides its unknowns, for the command line."""
-    disturbance = scenario.disturbance
-    given = setting(model_error__share=scenario.model_error.share,
-                    disturbance__bound=disturbance.bound, disturbance__weights=disturbance.weights)
-    if scenario.contact.is_modelled:
-        return given
-    given += " " + setting(contact__force_error=sensed_contact(scenario).force_error)
-    payload = scenario.model_error.payload
-    return f"{given} {setting(model_error__payload__acceleration=payload.acceleration)}" if (
-        payload.present) else given
+    return setting(
+        model_error__share=error.share, disturbance__bound=disturbance.bound,
+        disturbance__weights=disturbance.weights, **contact.allowances(error))
 
 
 def unknowns() -> list[Unknown]:
     """Returns the model errors and motions of the water."""
-    # Changes of a scenario, and the one unknown without a key of it.
-    def error(**changed: Callable[[float], Any]) -> Callable[[Scenario, float], Scenario]:
-        return lambda scenario, size: replace(scenario, model_error=replace(
-            scenario.model_error, **{key: value(size) for key, value in changed.items()}))
+    # Declared unknowns by their size, and the one that no key of a scenario declares.
+    def error(**changed: Callable[[float], Any]) -> Callable[[float], Unknowns]:
+        return lambda size: Unknowns(ModelError(
+            **{key: value(size) for key, value in changed.items()}))
 
     def factor(size: float) -> float:
         return 1.0 + size
 
-    def wave(scenario: Scenario, size: float) -> Scenario:
+    def wave(size: float) -> Unknowns:
         amplitude = size / max(Wave(amplitude=1.0, period=WAVE).speeds)
-        return replace(scenario, waves=[Wave(amplitude=amplitude, period=WAVE)])
+        return Unknowns(waves=[Wave(amplitude=amplitude, period=WAVE)])
 
     def wrench(size: float) -> Sources:
-        def sources(scenario: Scenario, bounds: UnmodelledBounds, before: list[UnknownEffect]
+        def sources(bounds: UnmodelledBounds, before: list[UnknownEffect]
                     ) -> Iterator[tuple[str, list[UnmodelledTerm]]]:
             yield f"wrench off by {size:g}", [
                 by_wrench(bounds.model, size, bounds.rate, bounds.force)]
@@ -204,7 +215,7 @@ def unknowns() -> list[Unknown]:
         Unknown("payload in the hand", "kg", 0.5, error(payload=lambda size: Payload(mass=size))),
         Unknown("joint friction", "N m", 0.5, error(
             joint_friction=lambda size: JointFriction(coulomb=np.array([size])))),
-        Unknown("current", "m/s", 0.25, lambda scenario, size: replace(
-            scenario, current=np.array([size, 0.0, 0.0]))),
+        Unknown("current", "m/s", 0.25,
+                lambda size: Unknowns(current=np.array([size, 0.0, 0.0]))),
         Unknown(f"waves of {WAVE:g} s, speed of the water", "m/s", 0.2, wave),
-        Unknown("vehicle's wrench", "of it", 0.1, lambda scenario, size: scenario, wrench)]
+        Unknown("vehicle's wrench", "of it", 0.1, lambda size: Unknowns(), wrench)]

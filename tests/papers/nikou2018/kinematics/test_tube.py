@@ -88,7 +88,8 @@ def nominal(scenario, certificate, ocp) -> ConstraintSet:
     """The states that the tube leaves to a plan."""
     tube = resolved_radii(certificate.tube)
     return replace(
-        declared_set(scenario, ocp.model), tip_pitch=scenario.limits.tip_pitch - tube.orientation,
+        declared_set(scenario.limits, ocp.model),
+        tip_pitch=scenario.limits.tip_pitch - tube.orientation,
         roll=scenario.limits.roll - tube.roll, pitch=scenario.limits.pitch - tube.pitch,
         nu1=scenario.limits.nu1 - tube.nu1, nu2=scenario.limits.nu2 - tube.nu2)
 
@@ -216,7 +217,7 @@ def test_random_errors_and_states_leave_no_radius(certificate, ocp, nominal):
 @pytest.mark.parametrize(("name", "block"), [("nu1", slice(0, 3)), ("nu2", slice(3, 6))])
 def test_fresh_searches_come_close_to_the_radii_and_not_beyond(
         certificate, scenario, ocp, name, block):
-    declared = declared_set(scenario, ocp.model)
+    declared = declared_set(scenario.limits, ocp.model)
     wide = replace(declared, tip_pitch=declared.tip_pitch - certificate.tube.e)
     config, zeta = wide.sample(ocp.model, 3000, np.random.default_rng(3))
     reached, error = worst_errors(

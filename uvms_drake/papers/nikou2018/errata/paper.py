@@ -69,7 +69,8 @@ def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
     """
     scenario = load_scenario("girona500_ideal")
     model = ContactModel(uvms(), check_surface(scenario.surface))
-    config, zeta = declared_set(scenario, model).sample(model, SAMPLES, np.random.default_rng(0))
+    declared = declared_set(scenario.limits, model)
+    config, zeta = declared.sample(model, SAMPLES, np.random.default_rng(0))
     names = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
     values = sampled_values(model, config, zeta, names)
     largest = model.kinematics(config[np.argmax(values["J_max"])]).J_chi
