@@ -4,6 +4,7 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,36 +20,41 @@ from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.modules import import_file
-from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario, Task
 
 Factory = Callable[[Scenario, ContactModel], System]
 """Function that makes a controller for a scenario, with the controller's model."""
 NOMINAL, OFFSET_FREE, TUBE = "nominal_mpc", "nominal_mpc_offset_free", "tube_mpc"
 NO_FEEDBACK = 1e-6
 """Gains of the ancillary law of a nominal MPC [1/s]: a law has positive ones."""
+NOMINAL_LAW = Resolved(k=NO_FEEDBACK, sigma=NO_FEEDBACK)
+"""Law of the nominal MPC. It has the measured force and the drift at the measured state in it,
+u = ζ̄̇ − f: the robot has the acceleration of the plan, as far as the model is right."""
 FACTORY = "make_controller"
 """Name of the function in a file of one's own, unless another is given after a colon."""
 MPC_DECLARED = ("direction", "model", "class of the wall", "limits", "lag of the thrusters")
 """Data that the MPCs are given, besides state and force."""
 
 
-def press_task(scenario: Scenario) -> PressTask:
-    """Returns the task of a baseline: direction, place, posture and force of a scenario."""
-    pose = np.asarray(scenario.task.pose, dtype=float)
+def press_task(task: Task, direction: np.ndarray) -> PressTask:
+    """Returns the task of a baseline: place, posture, and force along the direction n (3,)."""
+    pose = np.asarray(task.pose, dtype=float)
     return PressTask(
-        direction=sensed_contact(scenario).direction, place=pose[:3], attitude=pose[3:],
-        posture=np.asarray(scenario.task.posture, dtype=float), force=pressing_force(scenario))
+        direction=direction, place=pose[:3], attitude=pose[3:],
+        posture=np.asarray(task.posture, dtype=float),
+        force=float(np.asarray(task.force)[:3] @ direction))
 
 
 def controller_with_gains(name: str, scenario: Scenario, model: ContactModel, gains: RobotGains
                           ) -> System:
     """Returns a baseline, or the nominal MPC with an observer, with given gains."""
     if name == OFFSET_FREE:
-        return _offset_free_mpc(scenario, model, gains)
-    return make_baseline(model, press_task(scenario), BASELINES[name](gains), gains)
+        return _mpc(scenario, model, _offset_free_law(gains, scenario.ancillary))
+    task = press_task(scenario.task, sensed_contact(scenario).direction)
+    return make_baseline(model, task, BASELINES[name](gains), gains)
 
 
 def _with_default_gains(name: str) -> Factory:
@@ -56,7 +62,14 @@ def _with_default_gains(name: str) -> Factory:
         name, scenario, model, read_gains(scenario.model))
 
 
-def _tube_mpc(scenario: Scenario, model: ContactModel) -> System:
+def _mpc(scenario: Scenario, model: ContactModel, alone: AncillaryLaw | None = None) -> System:
+    """Makes the tube MPC; with a law, the nominal MPC alone, which plans from the measured state.
+
+    The latter has no feedback between its plans but that of the law.
+    """
+    if alone is not None:
+        scenario = replace(scenario, ancillary=alone, mpc=replace(
+            scenario.mpc, initial_state="measured", hover=0.0))
     motion = motion_of(scenario)
     controller = motion.make_controller(scenario, model, motion.make_ocp(scenario, model))
     mpc = controller.GetSubsystemByName("nominal_mpc")
@@ -65,36 +78,22 @@ def _tube_mpc(scenario: Scenario, model: ContactModel) -> System:
     return controller
 
 
-def _nominal_mpc(scenario: Scenario, model: ContactModel) -> System:
-    """Makes the nominal MPC alone: plans from the measured state, without feedback between them.
-
-    Its law has the measured force and the drift at the measured state in it, u = ζ̄̇ − f: the robot
-    has the acceleration of the plan, as far as the model is right.
-    """
-    return _planned_alone(scenario, model, Resolved(k=NO_FEEDBACK, sigma=NO_FEEDBACK))
-
-
-def _offset_free_mpc(scenario: Scenario, model: ContactModel, gains: RobotGains) -> System:
-    """Makes the nominal MPC with the observer of the tube MPC, u = ζ̄̇ − f − δ̂.
+def _offset_free_law(gains: RobotGains, declared: AncillaryLaw) -> TipFirst:
+    """Returns the law of the nominal MPC with the observer of the tube MPC, u = ζ̄̇ − f − δ̂.
 
     The robot has the acceleration of the plan in spite of a constant disturbance, so that the tip
     comes to rest at the target, which moves until the force is the desired one.
     """
-    rates, law = gains.offset_free, scenario.ancillary
-    return _planned_alone(scenario, model, TipFirst(
-        vehicle=BlockGains(NO_FEEDBACK, NO_FEEDBACK, rates.vehicle),
-        tip=BlockGains(NO_FEEDBACK, NO_FEEDBACK, rates.tip),
-        undriven=law.undriven if isinstance(law, TipFirst) else []))
-
-
-def _planned_alone(scenario: Scenario, model: ContactModel, law: AncillaryLaw) -> System:
-    return _tube_mpc(replace(scenario, ancillary=law, mpc=replace(
-        scenario.mpc, initial_state="measured", hover=0.0)), model)
+    return TipFirst(
+        vehicle=BlockGains(NO_FEEDBACK, NO_FEEDBACK, gains.offset_free.vehicle),
+        tip=BlockGains(NO_FEEDBACK, NO_FEEDBACK, gains.offset_free.tip),
+        undriven=declared.undriven if isinstance(declared, TipFirst) else [])
 
 
 CONTROLLERS: dict[str, Factory] = {
     name: _with_default_gains(name) for name in BASELINES} | {
-    NOMINAL: _nominal_mpc, OFFSET_FREE: _with_default_gains(OFFSET_FREE), TUBE: _tube_mpc}
+    NOMINAL: partial(_mpc, alone=NOMINAL_LAW), OFFSET_FREE: _with_default_gains(OFFSET_FREE),
+    TUBE: _mpc}
 """Controllers of this package by name."""
 
 

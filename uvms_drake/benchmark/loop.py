@@ -152,7 +152,8 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     builder.AddNamedSystem("controller", controller)
     WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
     is_tube = controller.HasInputPort("force_valid")
-    add_signals(scenario, signals, uvms=uvms, tube_mpc=controller if is_tube else None)
+    add_signals(motion, scenario.contact, signals, uvms=uvms,
+                tube_mpc=controller if is_tube else None)
 
     # Sensors.
     measured = add_chain(builder, model, signals["state"], signals,
@@ -178,7 +179,9 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     if controller.HasInputPort("place"):
         builder.Connect(source.GetOutputPort("place"), controller.GetInputPort("place"))
     total = builder.AddNamedSystem("disturbances", Adder(2, model.size))
-    disturbance = applied_disturbance(scenario).add_to(builder, model, scenario.seed, signals)
+    applied = applied_disturbance(
+        scenario.disturbance, scenario.model_error.share, scenario.faults)
+    disturbance = applied.add_to(builder, model, scenario.seed, signals)
     builder.Connect(disturbance, total.get_input_port(0))
     builder.Connect(source.GetOutputPort("impulse"), total.get_input_port(1))
     builder.Connect(total.get_output_port(), uvms.GetInputPort("disturbance"))

@@ -1,11 +1,13 @@
 """Figures of merit of a run."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from uvms_drake.baselines.gains import read_gains
 from uvms_drake.benchmark.loop import Trace
+from uvms_drake.control.limits import Limit
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
@@ -60,7 +62,7 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, 
         "lateral": float(np.mean(lateral[last])) if pressed else None,
         "lost": 0 if touch is None else int(np.count_nonzero(
             np.diff(touching[touch:].astype(int)) < 0)),
-        "limits": broken_limits(scenario, model, trace) | (
+        "limits": broken_limits(limits_of(scenario, model), model, trace) | (
             {"force": float(np.max(force) - contact.force)}
             if np.max(force) > contact.force else {}),
         "saturated": float(np.mean(_saturated(trace))),
@@ -71,12 +73,13 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, 
     }
 
 
-def broken_limits(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, float]:
+def broken_limits(limits: Mapping[str, Limit], model: ContactModel, trace: Trace
+                  ) -> dict[str, float]:
     """Returns the largest excess of each broken limit of pose and speed, in the limit's unit."""
     config, zeta = np.split(trace.signals["state"], 2, axis=1)
     at = Points(model, config, model.task_pose(config), zeta)
     worst = {}
-    for name, limit in limits_of(scenario, model).items():
+    for name, limit in limits.items():
         if limit.about == "input":
             continue
         values, (lower, upper) = limit.values(at), limit.bounds()

@@ -146,7 +146,7 @@ def is_finite(record: Record) -> bool:
 
 def within_at_end(record: Record) -> bool:
     """Returns whether every deviation is within its set-wise bound at the last sample."""
-    radii = set_wise_radii(record.scenario)
+    radii = set_wise_radii(record.scenario.tube, record.scenario.ancillary)
     return all(record.tube_deviation[-1, FIELDS.index(name)] <= radius
                for name, radius in radii.items())
 

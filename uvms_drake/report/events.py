@@ -116,7 +116,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
         n, target = sensed_contact(record.scenario).direction, record.signals["target"]
         yield _Signal("retarget", _changed(target - np.outer(target @ n, n)),
                       lambda when: "the tip is sent to another point of the wall")
-    radii = set_wise_radii(record.scenario)
+    radii = set_wise_radii(record.scenario.tube, record.scenario.ancillary)
     set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
     yield _deviation("tube_left", SAID[0], record, set_wise)
     yield _deviation("bound_left", SAID[1], record, record.tube_bound)
@@ -140,8 +140,9 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
     `TubeMonitor` evaluates it just after the MPC's step at the same instant and the log just
     before, which is the same for a continuous nominal motion. Only the log has the end of the run.
     """
-    norms, floor = record.tube_deviation, monitor_floor(record.scenario)
-    watched = record.time >= monitor_begin(record.scenario, bool(record.certified))
+    scenario, norms = record.scenario, record.tube_deviation
+    floor = monitor_floor(set_wise_radii(scenario.tube, scenario.ancillary))
+    watched = record.time >= monitor_begin(scenario.mpc.hover, bool(record.certified))
     left = beyond(norms, bounds, MONITOR_SLACK, floor) & watched[:, None]
     ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)
 

@@ -95,7 +95,7 @@ def figures_of(scenario: Scenario) -> list[str]:
     """Returns the names of the figures of a scenario's run."""
     motion = motion_of(scenario)
     missing = {name for name, there in (
-        (JOINTS, len(scenario.start.q) > 0), (THRUSTERS, part_of(scenario)),
+        (JOINTS, len(scenario.start.q) > 0), (THRUSTERS, part_of(scenario.actuation)),
         (MISSION, scenario.mission.steps), (COVERAGE, scenario.mission.steps),
         (FORCE, motion.has_forces), (INPUTS, motion.has_forces)) if not there}
     return [name for name in (*FIGURES, *motion.figures()) if name not in missing]

@@ -90,7 +90,9 @@ def load_run(folder: Path) -> tuple[Record, AnyCertificate | None]:
     """
     record, path = load_record(folder), folder / CERTIFICATE_FILE
     if not record.certified:
-        return record, _in_probability(path, record.scenario)
+        found = _in_probability(path)
+        fits = found is not None and found.inputs == found.inputs_of(record.scenario)["inputs"]
+        return record, found if fits else None
     if not path.is_file():
         raise unusable_folder(folder, f"its {CERTIFICATE_FILE} is missing")
     certificate = read_certificate(path)
@@ -100,14 +102,13 @@ def load_run(folder: Path) -> tuple[Record, AnyCertificate | None]:
     return record, certificate
 
 
-def _in_probability(path: Path, scenario: Scenario) -> ProbabilityCertificate | None:
-    """Returns the certificate in probability of a file if it is one and for the scenario."""
+def _in_probability(path: Path) -> ProbabilityCertificate | None:
+    """Returns the certificate of a file if it is one in probability."""
     try:
         certificate = read_any_certificate(path)
     except RunFailed:  # Missing or another's: the run has none.
         return None
-    fits = certificate.inputs == certificate.inputs_of(scenario)["inputs"]
-    return certificate if isinstance(certificate, ProbabilityCertificate) and fits else None
+    return certificate if isinstance(certificate, ProbabilityCertificate) else None
 
 
 def format_report(record: Record, figures: Sequence[Path], certificate: AnyCertificate | None

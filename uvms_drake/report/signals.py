@@ -22,7 +22,7 @@ STEP = 1e-5
 def disturbance_above(record: Record) -> np.ndarray:
     """Returns whether the effective disturbance violates ‖Ŵ⁻¹d‖₂ ≤ d̃ (T,), if declared."""
     declared = record.scenario.disturbance
-    if not bounds_disturbance(record.scenario, bool(record.certified)):
+    if not bounds_disturbance(declared.d_bound, bool(record.certified)):
         return np.zeros(len(record.time), dtype=bool)
     effective = declared.norm(record.effective_disturbance)
     return effective > (1.0 + BOUND_SLACK) * declared.d_bound + BOUND_FLOOR

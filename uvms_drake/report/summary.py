@@ -35,7 +35,6 @@ from uvms_drake.report.signals import (
 )
 from uvms_drake.report.surface_class_check import departures
 from uvms_drake.report.thrusters import format_thrusters, summarise_thrusters
-from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import true_surface
@@ -186,9 +185,10 @@ def summarise_contact(record: Record) -> dict[str, Any]:
 def _summarise_class(record: Record) -> dict[str, object]:
     """Returns `out_of_class`, the bounds of its class that the wall was seen to exceed.
 
-    Empty without a sensed contact. At the instants of the log, so at least these.
+    Empty without a declared wall. At the instants of the log, so at least these.
     """
-    if record.scenario.contact.is_modelled:
+    contact = record.scenario.contact.declared_wall()
+    if contact is None:
         return {}
     surface = check_surface(true_surface(record.scenario))
     config, zeta = np.split(record.state, 2, axis=1)
@@ -200,8 +200,7 @@ def _summarise_class(record: Record) -> dict[str, object]:
         return surface.static_force(np.concatenate([places, attitude], axis=1))
 
     observed = departures(
-        sensed_contact(record.scenario), record.time, record.chi[:, :3], velocity,
-        record.force[:, :3], static,
+        contact, record.time, record.chi[:, :3], velocity, record.force[:, :3], static,
         has_stood(record))
     return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 
@@ -234,7 +233,7 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     bounds `semi_axes`, and the other two are of ‖Ŵ⁻¹d‖₂, of which it is the bound.
     """
     above, declared = disturbance_above(record), record.scenario.disturbance
-    bounded = bounds_disturbance(record.scenario, bool(record.certified))
+    bounded = bounds_disturbance(declared.d_bound, bool(record.certified))
     weighted = bool(np.size(declared.weights))
     return {"bound": declared.d_bound,
             "semi_axes": (declared.d_bound * declared.relative_weights(record.disturbance.shape[1])
@@ -256,7 +255,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
     """
     tube = record.scenario.tube
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
-    watched = record.time >= monitor_begin(record.scenario, bool(record.certified))
+    watched = record.time >= monitor_begin(record.scenario.mpc.hover, bool(record.certified))
     return {
         "certified": bool(record.certified),
         "law": record.scenario.law,

@@ -1,23 +1,25 @@
 """Use of the thrusters in a run: numbers for the summary, and a figure."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from uvms_drake.actuation import Thrusters
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.report.figure_style import BLACK, LIMIT, NOMINAL, REAL, legend_above, panels
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario
 
 
-def part_of(scenario: Scenario) -> Thrusters | None:
-    """Returns the robot's thrusters among the parts of a scenario, if any."""
-    return next((part for part in scenario.actuation if type(part) is Thrusters), None)
+def part_of(actuation: Sequence[Actuator]) -> Thrusters | None:
+    """Returns the robot's thrusters among the parts of actuation, if any."""
+    return next((part for part in actuation if type(part) is Thrusters), None)
 
 
 def thrusters_of(record: Record) -> ThrusterModel:
     """Returns the controller's model of the thrusters of a run that has some."""
-    part = part_of(record.scenario)
+    part = part_of(record.scenario.actuation)
     assert part is not None
     return part.known(record.model)
 
@@ -33,7 +35,7 @@ def summarise_thrusters(record: Record) -> dict[str, object]:
 
     The limits are those of the controller's model. Empty if the wrench is ideal.
     """
-    if part_of(record.scenario) is None:
+    if part_of(record.scenario.actuation) is None:
         return {}
     thrusters, force = thrusters_of(record), record.signals["thruster_force"]
     bound = at_limit(thrusters, record.signals["thruster_command"])

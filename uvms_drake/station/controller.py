@@ -91,7 +91,7 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     measured = add_chain(builder, model, true, signals, keyed("sensing", scenario.sensing),
                          scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
-    add_signals(scenario, signals, tube_mpc=controller)
+    add_signals(motion, scenario.contact, signals, tube_mpc=controller)
     add_force_measurement(builder, scenario, model, controller, measured, signals)
     if controller.HasInputPort("place"):
         add_mission(builder, scenario, model, controller, measured, signals, None)

@@ -1,5 +1,6 @@
 """The closed loop of a scenario: plant, controller and the parts between them, in one Diagram."""
 
+from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
@@ -9,7 +10,8 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import within
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
-from uvms_drake.control.limits import resolved_radii
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
@@ -113,7 +115,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, model, ocp))
     motion.connect_outside(builder, scenario, uvms, controller, meshcat)
     signals = Signals()
-    add_signals(scenario, signals, uvms=uvms, tube_mpc=controller)
+    add_signals(motion, scenario.contact, signals, uvms=uvms, tube_mpc=controller)
 
     # The parts between them.
     true = uvms.GetOutputPort(motion.measured)
@@ -136,23 +138,24 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
 
     # The monitor, and the disturbance, which may be aimed with the monitor's errors.
     shared = measured is true and controller.HasOutputPort("pair")
+    declared, radii = scenario.disturbance, set_wise_radii(scenario.tube, scenario.ancillary)
     monitor = TubeMonitor.AddToBuilder(
-        builder, model, scenario.ancillary, scenario.disturbance.d_bound,
-        set_wise_radii(scenario), weights=weights, state=signals["state"],
-        nominal_state=signals["nominal_state"],
+        builder, model, scenario.ancillary, declared.d_bound, radii, weights=weights,
+        state=signals["state"], nominal_state=signals["nominal_state"],
         disturbance=(
-            signals["disturbance"] if bounds_disturbance(scenario, certified) else None),
+            signals["disturbance"] if bounds_disturbance(declared.d_bound, certified) else None),
         pair=controller.GetOutputPort("pair") if shared else None,
-        run_bound=motion.run_bound(scenario.ancillary, scenario.disturbance.d_bound),
+        run_bound=motion.run_bound(scenario.ancillary, declared.d_bound),
         along_run=scenario.contact.bounded_along_run,
-        period=scenario.log_period, begin=monitor_begin(scenario, certified),
+        period=scenario.log_period, begin=monitor_begin(scenario.mpc.hover, certified),
         slack=MONITOR_SLACK,
-        floor=monitor_floor(scenario))
+        floor=monitor_floor(radii))
     for name in ("deviation", "bound"):
         signals[f"tube_{name}"] = monitor.GetOutputPort(name)
     with within("disturbance"):
-        disturbance = motion.add_disturbance(builder, applied_disturbance(scenario), model,
-                                             scenario.seed, signals, monitor)
+        disturbance = motion.add_disturbance(
+            builder, applied_disturbance(declared, scenario.model_error.share, scenario.faults),
+            model, scenario.seed, signals, monitor)
     if meshcat is not None:
         disturbance = DisturbanceSlider.AddToBuilder(
             builder, meshcat, disturbance=disturbance).get_output_port()
@@ -179,32 +182,31 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     return station
 
 
-def monitor_begin(scenario: Scenario, certified: bool) -> float:
-    """Returns the start of a `TubeMonitor` [s]: zero for a certified tube."""
-    return 0.0 if certified else scenario.mpc.hover
+def monitor_begin(hover: float, certified: bool) -> float:
+    """Returns the start of a `TubeMonitor` [s]: zero for a certified tube, else after hovering."""
+    return 0.0 if certified else hover
 
 
-def bounds_disturbance(scenario: Scenario, certified: bool) -> bool:
-    """Returns whether the scenario bounds the whole disturbance.
+def bounds_disturbance(d_bound: float, certified: bool) -> bool:
+    """Returns whether d̃ bounds the whole disturbance.
 
     An uncertified d̃ of zero bounds nothing: the model errors are not part of it.
     """
-    return certified or scenario.disturbance.d_bound > 0.0
+    return certified or d_bound > 0.0
 
 
-def monitor_floor(scenario: Scenario) -> float:
-    """Returns the deviation below which a `TubeMonitor` counts no exit."""
-    radii = [radius for radius in set_wise_radii(scenario).values() if 0.0 < radius < np.inf]
-    return min([MONITOR_FLOOR, *(0.1 * radius for radius in radii)])
+def monitor_floor(radii: Mapping[str, float]) -> float:
+    """Returns the deviation below which a `TubeMonitor` of `set_wise_radii` counts no exit."""
+    return min([MONITOR_FLOOR, *(0.1 * each for each in radii.values() if 0.0 < each < np.inf)])
 
 
-def set_wise_radii(scenario: Scenario) -> dict[str, float]:
-    """Returns the set-wise bounds that a `TubeMonitor` watches, from the scenario's tube."""
-    tube = resolved_radii(scenario.tube)
-    joints = tube.joints if scenario.ancillary.protects_joints else None
-    radii = {"task": tube.e, "position": tube.position, "orientation": tube.orientation,
-             "joints": joints, "z": tube.z}
-    return {field: radius for field, radius in radii.items() if radius is not None}
+def set_wise_radii(radii: TubeRadii, law: AncillaryLaw) -> dict[str, float]:
+    """Returns the set-wise bounds that a `TubeMonitor` watches, from the radii of a tube."""
+    tube = resolved_radii(radii)
+    joints = tube.joints if law.protects_joints else None
+    bounds = {"task": tube.e, "position": tube.position, "orientation": tube.orientation,
+              "joints": joints, "z": tube.z}
+    return {field: bound for field, bound in bounds.items() if bound is not None}
 
 
 def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:

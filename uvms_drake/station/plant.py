@@ -1,6 +1,7 @@
 """The simulated robot of any scenario, with its water and its disturbance, in one Diagram."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.sensor_actuator import Fault
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.station.motions.motions import motion_of
@@ -59,7 +61,8 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
                                 vector("q", scenario.start.q, model.num_joints)])
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
     WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
-    disturbance = applied_disturbance(scenario)
+    disturbance = applied_disturbance(
+        scenario.disturbance, scenario.model_error.share, scenario.faults)
     require(isinstance(disturbance, OpenLoopDisturbance), "disturbance", type(disturbance).__name__,
             "a function of time alone, or in a station, which has the errors that aim it")
     with within("disturbance"):
@@ -74,8 +77,14 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
     return diagram
 
 
-def applied_disturbance(scenario: Scenario) -> Disturbance:
-    """Returns the disturbance, reduced by `model_error.share` or in excess of its bound."""
-    disturbance, left = scenario.disturbance, 1.0 - scenario.model_error.share
-    excess = math.prod(fault.factor for fault in faults_at("disturbance", scenario.faults).values())
-    return replace(disturbance, bound=excess * left * disturbance.bound)
+def applied_disturbance(declared: Disturbance, share: float, faults: Sequence[Fault]
+                        ) -> Disturbance:
+    """Returns the declared disturbance, less the share of d̃ of model errors, in excess by faults.
+
+    Args:
+        declared: Disturbance of the scenario.
+        share: As of `ModelError`.
+        faults: Faults of the scenario.
+    """
+    excess = math.prod(fault.factor for fault in faults_at("disturbance", faults).values())
+    return replace(declared, bound=excess * (1.0 - share) * declared.bound)

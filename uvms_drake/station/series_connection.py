@@ -15,6 +15,8 @@ from uvms_drake.model.signals.sensor_actuator import (
     Signals,
 )
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.contact import Contact
+from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.record import Record
@@ -54,24 +56,24 @@ def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signa
     return port
 
 
-def add_signals(scenario: Scenario, signals: Signals, *, uvms: System | None = None,
+def add_signals(motion: Motion, contact: Contact, signals: Signals, *, uvms: System | None = None,
                 tube_mpc: System | None = None) -> None:
     """Adds the output ports of a plant and of a tube MPC to the signals, by their logged names.
 
     Args:
-        scenario: Scenario with its motion and contact.
+        motion: Kind of motion, with the names of its signals.
+        contact: Kind of contact, likewise.
         signals: Signals to add to.
         uvms: The plant; None: its signals are there.
         tube_mpc: The controller; None: its signals are there, or it is another one.
     """
-    motion = motion_of(scenario)
     outputs: list[tuple[System, str]] = []
     if uvms is not None:  # With a payload's, if the hand holds something.
         outputs += [(uvms, name) for name in (*motion.plant_signals, PAYLOAD, PAYLOAD_AT_REST)
                     if name in motion.plant_signals or uvms.HasOutputPort(name)]
     if tube_mpc is not None:
         outputs += [(tube_mpc, name) for name in (
-            *motion.controller_signals, *scenario.contact.controller_signals)]
+            *motion.controller_signals, *contact.controller_signals)]
     for system, name in outputs:
         signals[LOGGED_AS.get(name, name)] = system.GetOutputPort(name)
 

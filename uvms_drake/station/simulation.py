@@ -60,7 +60,8 @@ def simulate(
         if realtime_rate is not None:
             simulator.set_target_realtime_rate(realtime_rate)
         context = simulator.get_mutable_context()
-        simulator.set_monitor(_monitor(station, progress, stop, scenario))
+        simulator.set_monitor(
+            _monitor(station, progress, stop, scenario.duration, scenario.log_period))
         progress("first plan", 0.0)
         wall_time = _run(simulator, scenario.duration)
         if context.get_time() < scenario.duration:
@@ -100,7 +101,7 @@ def _run(simulator: Simulator, duration: float) -> float:
 
 
 def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | None,
-             scenario: Scenario) -> Callable[[Context], EventStatus]:
+             duration: float, log_period: float) -> Callable[[Context], EventStatus]:
     """Returns a monitor of a Simulator that calls `progress`, and `stop` after the first log.
 
     A monitor is passive, while AdvanceTo in slices would end an integration step at each of them.
@@ -113,8 +114,8 @@ def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | No
         now = context.get_time()
         if now >= due:
             due = now + PROGRESS_PERIOD
-            progress(f"{now:.1f} of {scenario.duration:g} s", now / scenario.duration)
-            if stop is not None and now >= scenario.log_period and stop():
+            progress(f"{now:.1f} of {duration:g} s", now / duration)
+            if stop is not None and now >= log_period and stop():
                 return EventStatus.ReachedTermination(station, "stopped")
         return EventStatus.DidNothing()
 

@@ -17,7 +17,9 @@ from pydrake.systems.framework import Context, Diagram
 
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.common.wiring import release
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions.motions import make_ocp, motion_of
@@ -66,31 +68,29 @@ def with_step(scenario: Scenario, model: ContactModel | None = None) -> Scenario
     require(not settings.use_error_control or scheme not in WITHOUT_ESTIMATE,
             "simulator.use_error_control", True, f"false with {scheme}, which estimates no error")
     given, longest = settings.max_step_size > 0.0, step_of(scenario)
-    if settings.use_error_control or settings.integration_scheme not in ORDERS:
-        return scenario if given else _stepping(scenario, longest)
-    rates = _rates_at_task(scenario, model)
-    if len(rates) == 0:
-        require(given, "simulator.max_step_size", settings.max_step_size,
-                "positive: no plan holds the task, at whose rates it would be chosen")
+    step = longest
+    if not settings.use_error_control and scheme in ORDERS:
+        rates = _rates_at_task(scenario, model)
+        if len(rates) == 0:
+            require(given, "simulator.max_step_size", settings.max_step_size,
+                    "positive: no plan holds the task, at whose rates it would be chosen")
+            return scenario
+        largest = largest_step(scheme, rates)
+        if given:
+            part = fastest_part(scenario.ancillary, scenario.surface, rates)
+            require(longest <= largest, "simulator.max_step_size", settings.max_step_size,
+                    f"at most {floored(largest):g} s with {scheme}: {part} has a rate of "
+                    f"{np.max(np.abs(rates)):.3g} 1/s, and longer steps are inaccurate")
+        else:
+            step = longest / math.ceil(longest / largest)
+    if given:
         return scenario
-    largest = largest_step(settings.integration_scheme, rates)
-    if not given:
-        return _stepping(scenario, longest / math.ceil(longest / largest))
-    fastest = float(np.max(np.abs(rates)))
-    require(longest <= largest, "simulator.max_step_size", settings.max_step_size,
-            f"at most {floored(largest):g} s with {settings.integration_scheme}: "
-            f"{fastest_part(scenario, rates)} has a rate of {fastest:.3g} 1/s, and longer steps "
-            "are inaccurate")
-    return scenario
-
-
-def _stepping(scenario: Scenario, step: float) -> Scenario:
-    """Returns a scenario with a chosen step; raises `InvalidParameter` if a run would take long."""
+    # A chosen step may make a run take too long.
     check_cost(scenario.duration, scenario.log_period, step, scenario.mpc.time_step,
                scenario.mpc.horizon)
-    settings = copy.copy(scenario.simulator)
-    settings.max_step_size = step
-    return replace(scenario, simulator=settings)
+    chosen = copy.copy(settings)
+    chosen.max_step_size = step
+    return replace(scenario, simulator=chosen)
 
 
 def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
@@ -116,20 +116,20 @@ def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
     return np.append(rates, -friction)
 
 
-def fastest_part(scenario: Scenario, rates: np.ndarray) -> str:
+def fastest_part(law: AncillaryLaw, surface: Surface, rates: np.ndarray) -> str:
     """Returns the part of the closed loop that has its fastest rate, with the keys that change it.
 
     Args:
-        scenario: Scenario of the loop.
+        law: Law of the loop.
+        surface: Surface of the loop.
         rates: Rates of the loop, and at the end that of friction [1/s].
     """
     sizes = np.abs(rates)
     fastest = float(np.max(sizes))
     if sizes[-1] == fastest:
-        creep = getattr(scenario.surface, "creep", None)
+        creep = getattr(surface, "creep", None)
         of = "" if creep is None else f" (surface.friction, surface.creep = {creep:g} m/s)"
         return f"the friction on the end-effector and in the joints{of}"
-    law = scenario.ancillary
     for key in ("k", "sigma"):
         if abs(fastest - getattr(law, key)) <= 0.02 * fastest:
             return f"the feedback law (ancillary.{key} = {getattr(law, key):g} 1/s)"

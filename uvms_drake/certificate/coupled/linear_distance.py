@@ -38,7 +38,7 @@ def linear_distances(record: Record, lines: LinearLines) -> dict[str, float]:
     From the time on at which the tube is watched, when the observers have settled.
     """
     run = linear_run(record)
-    watched = run.time >= monitor_begin(record.scenario, bool(record.certified))
+    watched = run.time >= monitor_begin(record.scenario.mpc.hover, bool(record.certified))
     apart = np.abs(run.of_record - run.values)[watched]
     out = {}
     for group, pattern in GROUPS.items():

@@ -86,9 +86,9 @@ def has_stood(record: Record) -> np.ndarray:
 def summarise_bands(record: Record) -> dict[str, Any]:
     """Returns `force_bands`: largest error, smallest band and their largest ratio in both phases.
 
-    Nothing without a certificate, or if the contact is not sensed; a phase that never was is None.
+    Nothing without a certificate or a declared wall; a phase that never was is None.
     """
-    if not record.certified or record.scenario.contact.is_modelled:
+    if not record.certified or record.scenario.contact.declared_wall() is None:
         return {}
     found = force_bands(record)
     out: dict[str, Any] = {}
