@@ -116,9 +116,9 @@ def test_waves_and_friction_are_drawn_where_they_are_declared(scenario):
         "waves=[{amplitude: 0.1, period: 6.0}]", "model_error.joint_friction.static=[0.5]"])
     drawn = []
     for seed in range(20):
-        error, current, waves = as_declared(declared.model_error, declared.current, declared.waves,
-                                            np.random.default_rng(seed))
-        drawn.append(replace(declared, model_error=error, current=current, waves=waves))
+        each = as_declared(declared.unknowns, np.random.default_rng(seed))
+        drawn.append(replace(declared, model_error=each.error, current=each.current,
+                             waves=each.waves))
     ranges = [each for each in declared_ranges(declared)
               if each.name in ("waves", "model_error.joint_friction")]
     model = load_model(declared)
@@ -130,7 +130,6 @@ def test_waves_and_friction_are_drawn_where_they_are_declared(scenario):
         assert min(reached) < 0.5 * entry.high
     assert len({each.waves[0].phase for each in drawn}) == 20
     # Without them the same numbers are drawn as ever.
-    plain, _, no_waves = as_declared(
-        scenario.model_error, scenario.current, scenario.waves, np.random.default_rng(0))
-    assert plain.mass == drawn[0].model_error.mass
-    assert no_waves == []
+    plain = as_declared(scenario.unknowns, np.random.default_rng(0))
+    assert plain.error.mass == drawn[0].model_error.mass
+    assert plain.waves == []

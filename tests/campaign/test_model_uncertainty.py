@@ -67,21 +67,20 @@ def test_what_is_unknown_is_as_large_as_the_bound_covers(campaign):
 def test_without_a_bound_what_is_declared_is_drawn_up_to_its_size():
     """Errors of either sign and currents of any direction; exact values stay exact, all count."""
     scenario = load_scenario("girona500_real_loop", ["model_error.payload.mass=0.2"])
-    drawn = [as_declared(scenario.model_error, scenario.current, scenario.waves,
-                         np.random.default_rng(seed)) for seed in range(200)]
-    masses = np.array([error.mass for error, _, _ in drawn])
+    drawn = [as_declared(scenario.unknowns, np.random.default_rng(seed)) for seed in range(200)]
+    masses = np.array([each.error.mass for each in drawn])
     assert np.all(np.abs(masses - 1.0) <= 0.1 + 1e-12)
     assert np.min(masses) < 0.92 and np.max(masses) > 1.08
-    currents = [current for _, current, _ in drawn]
+    currents = [each.current for each in drawn]
     speeds = np.linalg.norm(currents, axis=1)
     assert np.all(speeds <= 0.1 + 1e-12)
     assert 0.2 < np.mean(speeds > 0.1 - 1e-9) < 0.3 + 0.05
     assert np.all(np.abs(np.mean(currents, axis=0)) < 0.02)
-    payloads = [error.payload.mass for error, _, _ in drawn]
+    payloads = [each.error.payload.mass for each in drawn]
     assert 0.0 <= min(payloads) < 0.02 < 0.18 < max(payloads) <= 0.2
-    for error, _, waves in drawn:
-        assert error.drag == error.added_mass == 1.0
-        assert waves == scenario.waves
+    for each in drawn:
+        assert each.error.drag == each.error.added_mass == 1.0
+        assert each.waves == []
 
 
 def test_without_a_bound_every_run_counts():

@@ -7,7 +7,6 @@ does not count as one inside of the bounds if it was too much. Where d̃ is zero
 then the scenario's own errors are the largest that are drawn, and every run counts.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,8 +18,8 @@ from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.model_error import FACTORS, ModelError
+from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.uvms_plant import make_uvms_plant
-from uvms_drake.plant.waves import Wave
 from uvms_drake.station.motions.dynamic import make_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -42,7 +41,7 @@ SMALLER = 0.8
 ATTEMPTS = 10
 
 
-class Unknowns(NamedTuple):
+class DrawnErrors(NamedTuple):
     """Relative errors, the surface's displacement, the current, the payload; zero where known."""
 
     mass: float = 0.0
@@ -86,7 +85,7 @@ def check_draws(robot: str, known: ModelError, largest: float) -> None:
         known: Its declared errors.
         largest: Largest relative error.
     """
-    drawn = Unknowns(mass=largest, payload=LARGEST_PAYLOAD).of_robot(known)
+    drawn = DrawnErrors(mass=largest, payload=LARGEST_PAYLOAD).of_robot(known)
     try:
         make_uvms_plant(robot, disturbance=ConstantDisturbance(), error=drawn)
     except InvalidParameter as error:
@@ -95,14 +94,14 @@ def check_draws(robot: str, known: ModelError, largest: float) -> None:
             f"errors up to this, and {error.key} must be {error.allowed}") from None
 
 
-def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
+def draw_errors(largest: float, rng: np.random.Generator) -> DrawnErrors:
     """Returns errors of any size up to the largest, of some quantities and at least one.
 
     Args:
         largest: Largest relative error.
         rng: Source of the draws.
     """
-    unknown = rng.uniform(size=len(Unknowns._fields)) < LIKELY
+    unknown = rng.uniform(size=len(DrawnErrors._fields)) < LIKELY
     unknown[rng.integers(len(unknown))] = True
     relative = (largest * rng.uniform(-1.0, 1.0, 5)).tolist()
     vectors = [size * rng.uniform() * direction / np.linalg.norm(direction)
@@ -110,7 +109,7 @@ def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
                                           rng.normal(size=(3, 3)), strict=True)]
     trim, payload = TRIM * largest * rng.uniform(-1.0, 1.0), LARGEST_PAYLOAD * rng.uniform()
     values = [*relative, *vectors, trim, payload]
-    return Unknowns(*(value if drawn else 0.0
+    return DrawnErrors(*(value if drawn else 0.0
                       for value, drawn in zip(values, unknown, strict=True)))
 
 
@@ -129,7 +128,7 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
     """
     share = max(SHARE, scenario.model_error.share)
     margin = PREDICTED * share * scenario.disturbance.d_bound
-    unknowns, scale = draw_unknowns(largest, rng), 1.0
+    unknowns, scale = draw_errors(largest, rng), 1.0
     shared = replace(scenario, model_error=replace(scenario.model_error, share=share))
     for _ in range(ATTEMPTS):
         candidate = unknowns.put_into(shared, scale)
@@ -142,8 +141,7 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
     return scenario
 
 
-def as_declared(known: ModelError, current: np.ndarray, waves: Sequence[Wave],
-                rng: np.random.Generator) -> tuple[ModelError, np.ndarray, list[Wave]]:
+def as_declared(declared: Unknowns, rng: np.random.Generator) -> Unknowns:
     """Returns declared unknowns drawn up to their declared size.
 
     An error of either sign is drawn, a current from any horizontal direction, up or down, and a
@@ -152,9 +150,7 @@ def as_declared(known: ModelError, current: np.ndarray, waves: Sequence[Wave],
     are known stay known.
 
     Args:
-        known: Largest errors of the model.
-        current: Largest velocity of the water (3,) [m/s].
-        waves: Largest waves.
+        declared: The largest unknowns.
         rng: Source of the draws.
     """
     def part() -> float:
@@ -164,6 +160,7 @@ def as_declared(known: ModelError, current: np.ndarray, waves: Sequence[Wave],
     def heading() -> float:
         return float(rng.uniform(-np.pi, np.pi))
 
+    known, current = declared.error, declared.current
     relative = {name: 1.0 + (getattr(known, name) - 1.0) * part() for name in FACTORS}
     shift, carried = part() * np.asarray(known.buoyancy_shift, dtype=float), abs(part())
     payload = replace(known.payload, mass=carried * known.payload.mass,
@@ -176,8 +173,8 @@ def as_declared(known: ModelError, current: np.ndarray, waves: Sequence[Wave],
         stiff = abs(part())
         friction = replace(friction, coulomb=stiff * np.asarray(friction.coulomb, dtype=float),
                            static=stiff * np.asarray(friction.static, dtype=float))
-    drawn = [replace(wave, amplitude=abs(part()) * wave.amplitude, direction=heading(),
-                     phase=heading()) for wave in waves]
+    waves = [replace(wave, amplitude=abs(part()) * wave.amplitude, direction=heading(),
+                     phase=heading()) for wave in declared.waves]
     error = replace(known, **relative, buoyancy_shift=shift, payload=payload,
                     joint_friction=friction)
-    return error, water, drawn
+    return Unknowns(error, water, waves)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.actuation.joint_brake import StuckJoint
-from uvms_drake.campaign.model_uncertainty import Unknowns
+from uvms_drake.campaign.model_uncertainty import DrawnErrors
 from uvms_drake.model.signals.sensor_actuator import Fault
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.plant.waves import Wave
@@ -40,25 +40,26 @@ MEASURED_WRONG = (FROZEN, LOST)
 _EXCESSES = {f"d of {factor:g} bounds": factor for factor in EXCESS_FACTORS}
 
 
-def _misplaced(largest: float, rng: np.random.Generator) -> Unknowns:
-    return Unknowns(shift=SHIFT * rng.uniform(-1.0, 1.0, 3), turn=TURN * rng.uniform(-1.0, 1.0, 3))
+def _misplaced(largest: float, rng: np.random.Generator) -> DrawnErrors:
+    shift, turn = SHIFT * rng.uniform(-1.0, 1.0, 3), TURN * rng.uniform(-1.0, 1.0, 3)
+    return DrawnErrors(shift=shift, turn=turn)
 
 
-def _wrong_model(largest: float, rng: np.random.Generator) -> Unknowns:
-    return Unknowns(*(largest * rng.uniform(-1.0, 1.0, 4)).tolist())
+def _wrong_model(largest: float, rng: np.random.Generator) -> DrawnErrors:
+    return DrawnErrors(*(largest * rng.uniform(-1.0, 1.0, 4)).tolist())
 
 
-def _payload_and_trim(largest: float, rng: np.random.Generator) -> Unknowns:
-    return Unknowns(buoyancy=TRIM * rng.uniform(-1.0, 1.0), payload=PAYLOAD * rng.uniform())
+def _payload_and_trim(largest: float, rng: np.random.Generator) -> DrawnErrors:
+    return DrawnErrors(buoyancy=TRIM * rng.uniform(-1.0, 1.0), payload=PAYLOAD * rng.uniform())
 
 
-def _current(largest: float, rng: np.random.Generator) -> Unknowns:
+def _current(largest: float, rng: np.random.Generator) -> DrawnErrors:
     direction = rng.normal(size=3)
-    return Unknowns(current=CURRENT * rng.uniform() * direction / np.linalg.norm(direction))
+    return DrawnErrors(current=CURRENT * rng.uniform() * direction / np.linalg.norm(direction))
 
 
-_ERRORS: dict[str, Callable[[float, np.random.Generator], Unknowns]] = {
-    f"surface {STIFFER:g} x stiffer": lambda largest, rng: Unknowns(stiffness=STIFFER - 1.0),
+_ERRORS: dict[str, Callable[[float, np.random.Generator], DrawnErrors]] = {
+    f"surface {STIFFER:g} x stiffer": lambda largest, rng: DrawnErrors(stiffness=STIFFER - 1.0),
     "surface misplaced": _misplaced, "model wrong": _wrong_model,
     "payload, trim": _payload_and_trim, "current": _current}
 """Draws of a kind's errors, by the largest relative one of "model wrong"."""

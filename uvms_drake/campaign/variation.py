@@ -153,9 +153,9 @@ def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
     If the scenario itself declares some, or d̃ = 0, they are those.
     """
     if scenario.disturbance.d_bound == 0.0 or scenario.unknowns.present:
-        error, current, waves = as_declared(
-            scenario.model_error, scenario.current, scenario.waves, rng)
-        return replace(scenario, model_error=error, current=current, waves=waves)
+        drawn = as_declared(scenario.unknowns, rng)
+        return replace(scenario, model_error=drawn.error, current=drawn.current,
+                       waves=list(drawn.waves))
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
     if not (wanted and models_force(scenario)):
         return scenario

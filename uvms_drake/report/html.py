@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, read_certificate
 from uvms_drake.certificate.in_probability import (
     AnyCertificate,
@@ -20,7 +22,7 @@ from uvms_drake.common.program import VERSION
 from uvms_drake.report.figure.contact_estimate_figure import ESTIMATE
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import SCENARIO_FILE, Record, load_record, unusable_folder
-from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario
 
 PAGE_STYLE = """
 :root { color-scheme: light; --ink: #1a1a1a; --soft: #5a5f66; --rule: #d5d9de; --blue: #0072b2; }
@@ -135,7 +137,8 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
         f'<div class="figures">{"".join(drawn.values())}</div>' if drawn
         else "<p>Made without figures.</p>",
         "<h2>Certificate</h2>",
-        _certificate(certificate, scenario),
+        _certificate(certificate, scenario.contact.force_limit(scenario.limits),
+                     scenario.task.force),
         "<h2>Scenario</h2>",
         "<details><summary>Every value, with the defaults filled in "
         f"({SCENARIO_FILE})</summary><pre>{html.escape(dump_scenario(scenario))}</pre></details>",
@@ -148,15 +151,15 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
             + "\n".join(parts) + "\n</body>\n</html>\n")
 
 
-def _certificate(certificate: AnyCertificate | None, scenario: Scenario) -> str:
-    """Returns the section of the certificate, of either kind."""
+def _certificate(certificate: AnyCertificate | None, force_limit: float | None, force: np.ndarray
+                 ) -> str:
+    """Returns the section of the certificate, of either kind, with bounds of the desired force."""
     if certificate is None:
         return "<p>Run without a certificate, with the tube that the scenario declares.</p>"
     if isinstance(certificate, ProbabilityCertificate):
         return f"<pre>{html.escape(format_probability(certificate))}</pre>"
-    force = force_bounds(
-        certificate, scenario.contact.force_limit(scenario.limits), scenario.task.force)
-    return (f"<pre>{html.escape(format_overview(certificate, force))}</pre>"
+    bounds = force_bounds(certificate, force_limit, force)
+    return (f"<pre>{html.escape(format_overview(certificate, bounds))}</pre>"
             "<details><summary>Everything: constants, conditions, tube, budget, estimates</summary>"
             f"<pre>{html.escape(format_certificate(certificate))}</pre></details>")
 

@@ -4,7 +4,7 @@ It is the one of `variation.vary` for a scenario with its declared tube and with
 of the model.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from uvms_drake.campaign import variation
 from uvms_drake.campaign.certified_surfaces import turns_freely
 from uvms_drake.campaign.model_uncertainty import AT_FULL_SIZE
 from uvms_drake.certificate.drawn_values import DrawnRange
-from uvms_drake.plant.model_error import FACTORS, ModelError
-from uvms_drake.plant.waves import Wave, largest_speed
+from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -29,9 +30,7 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
         scenario.mpc, scenario.limits) else ""
     yield f"place: all is shifted by up to {variation.SHIFT_REACH:g} m along each axis {turned}"
     yield from scenario.contact.about_drawn(scenario)
-    sizes = _unknowns(scenario.model_error, np.asarray(scenario.current, dtype=float),
-                      scenario.waves)
-    if sizes:
+    if sizes := _sizes(scenario.unknowns):
         yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
                f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")
     if scenario.disturbance.bound > 0.0:
@@ -43,8 +42,9 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
            f"or are dropped, each with a probability that is uniform from {low:g} to {high:g}")
 
 
-def _unknowns(error: ModelError, current: np.ndarray, waves: Sequence[Wave]) -> list[str]:
+def _sizes(unknowns: Unknowns) -> list[str]:
     """Returns the sizes of the declared unknowns, with their names."""
+    error, current = unknowns.error, unknowns.current
     sizes = [f"{name.replace('_', ' ')} {abs(getattr(error, name) - 1.0):.3g}" for name in FACTORS
              if getattr(error, name) != 1.0]
     if np.any(error.buoyancy_shift):
@@ -56,8 +56,8 @@ def _unknowns(error: ModelError, current: np.ndarray, waves: Sequence[Wave]) -> 
     if np.any(current):
         sizes.append(f"current {np.hypot(*current[:2]):.3g} m/s from any heading and "
                      f"{abs(current[2]):.3g} m/s up or down")
-    if waves:
-        sizes.append(f"waves {largest_speed(waves):.3g} m/s of any heading and phase")
+    if unknowns.waves:
+        sizes.append(f"waves {largest_speed(unknowns.waves):.3g} m/s of any heading and phase")
     return sizes
 
 
