@@ -18,7 +18,7 @@ from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.progress import Progress, part_of, silent
-from uvms_drake.station.motions.motions import models_force
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model, retargeted_ocp
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 
@@ -128,7 +128,7 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
 def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Target]:
     """Returns the desired forces that can be held on a surface, each with its terminal set.
 
-    If no force acts or the controller knows none, it is the scenario's own alone.
+    If no force acts, or the contact draws them itself, it is the scenario's own alone.
 
     Args:
         scenario: With the tube of the surface's certificate in it.
@@ -137,8 +137,8 @@ def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Targe
     """
     own = Target(wall, 1.0, scenario.mpc.terminal_radius)
     force = np.asarray(scenario.task.force, dtype=float)
-    movable = models_force(scenario) and scenario.mpc.terminal_set
-    if not (movable and np.any(force)):
+    alone = scenario.contact.draws_surface or not motion_of(scenario).has_forces
+    if alone or not (scenario.mpc.terminal_set and np.any(force)):
         return [own]
 
     def compute() -> list[list[float]]:

@@ -21,7 +21,7 @@ from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.surface.law import Surface
-from uvms_drake.station.motions.motions import models_force
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 
 OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
@@ -46,8 +46,8 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
              ) -> tuple[CertifiedWall, ...]:
     """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
 
-    Only a flat surface is tilted. Without forces, and with a sensed contact, whose certificate is
-    that of a whole class, it is the scenario's own alone.
+    Only a flat surface is tilted. Without forces, and with a contact whose certificate is that of a
+    whole class, it is the scenario's own alone.
 
     Args:
         scenario: Scenario as loaded.
@@ -55,7 +55,8 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
         progress: Progress callback, as of `certified_once`.
     """
     certified = [(1.0, 0.0, certificate.applied_to(scenario))]
-    others = OTHER_WALLS if models_force(scenario) else ()
+    alone = scenario.contact.draws_surface or not motion_of(scenario).has_forces
+    others = () if alone else OTHER_WALLS
     for i, (stiffness, tilt) in enumerate(others):
         if tilt and scenario.surface.normal is None:
             continue

@@ -31,7 +31,7 @@ from uvms_drake.plant.disturbance import (
     SinusoidalDisturbance,
 )
 from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.motions import make_ocp, models_force, motion_of
+from uvms_drake.station.motions.motions import make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
@@ -150,13 +150,15 @@ def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
             rng: np.random.Generator) -> Scenario:
     """Returns the scenario, possibly with model errors that share d̃.
 
-    If the scenario itself declares some, or d̃ = 0, they are those.
+    If the scenario itself declares some, or d̃ = 0, they are those. With a contact that needs an
+    allowance for each, there are no others.
     """
     if scenario.disturbance.d_bound == 0.0 or scenario.unknowns.present:
         drawn = as_declared(scenario.unknowns, rng)
         return replace(scenario, model_error=drawn.error, current=drawn.current,
                        waves=list(drawn.waves))
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
-    if not (wanted and models_force(scenario)):
+    if (not wanted or not motion_of(scenario).has_forces
+            or scenario.contact.allowances(scenario.model_error)):
         return scenario
     return with_unknowns(scenario, ocp, plan, largest, rng)

@@ -50,13 +50,12 @@ class Contact(ABC):
     has to have its surface only.
     """
 
-    is_modelled: ClassVar[bool] = True
-    """Whether the nominal model has the force of the surface; constants then hold up to a limit of
-    it, and the law's bound along the run holds, which covers d alone."""
     controller_signals: ClassVar[tuple[str, ...]] = ()
     """Output ports of the controller that are logged besides those of the motion."""
     bounded_along_run: ClassVar[bool] = True
     """Whether the law's bound along a run holds, which covers d alone."""
+    draws_surface: ClassVar[bool] = False
+    """Whether `drawn` chooses surface and desired force, all of which one certificate covers."""
     depends_on_duration: ClassVar[bool] = False
     """Whether a certificate depends on the duration of the run, as by the drift of a sensor."""
 

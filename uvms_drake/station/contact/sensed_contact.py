@@ -96,11 +96,11 @@ CERTIFIER = "the person who certifies"
 class SensedContact(UnknownContact, Contact):
     """Contact with a measured force; place and stiffness of the wall are unknown."""
 
-    is_modelled: ClassVar[bool] = False
     controller_signals: ClassVar[tuple[str, ...]] = (
         "target", "turn", "safe_depth", "touched", "stiffness_estimate", "stiffness_std",
         "stiffness_used", "contact_depth")
     bounded_along_run: ClassVar[bool] = False
+    draws_surface: ClassVar[bool] = True
     depends_on_duration: ClassVar[bool] = True
 
     def controller_surface(self, surface: Surface) -> UnknownSurface:

@@ -34,11 +34,6 @@ def motion_of(scenario: "Scenario") -> Motion:
     return motion_named(scenario.motion)
 
 
-def models_force(scenario: "Scenario") -> bool:
-    """Returns whether the controller's model has the force of the surface."""
-    return motion_of(scenario).has_forces and scenario.contact.is_modelled
-
-
 def make_ocp(scenario: "Scenario", model: ContactModel | None = None) -> Ocp:
     """Returns the nominal MPC's problem.
 
