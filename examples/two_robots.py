@@ -18,7 +18,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=5.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    main_scenario = uv.load_scenario("girona500_ideal")
+    main_scenario = uv.with_step(uv.load_scenario("girona500_ideal"))
 
     builder, robots = DiagramBuilder(), {}
     for name, y in SIDES.items():
@@ -37,7 +37,7 @@ def main() -> None:
         builder.Connect(controller.GetOutputPort("tau"), plant.GetInputPort("tau"))
 
     simulator = Simulator(builder.Build())
-    ApplySimulatorConfig(uv.with_step(main_scenario).simulator, simulator)
+    ApplySimulatorConfig(main_scenario.simulator, simulator)
     simulator.AdvanceTo(arguments.duration)
     for name, plant in robots.items():
         context = plant.GetMyContextFromRoot(simulator.get_context())

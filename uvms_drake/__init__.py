@@ -16,6 +16,7 @@ are in namespaces: `uv.laws`, `uv.limits`, `uv.costs`, `uv.surfaces`, `uv.sensor
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from uvms_drake.common.attribute_docs import describe_attributes
 from uvms_drake.common.program import VERSION
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from uvms_drake.actuation import Actuator as Actuator
     from uvms_drake.certificate.certificate import Certificate as Certificate
     from uvms_drake.certificate.certify import certify as certify
+    from uvms_drake.certificate.table import format_certificate as format_certificate
     from uvms_drake.common.errors import InvalidParameter as InvalidParameter
     from uvms_drake.common.errors import RunFailed as RunFailed
     from uvms_drake.common.kinds import register as register
@@ -99,6 +101,7 @@ _HOME = {
     "CostTerm": "control.costs.term",
     "DirectedDisturbance": "plant.disturbance",
     "Disturbance": "plant.disturbance",
+    "format_certificate": "certificate.table",
     "InvalidParameter": "common.errors",
     "Limit": "control.limits.limit",
     "load_model": "station.problem",
@@ -162,13 +165,18 @@ __all__ = sorted([*_HOME, *_NAMESPACES], key=str.lower)
 
 
 def __getattr__(name: str) -> Any:
-    """Returns a name of `__all__`, from the module that owns it."""
+    """Returns a name of `__all__`, from the module that owns it, with `help` on its attributes."""
     if name in _NAMESPACES:
         value = import_module(f"uvms_drake.{_NAMESPACES[name]}")
+        offered = list(vars(value).values())
     elif name in _HOME:
         value = getattr(import_module(f"uvms_drake.{_HOME[name]}"), name)
+        offered = [value]
     else:
         raise AttributeError(f"module 'uvms_drake' has no attribute {name!r}")
+    for each in offered:
+        if isinstance(each, type):
+            describe_attributes(each)
     globals()[name] = value
     return value
 

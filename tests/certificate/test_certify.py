@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.laws import PAPER
 from support.quick import FEW, search_constants_less, search_less
+from support.surfaces import Sphere
 from support.terminal_checks import check_terminal
 
 from uvms_drake.certificate.certificate import Certificate
@@ -170,6 +171,14 @@ def test_a_claim_that_a_second_search_beats_failings_the_certificate(monkeypatch
 def test_a_certificate_of_forces_needs_a_limit_on_them():
     with pytest.raises(InvalidParameter, match=r"limits\.static_force = None: must be a number"):
         certify(load_scenario("girona500_ideal", ["limits.static_force=null"]))
+
+
+def test_a_surface_that_does_not_limit_its_force_is_a_failed_condition():
+    scenario = load_scenario("girona500_ideal", ["limits.static_force=null"])
+    scenario.surface = Sphere()
+    failed = certify(scenario).failed
+    assert "certificate of the surface Sphere" in str(failed)
+    assert "`static_force_rows`" in str(failed)
 
 
 def test_other_ways_to_give_up_the_theory_are_conditions_too(scenario):

@@ -106,7 +106,7 @@ def test_the_state_can_be_set_inside_a_larger_diagram():
 
 
 def test_the_state_of_a_scenario_s_plant_can_be_set():
-    plant = make_plant(load_scenario("girona500_ideal"))
+    plant = make_plant(load_scenario("girona500_ideal", ["simulator.max_step_size=0.01"]))
     context = plant.CreateDefaultContext()
     set_state(plant, context, moving_state())
     np.testing.assert_allclose(

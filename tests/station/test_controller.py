@@ -57,9 +57,9 @@ def test_of_a_known_surface_it_is_the_controller_of_the_station():
 
 
 def test_its_force_sensor_measures_the_payload_of_the_plant_as_that_of_the_station():
-    scenario = load_scenario("girona500_contact", [
+    scenario = uv.with_step(load_scenario("girona500_contact", [
         "disturbance.bound=0", "model_error={payload: {mass: 2.0}}",
-        "sensing=[!ForceSensor {tare: 0.0}]"])
+        "sensing=[!ForceSensor {tare: 0.0}]"]))
     builder = DiagramBuilder()
     plant = builder.AddSystem(uv.make_plant(scenario))
     controller = builder.AddSystem(uv.make_controller(scenario))
@@ -70,7 +70,7 @@ def test_its_force_sensor_measures_the_payload_of_the_plant_as_that_of_the_stati
     read = []
     for system, part in ((loop, controller), (station, station)):
         simulator = Simulator(system)
-        ApplySimulatorConfig(uv.with_step(scenario).simulator, simulator)
+        ApplySimulatorConfig(scenario.simulator, simulator)
         simulator.AdvanceTo(0.02)
         context = part.GetMyContextFromRoot(simulator.get_context())
         read.append(part.GetOutputPort("force_raw").Eval(context))
@@ -91,6 +91,20 @@ def test_it_is_made_for_every_shipped_scenario_with_the_ports_of_its_docstring(n
     assert controller.HasInputPort("place") == asked
     assert controller.HasInputPort("stop") == bool(scenario.mission.steps)
     assert controller.HasInputPort("payload") == scenario.model_error.payload.present
+
+
+@pytest.mark.parametrize("missing", ["state", "force"])
+def test_a_signal_that_it_needs_must_be_connected(missing):
+    """A force sensor that reads zero pressed with five times the desired force."""
+    scenario = load_scenario("girona500_contact")
+    controller = uv.make_controller(scenario)
+    context = controller.CreateDefaultContext()
+    for name, value in (("state", np.concatenate([scenario.start.config, np.zeros(10)])),
+                        ("force", np.zeros(6))):
+        if name != missing:
+            controller.GetInputPort(name).FixValue(context, value)
+    with pytest.raises(RuntimeError, match=rf"::controller::{missing} .*is not connected"):
+        Simulator(controller, context).AdvanceTo(0.02)
 
 
 def test_a_problem_that_it_cannot_serve_is_refused():

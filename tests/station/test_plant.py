@@ -13,7 +13,7 @@ from uvms_drake.common.errors import InvalidParameter
     ("girona500_ideal", ["model_error.mass=1.2", "current=[0.1, 0.2, 0]",
                          "waves=[{amplitude: 0.2, period: 5.0, depth: 3.0}]"])])
 def test_it_moves_as_that_of_the_station(name, more):
-    scenario = uv.load_scenario(name, more)
+    scenario = uv.load_scenario(name, ["simulator.max_step_size=0.01", *more])
     station, plant = uv.make_station(scenario), uv.make_plant(scenario)
     simulator = Simulator(station)
     simulator.Initialize()
@@ -30,4 +30,12 @@ def test_it_moves_as_that_of_the_station(name, more):
     ("paper_kinematic", "seed=0", "motion = 'kinematic': must be dynamic")])
 def test_a_scenario_that_needs_a_station_is_refused(name, override, expected):
     with pytest.raises(InvalidParameter, match=expected):
-        uv.make_plant(uv.load_scenario(name, [override]))
+        uv.make_plant(uv.load_scenario(name, ["simulator.max_step_size=0.01", override]))
+
+
+def test_a_scenario_without_a_step_of_the_integrator_is_refused_with_the_remedy():
+    """A Simulator with its configuration would stand at t = 0 for ever, without a word."""
+    scenario = uv.load_scenario("girona500_ideal")
+    with pytest.raises(InvalidParameter, match=r"max_step_size = 0\.0: .*uv\.with_step\("):
+        uv.make_plant(scenario)
+    assert uv.make_plant(uv.with_step(scenario)).get_name() == "plant"

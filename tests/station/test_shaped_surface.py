@@ -89,4 +89,5 @@ def test_a_bad_surface_is_one_line(tmp_path, capsys, override, expected):
 def test_a_limit_on_the_static_force_and_a_certificate_need_what_it_does_not_offer(capsys):
     """Nobody who does not know a surface knows either; see `contact`."""
     assert main(["certify", "girona500_ideal", "--set", "surface=!ShapedSurface {}"]) == 2
-    assert "one that has `static_force_rows`" in capsys.readouterr().err
+    assert ("limits.static_force = 45.0: must be null, or the ShapedSurface one that has "
+            "`static_force_rows`") in capsys.readouterr().err

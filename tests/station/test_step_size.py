@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydrake.systems.primitives import LinearSystem
 
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
@@ -65,9 +65,13 @@ def test_a_shipped_scenario_has_a_step_that_is_short_enough(name):
 
 
 def test_a_step_that_no_rate_is_known_for_has_to_be_given(monkeypatch):
-    monkeypatch.setattr("uvms_drake.station.step_size._rates_at_task", lambda *_: np.empty(0))
+    def without_plan(*_):
+        raise RunFailed("limits.u[3] is exceeded")
+
+    monkeypatch.setattr("uvms_drake.station.step_size._rates_at_task", without_plan)
     scenario = load_scenario("girona500_ideal")
-    with pytest.raises(InvalidParameter, match=r"max_step_size = 0\.0: must be positive: no plan"):
+    with pytest.raises(InvalidParameter, match=r"max_step_size = 0\.0: must be positive: no plan "
+                       r".*: limits\.u\[3\] is exceeded$"):
         with_step(scenario, load_model(scenario))
     given = load_scenario("girona500_ideal", ["simulator.max_step_size=0.02"])
     assert with_step(given, load_model(given)) is given

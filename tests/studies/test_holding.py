@@ -64,7 +64,7 @@ def test_a_force_that_carries_the_arm_can_be_done(tmp_path, capsys):
 def test_the_forces_that_are_advised_can_be_done_and_those_beyond_cannot(tmp_path, capsys):
     robot = copied(UP, tmp_path)
     least, most = map(float, re.search(
-        r"what would help: --force from ([\d.]+) to ([\d.]+) N;",
+        r"what would help: a force from ([\d.]+) to ([\d.]+) N;",
         said(tmp_path, robot, 1.0, capsys)).groups())
     for force, possible in ((least, True), (most, True), (0.9 * least, False),
                             (1.05 * most, False)):
@@ -96,7 +96,7 @@ def test_of_a_weak_motor_of_a_hanging_arm_less_force_is_advised(tmp_path, capsys
     """Weight and force act the same way, and a stronger motor has more friction, too."""
     robot = altered(tmp_path, (".sdf", "<effort>30</effort>", "<effort>4.5</effort>"))
     line = said(tmp_path, robot, 20.0, capsys)
-    most = float(re.search(r"what would help: --force of ([\d.]+) N at most", line)[1])
+    most = float(re.search(r"what would help: a force of ([\d.]+) N at most", line)[1])
     assert 0.0 < most < 20.0
     assert said(tmp_path, robot, most, capsys) == ""
     assert said(tmp_path, robot, 1.1 * most, capsys) != ""
@@ -129,7 +129,7 @@ thrusters:
     taken = float(re.search(r"thrusters.yaml gives .* along heave, of which weight and buoyancy "
                             r"take ([\d.]+) N, and 2 N on the wall", line)[1])
     assert taken == pytest.approx(net, rel=5e-3)
-    assert "--force" not in line  # None would help.
+    assert "a force" not in line  # None would help.
 
 
 def test_the_forces_are_those_of_the_inequality():

@@ -51,6 +51,12 @@ def test_it_is_the_scenario_of_the_file_that_the_command_writes(robot, tmp_path)
         np.testing.assert_allclose(now, before, rtol=1e-3, atol=1e-4, err_msg=key)
 
 
+def test_a_posture_beyond_the_joint_limits_is_named():
+    """In degrees it asked for `limits.q_lower` below `limits.q_upper`."""
+    with pytest.raises(InvalidParameter, match=r"^posture = \[ ?0\., 63\., .*joint limits, \["):
+        uv.make_scenario(GIRONA, force=5.0, posture=[0.0, 63.0, 27.0, 0.0])
+
+
 def test_it_takes_a_kind_of_contact_with_the_sensor_that_it_needs():
     sensor = uv.sensors.ForceSensor(rate=500.0, lag=0.004)
     contact = uv.SensedContact(force=20.0, angle=0.08, speed=0.06, delay=0.03)

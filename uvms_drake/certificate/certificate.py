@@ -140,6 +140,12 @@ class Certificate:
         return (f"{text}, and by less than {self.bounds[HOLD]:.3g} N in a hold, from "
                 f"{self.tube.hold.time:.2g} s after the plan stands")
 
+    def __str__(self) -> str:
+        """Returns the whole certificate as a table, as `certify --full` prints it."""
+        import uvms_drake as uv  # The table stands above: only its public name is known here.
+
+        return uv.format_certificate(self)
+
     def adding(self, conditions: list[Condition]) -> "Certificate":
         """Returns the certificate with more conditions."""
         return replace(self, conditions=(*self.conditions, *conditions))

@@ -53,7 +53,7 @@ from uvms_drake.control.plan.plan import P, Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Actuator, Component
-from uvms_drake.model.surface.law import NotOffered
+from uvms_drake.model.surface.law import NotOffered, Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import largest_speed
@@ -296,8 +296,11 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
     """
     motion, law, limits = motion_of(scenario), scenario.ancillary, scenario.limits
     actuation, settings = scenario.actuation, scenario.certificate
-    require(not motion.has_forces or scenario.contact.force_limit(limits) is not None,
-            "limits.static_force", None,
+    limited = not motion.has_forces or scenario.contact.force_limit(limits) is not None
+    if not limited and type(scenario.surface).static_force_rows is Surface.static_force_rows:
+        raise NotOffered("surface", type(scenario.surface).__name__,
+                         "one that has `static_force_rows`, for limits.static_force")
+    require(limited, "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
     declared, contact = declared_set(limits, model), scenario.contact.force_bounds(scenario)
     weights = motion.weights(scenario.disturbance, model.size)

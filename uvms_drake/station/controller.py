@@ -1,7 +1,7 @@
 """The controller of any scenario: sensing, tube-based NMPC and actuation in one Diagram."""
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import PassThrough
+from pydrake.systems.primitives import Gain, PassThrough
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import (
@@ -70,16 +70,18 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(
         scenario, model, motion.make_ocp(scenario, model)))
 
-    # True signals come from outside; the pose of the end-effector follows from the state.
+    # True signals come from outside; the pose of the end-effector follows from the state. Only a
+    # payload's is zero if unconnected, as of a `PassThrough`; a `Gain` wants its input.
     size = controller.GetInputPort(motion.measured).size()
-    state = builder.AddNamedSystem(motion.measured, PassThrough(size))
+    state = builder.AddNamedSystem(motion.measured, Gain(1.0, size))
     true = state.get_output_port()
     builder.ExportInput(state.get_input_port(), motion.measured)
     signals[motion.measured] = true
     if motion.has_forces:
         payload = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
         for name in ("force", *payload):
-            source = builder.AddNamedSystem(name, PassThrough(6))
+            source = builder.AddNamedSystem(
+                name, Gain(1.0, 6) if name == "force" else PassThrough(6))
             builder.ExportInput(source.get_input_port(), name)
             signals[name] = source.get_output_port()
         tip = builder.AddNamedSystem("tip", TipPose(model))

@@ -45,7 +45,8 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
     - `force`: 𝔉 (6) on the surface [N, N m].
 
     Args:
-        scenario: Robot, start, surface, water, model error and disturbance.
+        scenario: Robot, start, surface, water, model error and disturbance; with a step of the
+            integrator, which `uv.with_step` chooses for that of a file.
         model: The controller's model; loaded if left out.
 
     Raises:
@@ -55,6 +56,9 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
     motion, model = motion_of(scenario), model or load_model(scenario)
     motion.check(scenario)
     require(motion.has_forces, "motion", scenario.motion, "dynamic, for a plant moved by forces")
+    # A Simulator with a largest step of zero would never end.
+    require(scenario.simulator.max_step_size > 0.0, "simulator.max_step_size", 0.0,
+            "positive in a Diagram of one's own: uv.with_step(scenario) chooses it")
     builder = DiagramBuilder()
     with within("start"):
         start = np.concatenate([vector("eta", scenario.start.eta, 6),

@@ -70,10 +70,11 @@ def with_step(scenario: Scenario, model: ContactModel | None = None) -> Scenario
     given, longest = settings.max_step_size > 0.0, step_of(scenario)
     step = longest
     if not settings.use_error_control and scheme in ORDERS:
-        rates = _rates_at_task(scenario, model)
-        if len(rates) == 0:
-            require(given, "simulator.max_step_size", settings.max_step_size,
-                    "positive: no plan holds the task, at whose rates it would be chosen")
+        try:
+            rates = _rates_at_task(scenario, model)
+        except RunFailed as error:
+            require(given, "simulator.max_step_size", settings.max_step_size, "positive: no plan "
+                    f"holds the task, at whose rates it would be chosen: {error}")
             return scenario
         largest = largest_step(scheme, rates)
         if given:
@@ -94,7 +95,11 @@ def with_step(scenario: Scenario, model: ContactModel | None = None) -> Scenario
 
 
 def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
-    """Returns the rates of the loop and of friction at the task [1/s]; none without a plan."""
+    """Returns the rates of the loop and of friction at the task [1/s].
+
+    Raises:
+        RunFailed: No plan holds the task.
+    """
     # At rest at the task, without a disturbance: an adversary's jumps with the state. A plan of any
     # length is constant there.
     quiet = replace(scenario, disturbance=ConstantDisturbance(bound=0.0), faults=[],
@@ -108,8 +113,6 @@ def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
         simulator.Initialize()
         simulator.AdvancePendingEvents()  # Sampled signals are constant from here on.
         rates = loop_rates(station, simulator.get_mutable_context())
-    except RunFailed:
-        return np.empty(0)
     finally:
         release(station)
     friction = (friction_rate(scenario, model, config) if motion_of(scenario).has_forces else 0.0)

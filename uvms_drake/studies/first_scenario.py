@@ -148,6 +148,9 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choi
     """
     # The task: the vehicle level, the tool along the normal, in a frame without singularity.
     world = UvmsModel(uvms)
+    require(chosen.posture is None or bool(
+        np.all((world.q_lower <= chosen.posture) & (chosen.posture <= world.q_upper))), "posture",
+        chosen.posture, f"within the robot's joint limits, {world.q_lower} to {world.q_upper}")
     posture, dexterity = find_posture(world) if chosen.posture is None else (
         chosen.posture, dexterity_at(world, chosen.posture))
     tool = _level(world, posture)

@@ -96,9 +96,9 @@ def what_helps(uvms: Uvms, config: np.ndarray, holding: Holding, force: float) -
     least, most = holding.forces()
     least, most = _rounded(least, np.ceil), _rounded(most, np.floor)
     if max(least, 0.0) < most:
-        found.append(f"--force of {least:g} N at least" if not np.isfinite(most) else
-                     f"--force of {most:g} N at most" if least <= 0.0 else
-                     f"--force from {least:g} to {most:g} N")
+        found.append(f"a force of {least:g} N at least" if not np.isfinite(most) else
+                     f"a force of {most:g} N at most" if least <= 0.0 else
+                     f"a force from {least:g} to {most:g} N")
     # Links of which the water is not known may weigh less.
     wet, names = with_water(uvms)
     if names:

@@ -144,3 +144,17 @@ def test_a_term_that_cannot_be_differentiated_is_named():
         with_terms("girona500_ideal", Unsigned())
     with pytest.raises(InvalidParameter, match=r"mpc\.terms\[1\]\.weight"):
         with_terms("girona500_ideal", LevelVehicle(), LevelVehicle(-1.0))
+
+
+@pytest.mark.parametrize(("about", "residual", "why"), [
+    ("pose", lambda at: at.zeta[..., 7:8], r"about = 'pose' must be 'speed' if it reads"),
+    ("speed", lambda at: at.zeta[..., 7], r"must be an array \(\.\.\., m\)"),
+    ("velocity", lambda at: at.zeta, r"about = 'velocity': must be one of pose, speed, input")])
+def test_a_term_with_a_usual_mistake_says_it(about, residual, why):
+    class Mistaken(CostTerm):
+        def residual(self, at: Points) -> np.ndarray:
+            return residual(at)
+
+    Mistaken.about = about
+    with pytest.raises(TypeError, match=rf"^mpc\.terms\[0\]: .*{why}"):
+        with_terms("girona500_ideal", Mistaken())

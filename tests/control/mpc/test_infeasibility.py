@@ -36,6 +36,13 @@ def test_a_limit_that_is_broken_at_rest_is_named_with_its_first_instant_and_the_
     assert why.endswith("from t = 0.00 s on")
 
 
+def test_a_start_within_the_wall_is_named():
+    ocp, guess = first_guess()
+    inside = guess.redone(guess.start + 0.5 * np.eye(20)[0], guess.decision)
+    assert infeasibility_reason(ocp, inside, None, FEASIBLE).endswith(
+        "; the tip starts 0.203 m deep in the surface")
+
+
 def test_a_solver_that_finds_nothing_where_nothing_is_broken_is_to_blame_itself():
     reason = infeasibility_reason(*first_guess(), None, FEASIBLE)
     assert reason.startswith("the solver finds no plan")

@@ -14,14 +14,15 @@ from uvms_drake.control.plan.points import About, Points, Slopes, slopes
 
 
 class CostTerm(ABC):
-    """Cost h‖r‖² at N points, the beginnings of the intervals."""
+    """Cost h‖r‖² at N points, the beginnings of the intervals of the time step h [s]."""
 
     about: ClassVar[About] = "pose"
-    """Arguments that `residual` reads."""
+    """Arguments that `residual` reads: `pose` for 𝔮 and y, `speed` for ζ too, `input` for u and τ
+    too."""
 
     @abstractmethod
     def residual(self, at: Points) -> np.ndarray:
-        """Returns r (..., m); also of complex points."""
+        """Returns r (..., m) of points (...); also of complex ones, without abs or norm."""
 
     def value(self, at: Points) -> float:
         """Returns Σ‖r‖²."""

@@ -19,7 +19,11 @@ from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 
 class Pair(NamedTuple):
-    """Motion of the real and of the nominal robot at an instant; the real one is always first."""
+    """Motion of the real and of the nominal robot at an instant; the real one is always first.
+
+    The error of the velocity is `zeta[0] - zeta[1]`, that of pose and joints
+    `uv.pose_difference(*y)`, which wraps the angles.
+    """
 
     kinematics: Kinematics
     """Geometry of the two robots, stacks (2,)."""
@@ -137,9 +141,10 @@ class Observed:
 
 
 class AncillaryLaw(ABC):
-    """Law as feedback, monitor and certificate use it.
+    """Law that keeps the robot near the plan; the dataclass of its gains.
 
-    The defaults claim nothing: no bound along the run, errors of the whole extended task.
+    A closed loop needs its `command` alone. The defaults of the other methods serve monitor and
+    certificate, and claim nothing: no bound along the run, errors of the whole extended task.
     """
 
     k: float = math.nan

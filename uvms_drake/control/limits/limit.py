@@ -50,8 +50,9 @@ class Limit(ABC):
     name: str
     """Key below `limits`; unique."""
     about: ClassVar[About] = "pose"
-    """Arguments that `values` reads. A limit about pose or speed holds at the knots of a plan,
-    one about the input at both ends of every interval."""
+    """Arguments that `values` reads: `pose` for 𝔮 and y, `speed` for ζ too, `input` for u and τ
+    too. A limit about pose or speed holds at the knots of a plan, one about the input at both ends
+    of every interval."""
     soft: ClassVar[bool] = True
     """Whether the convex program may relax it, as is best for a limit that is not linear."""
     overshoots: ClassVar[bool] = True
@@ -65,7 +66,10 @@ class Limit(ABC):
 
     @abstractmethod
     def values(self, at: Points) -> np.ndarray:
-        """Returns the values (..., m); also of complex points, where `slopes` is not overridden."""
+        """Returns the values (..., m) of points (...).
+
+        Also of complex ones, without abs or norm, where `slopes` is not overridden.
+        """
 
     @abstractmethod
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from uvms_drake.control.limits.thrusters import ThrusterForces
 from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.description.thruster_file import ThrusterParameters
-from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.law import NotOffered, Surface
 
 offer(Limit, TipBox, TipVelocity, PlanAcceleration)
 
@@ -109,7 +109,11 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         *(VehicleAngle(name, getattr(settings, name)) for name in ("roll", "pitch")),
         TipPitch(settings.tip_pitch), Joints(*joint_limits(settings, q_lower, q_upper), slides)]
     if settings.static_force is not None:
-        limits.append(StaticForce(settings.static_force, surface))
+        try:
+            limits.append(StaticForce(settings.static_force, surface))
+        except NotOffered as error:
+            raise InvalidParameter("limits.static_force", settings.static_force,
+                                   f"null, or the {error.value} {error.allowed}") from None
     if accelerations:
         limits.append(Accelerations(np.asarray(settings.u, dtype=float), slides=slides))
         if settings.tau is not None:

@@ -7,6 +7,7 @@ import numpy as np
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import P
+from uvms_drake.model.contact_model import ContactModel
 
 
 class LimitViolation(NamedTuple):
@@ -52,7 +53,11 @@ def infeasibility_reason(ocp: Ocp[P], guess: P, plan: P | None, allowed: float) 
     """
     at_rest = first_violation(ocp, guess, allowed)
     if at_rest is not None:
-        return f"at rest, {at_rest.text}"
+        model, deep = ocp.model, 0.0
+        if isinstance(model, ContactModel):
+            deep = float(model.surface.penetration(model.task_pose(guess.config[0])[:6]))
+        return f"at rest, {at_rest.text}" + (
+            f"; the tip starts {deep:.3g} m deep in the surface" if deep > 0.0 else "")
     if plan is None:
         return "the solver finds no plan; weights, stiffness and time step may be badly scaled"
     away = first_violation(ocp, plan, allowed)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -220,17 +220,25 @@ def check_slopes(name: str, values: Callable[[Points], np.ndarray], at: Points, 
     Args:
         name: Name of the function, for the message.
         values: A function of points.
-        at: One point.
+        at: Points.
         about: Arguments that `values` reads.
+
+    Raises:
+        TypeError: They do not agree, or there is no such kind of values.
     """
+    if about not in get_args(About):
+        raise TypeError(f"{name}: about = {about!r}: must be one of {', '.join(get_args(About))}")
     dy, dzeta, du = 1e-6 * np.cos(np.arange(3 * at.model.size)).reshape(3, -1)
     forward, backward = (values(Points(
         at.model, at.config + sign * at.config_y @ dy, at.y + sign * dy, at.zeta + sign * dzeta,
         at.u + sign * du)) for sign in (1.0, -1.0))
+    if np.shape(forward)[:-1] != np.shape(at.y)[:-1]:
+        raise TypeError(f"{name}: its values at points (...) must be an array (..., m)")
     chain = Slopes(dy[:, None], dzeta[:, None], du[:, None])
     change = slopes(values, at, about).through(chain)[..., 0]
     scale = 1e-6 + np.max(np.abs(forward), initial=0.0)
     error, tolerance = np.abs(0.5 * (forward - backward) - change), 1e-4 * np.abs(change)
     if not np.all(error <= tolerance + 1e-11 * scale):
         raise TypeError(f"{name}: its derivative by complex steps is not that of differences; "
-                        "it must be smooth and allow for complex points")
+                        "it must be smooth and allow for complex points, and about = "
+                        f"{about!r} must be 'speed' if it reads ζ, 'input' if it reads u or τ")

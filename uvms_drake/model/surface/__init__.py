@@ -2,14 +2,14 @@
 
 from uvms_drake.common.kinds import offer
 from uvms_drake.model.surface.geometry import Bead, Bumpy, Cylinder, Geometry, Plane
-from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.law import NotOffered, StaticForceRows, Surface, TipErrors
 from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
 from uvms_drake.model.surface.plane import UnilateralPlane, plane_load
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.surface.spring import BilateralSpring
 
 __all__ = ["Bead", "BilateralSpring", "Bilinear", "Bumpy", "Cylinder", "Geometry",
-           "Hardening", "Linear", "Plane", "ShapedSurface",
-           "Surface", "UnilateralPlane", "plane_load"]
+           "Hardening", "Linear", "NotOffered", "Plane", "ShapedSurface", "StaticForceRows",
+           "Surface", "TipErrors", "UnilateralPlane", "plane_load"]
 
 offer(Surface, UnilateralPlane, BilateralSpring, ShapedSurface)

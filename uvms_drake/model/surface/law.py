@@ -72,14 +72,17 @@ class TipErrors(NamedTuple):
 class Surface(ABC):
     """A surface that the end-effector presses on; the dataclass of its YAML settings.
 
-    The plant needs the abstract methods; a model and a controller that know the surface need
-    `force_jacobian`, too. The others serve a certificate, a limit on the force or a campaign; they
-    have a default, or raise `NotOffered`. A shape alone may be a `Geometry` of a
-    `ShapedSurface`, which adds the static force by the depth, damping and friction.
+    A closed loop needs the abstract methods. The others serve a limit on the static force
+    (`force_jacobian`, `static_force_rows`), a certificate or a campaign; they have a default, or
+    raise `NotOffered`. A flat surface of one's own has all of them, and so a certificate, as a
+    `UnilateralPlane` with a `force`, a `penetration_for` and a `force_jacobian` of its own. A shape
+    alone may be a `Geometry` of a `ShapedSurface`, which adds the static force by the depth,
+    damping and friction.
     """
 
     normal: np.ndarray | None = None
-    """Unit normal into the water (3,) in Σ_I of a flat surface; None: it is not flat."""
+    """Unit normal into the water (3,) in Σ_I of a flat surface; None: it is not flat, and a desired
+    force is a vector."""
 
     @property
     @abstractmethod
@@ -92,7 +95,15 @@ class Surface(ABC):
 
     @abstractmethod
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
-        """Returns 𝔉 (..., 6) at the pose χ (..., 6) moving with χ̇ (..., 6)."""
+        """Returns 𝔉 (..., 6) [N, N m] at the pose χ (..., 6) moving with χ̇ (..., 6).
+
+        Also for complex numbers, by which derivatives are taken: an array for it is made with
+        `np.zeros_like(chi)`, and nothing takes an absolute value, a real part or `math.sqrt`.
+
+        Args:
+            chi: Position in Σ_I and ZYX Euler angles of the end-effector [m, rad].
+            chi_dot: Its rate [m/s, rad/s].
+        """
 
     @abstractmethod
     def penetration(self, chi: np.ndarray) -> np.ndarray:
@@ -266,6 +277,7 @@ def check_surface(surface: Surface) -> Surface:
     # Below this, a difference is rounding and no derivative.
     rounding = 1e-13 / DIFFERENCE * max(1.0, float(np.max(np.abs(force(0.0)))))
     require(bool(excess[worst] <= rounding), "force", name,
-            f"analytic in complex numbers: by {COORDINATES[worst[0]]} a complex step gives "
-            f"{by_complex[worst]:g}, a difference {by_difference[worst]:g}")
+            "analytic in complex numbers, without a cast to real or an absolute value: by "
+            f"{COORDINATES[worst[0]]} a complex step gives {by_complex[worst]:g}, a difference "
+            f"{by_difference[worst]:g}")
     return surface
