@@ -10,12 +10,20 @@ from uvms_drake.control.contact.safe_region import (
     between_readings,
     bounds,
     dominates,
-    free_distance,
     safe_depth,
 )
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 FORCE_MAX, NOISE = 45.0, 1.0
+
+
+def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Returns the distance along n from 𝔭 (..., 3) to the end of an apex's cone (...) [m].
+
+    It is −⟨𝔭 − 𝔞⟩, below zero outside; −inf for an apex that is NaN.
+    """
+    distance = -surface.advance(point - at)
+    return np.where(np.isnan(distance), -np.inf, distance)
 
 
 def at_rest(points):

@@ -5,7 +5,24 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from uvms_drake.control.convex import dual_active_set
-from uvms_drake.control.convex.dual_active_set import NO_ROWS, least_norm_point
+from uvms_drake.control.convex.dual_active_set import BROKEN, NO_ROWS, Multipliers, multipliers
+
+
+def least_norm_point(G: np.ndarray, b: np.ndarray, equalities: int = 0,
+                     active: np.ndarray = NO_ROWS) -> tuple[np.ndarray, Multipliers] | None:
+    """Returns the least-norm r (n,) and its multipliers; see `multipliers`.
+
+    Args:
+        G: Rows (m, n), none of which is zero.
+        b: Their values (m,).
+        equalities: Number of equalities, which come first.
+        active: Guess of the active rows but for the equalities.
+    """
+    size = np.linalg.norm(G, axis=1)
+    G, b = G / size[:, None], b / size
+    found = multipliers(G @ G.T, b, equalities, BROKEN / size, active)
+    return None if found is None else (
+        -(found.value @ G), found._replace(value=found.value / size))
 
 
 def random_polyhedron(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -61,15 +61,6 @@ def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: floa
     return excess
 
 
-def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Returns the distance along n from 𝔭 (..., 3) to the end of an apex's cone (...) [m].
-
-    It is −⟨𝔭 − 𝔞⟩, below zero outside; −inf for an apex that is NaN.
-    """
-    distance = -surface.advance(point - at)
-    return np.where(np.isnan(distance), -np.inf, distance)
-
-
 def dominates(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, extent: np.ndarray
              ) -> np.ndarray:
     """Returns whether an apex's pyramid contains that of the old one over a box of lateral places.

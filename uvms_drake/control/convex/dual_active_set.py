@@ -200,23 +200,6 @@ class _Rows(NamedTuple):
                 excess[row] = -np.inf
 
 
-def least_norm_point(G: np.ndarray, b: np.ndarray, equalities: int = 0,
-                     active: np.ndarray = NO_ROWS) -> tuple[np.ndarray, Multipliers] | None:
-    """Returns the least-norm r (n,) and its multipliers; see `multipliers`.
-
-    Args:
-        G: Rows (m, n), none of which is zero.
-        b: Their values (m,).
-        equalities: Number of equalities, which come first.
-        active: Guess of the active rows but for the equalities.
-    """
-    size = np.linalg.norm(G, axis=1)
-    G, b = G / size[:, None], b / size
-    found = multipliers(G @ G.T, b, equalities, BROKEN / size, active)
-    return None if found is None else (
-        -(found.value @ G), found._replace(value=found.value / size))
-
-
 def _bordered(inverse: np.ndarray, corner: np.ndarray, rate: float) -> np.ndarray:
     """Returns the inverse with one row more, by (change, −1) and the row's independent part."""
     out = np.outer(corner, corner / rate)
