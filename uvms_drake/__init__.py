@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from uvms_drake.model.contact_model import ContactModel as ContactModel
     from uvms_drake.model.frames.euler import pose_difference as pose_difference
     from uvms_drake.model.robot import Robot as Robot
+    from uvms_drake.model.signals.command_path import CommandPath as CommandPath
     from uvms_drake.model.signals.sensor_actuator import Part as Part
     from uvms_drake.model.signals.sensor_actuator import Signals as Signals
     from uvms_drake.model.surface.law import Surface as Surface
@@ -95,6 +96,7 @@ _HOME = {
     "Certificate": "certificate.certificate",
     "certify": "certificate.certify",
     "Command": "control.laws.law",
+    "CommandPath": "model.signals.command_path",
     "configuration_rate": "model.uvms_model",
     "Contact": "station.contact.contact",
     "ContactModel": "model.contact_model",

@@ -10,7 +10,7 @@ from uvms_drake.actuation import LaggedWrench
 from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.propulsion.allocation import Allocation
-from uvms_drake.model.signals.sensor_actuator import ON_TIME, VEHICLE_WRENCH, Signals
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
 from uvms_drake.station.scenario.scenario import load_scenario
 
 TAU = np.array([300.0, -90.0, 70.0, 20.0, 40.0, -30.0, 1.0, 2.0, 3.0, 4.0])
@@ -43,10 +43,10 @@ def test_the_wrench_follows_on_every_axis_and_the_torques_at_once(model):
 
 def test_its_delay_is_known_and_previewed_or_not(model):
     path = LaggedWrench(period=0.01, lag=0.06, dead_time=0.02).command_path(model)
-    assert path.actuation_delay.vehicle == pytest.approx(0.085)
-    assert path.actuation_delay.joints == 0.0
-    assert path.undriven == ()
-    assert LaggedWrench(foreseen=False).command_path(model).actuation_delay == ON_TIME
+    assert path.preview == path.mean_delays == (pytest.approx(0.085), 0.0)
+    assert path.undriven == () and not np.any(path.thruster_error)
+    hidden = LaggedWrench(foreseen=False).command_path(model)
+    assert hidden.preview == (0.0, 0.0) and hidden.mean_delays == (pytest.approx(0.055), 0.0)
 
 
 @pytest.mark.parametrize("wrench", [

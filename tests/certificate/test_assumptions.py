@@ -99,6 +99,16 @@ def test_a_clock_or_a_lag_is_in_the_statement_of_the_wrench():
         assert unmet(scenario) == []
 
 
+def test_a_lag_behind_a_clock_is_stated_with_both_and_its_dead_time():
+    scenario = load_scenario("girona500_sampled", [
+        "actuation=[!SampledCommand {period: 0.02, delay: 0.01}, "
+        "!LaggedWrench {lag: 0.1, dead_time: 0.03}, !IdealWrench {undriven: [roll]}]"])
+    found = scope_of(assumptions_of(scenario, load_model(scenario)))
+    assert ("under a zero-order hold of 0.02 s, 0.01 s late, the wrench sampled every 0.01 s, with "
+            "a lag of 0.1 s after a dead time of 0.03 s") in found["actuation"]
+    assert "at the ticks of the clock" in found["sensing"]
+
+
 def test_the_first_of_several_statements_is_the_scope():
     first = Assumption("surface", "a", "operator")
     assert scope_of([first, replace(first, statement="b")]) == {"surface": "a"}

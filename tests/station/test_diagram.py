@@ -180,7 +180,7 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     scenario = load_scenario("girona500_ideal", [CLOSE])
     told = []
 
-    def without_limits(ocp, ancillary, targets, limits, actuation_delay, solver):
+    def without_limits(ocp, ancillary, targets, limits, command_path, solver):
         told.append(limits)
         return make_tube_mpc(ocp, ancillary, targets, solver=solver)
 

@@ -29,7 +29,7 @@ LOG_PERIOD = 0.005
 class GivenPlan(LeafSystem):
     """A plan and its preview, as functions of time."""
 
-    def __init__(self, model, plan: DynamicPlan, delay, reaction):
+    def __init__(self, model, plan: DynamicPlan, preview, reaction):
         super().__init__()
         size, end = model.size, plan.start_time + plan.time_step * len(plan.zeta_dot)
 
@@ -41,7 +41,7 @@ class GivenPlan(LeafSystem):
         output_of(self, "nominal_acceleration", size, lambda c: at(c)[2], when)
         output_of(self, "nominal_input", size, lambda c: np.zeros(size), when)
         output_of(self, "preview", size, lambda c: previewed_forces(
-            model, plan, c.get_time(), delay, at(c), reaction), when)
+            model, plan, c.get_time(), preview, at(c), reaction), when)
 
 
 class Push(LeafSystem):
@@ -93,7 +93,8 @@ def run(scenario, parts, at, wall, surface, *, duration: float, plan: DynamicPla
     reaction = None
     if wall.force:
         reaction = SurfaceReaction(wall.normal, wall.force, wall.stiffness * wall.normal)
-    nominal = builder.AddNamedSystem("plan", GivenPlan(model, plan, parts.delay, reaction))
+    preview = parts.command_path.preview
+    nominal = builder.AddNamedSystem("plan", GivenPlan(model, plan, preview, reaction))
     signals = Signals()
     source = builder.AddNamedSystem("push", Push(
         model, (lambda time: np.zeros(3)) if push is None else push))
@@ -107,7 +108,7 @@ def run(scenario, parts, at, wall, surface, *, duration: float, plan: DynamicPla
     feedback = AncillaryFeedback.AddToBuilder(
         builder, model, parts.law, nominal=nominal, state=measured)
     observer = add_observer(builder, model, parts.law, feedback, state=measured)
-    if parts.law.takes_wrench and any(parts.delay):
+    if parts.law.takes_wrench and any(preview):
         builder.Connect(nominal.GetOutputPort("preview"), feedback.GetInputPort("preview"))
     force, contact = signals[MEASURED_FORCE], sensed_contact(scenario)
     if contact.tangential_lag > 0.0:

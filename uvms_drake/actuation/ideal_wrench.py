@@ -6,8 +6,9 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import AXES
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
-from uvms_drake.model.signals.sensor_actuator import Actuator, CommandPath, Signals
+from uvms_drake.model.signals.sensor_actuator import Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -32,7 +33,7 @@ class IdealWrench(Actuator):
 
     def command_path(self, model: UvmsModel) -> CommandPath:
         """Returns a path without a delay."""
-        return CommandPath(0.0, 0.0)
+        return IDEAL_PATH
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:

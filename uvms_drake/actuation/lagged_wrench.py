@@ -1,6 +1,6 @@
 """First-order lag of the vehicle's wrench on all six axes: ideal thrusters with a delay."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.propulsion.thrusters import ThrusterModel, Unlimited
-from uvms_drake.model.signals.sensor_actuator import CommandPath
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -41,7 +41,7 @@ class LaggedWrench(Thrusters):
 
     def command_path(self, model: UvmsModel) -> CommandPath:
         """Returns its clock, dead time and lag."""
-        return super().command_path(model)._replace(foreseen=self.foreseen)
+        return replace(super().command_path(model), foreseen=self.foreseen)
 
     def _at(self, model: UvmsModel, sag: float) -> ThrusterModel:
         size = len(AXES)

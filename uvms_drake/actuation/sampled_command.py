@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_period
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
-from uvms_drake.model.signals.sensor_actuator import Actuator, CommandPath, Signals
+from uvms_drake.model.signals.sensor_actuator import Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 

@@ -26,8 +26,9 @@ from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require, require_period
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
-from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Actuator, CommandPath, Signals
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 SMALL = 1e-3
@@ -79,8 +80,9 @@ class Thrusters(Actuator):
                    for at in np.union1d(curve.command, real.command))
                for curve, real in zip(known.curves, true.curves, strict=True)]
         return CommandPath(
-            self.period, known.dead_time, float(np.mean(known.lag)), whole=False,
-            off=known.B * np.array(off), undriven=tuple(map(int, known.undriven)),
+            thruster_period=self.period, dead_time=known.dead_time, lag=float(np.mean(known.lag)),
+            thruster_error=tuple(map(tuple, (known.B * np.array(off)).T.tolist())),
+            undriven=tuple(map(int, known.undriven)),
             unknown=("thrusters of different lags",) if np.ptp(known.lag) > 0.0 else ())
 
     def _steps(self, dead_time: float) -> int:

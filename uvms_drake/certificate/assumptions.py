@@ -10,15 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.actuation.ideal_wrench import IdealWrench
-from uvms_drake.actuation.lagged_wrench import LaggedWrench
-from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.control.limits import Limits
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.contact import OPERATOR, Statement
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER
 from uvms_drake.station.contact.sensed_contact import CERTIFIER
@@ -46,12 +46,14 @@ class Assumption:
 def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption, ...]:
     """Returns the assumptions of a scenario's certificate, those of `SCOPE` first."""
     motion, contact, actuation = motion_of(scenario), scenario.contact, scenario.actuation
+    path = command_path_of(actuation, model)
     about_surface = (
         [*contact.about_surface(scenario), ("surface", "the tip alone touches anything", OPERATOR)]
         if motion.has_forces else [("surface", "none that disturbs the motion", OPERATOR)])
     return tuple(Assumption(about, statement, by) for about, statement, by in (
-        *_actuation(scenario.model, actuation, scenario.limits, model, forces=motion.has_forces),
-        *_sensing([*contact.about_sensing(scenario)], actuation),
+        *_actuation(scenario.model, actuation, path, scenario.limits, model,
+                    forces=motion.has_forces),
+        *_sensing([*contact.about_sensing(scenario)], path),
         *about_surface,
         *_disturbance(motion, scenario.disturbance, scenario.unknowns, model.size),
         *_robot(scenario.model, forces=motion.has_forces),
@@ -82,16 +84,23 @@ def unnamed_axes(actuation: Sequence[Actuator], model: UvmsModel) -> tuple[str, 
     return tuple(axis for axis in undriven_axes(model) if axis not in named)
 
 
-def _actuation(robot: str, actuation: Sequence[Actuator], limits: Limits, model: UvmsModel, *,
-               forces: bool) -> Iterator[Statement]:
+def _timing(path: CommandPath) -> str:
+    """Returns clock, delay, dead time and lag of the commands in words."""
+    words = []
+    if path.period > 0.0:
+        words.append(f"under a zero-order hold of {path.period:.3g} s, {path.delay:.3g} s late")
+    if path.has_thrusters:
+        sampled = f" sampled every {path.thruster_period:.3g} s," if path.thruster_period else ""
+        waits = f" after a dead time of {path.dead_time:g} s" if path.dead_time else ""
+        words.append(f"the wrench{sampled} with a lag of {path.lag:g} s{waits}")
+    return ", ".join(words) or "at once, in continuous time"
+
+
+def _actuation(robot: str, actuation: Sequence[Actuator], path: CommandPath, limits: Limits,
+               model: UvmsModel, *, forces: bool) -> Iterator[Statement]:
     """Yields the wrench and the torques, or the velocity if no forces move the robot."""
     undriven = undriven_axes(model)
-    timing = "at once, in continuous time"
-    for part in actuation:
-        if isinstance(part, SampledCommand):
-            timing = f"under a zero-order hold of {part.period:.3g} s, {part.delay:.3g} s late"
-        elif isinstance(part, LaggedWrench):
-            timing = f"the wrench sampled every {part.period:.3g} s, with a lag of {part.lag:g} s"
+    timing = _timing(path)
     ideal = ("an ideal wrench on six axes and a torque on every joint" if forces else
              "the velocity of the vehicle on six axes and the rate of every joint as commanded")
     if _thrusters(actuation):
@@ -110,11 +119,10 @@ def _actuation(robot: str, actuation: Sequence[Actuator], limits: Limits, model:
                + " is there, without dead band, ripple or thermal limit", MAKER)
 
 
-def _sensing(force: list[Statement], actuation: Sequence[Actuator]) -> Iterator[Statement]:
+def _sensing(force: list[Statement], path: CommandPath) -> Iterator[Statement]:
     """Yields the measured state, and the statements about the measured force."""
-    clock = any(isinstance(part, SampledCommand) for part in actuation)
     yield ("sensing", "exact pose, velocity and joint angles, "
-           + ("at the ticks of the clock" if clock else "in continuous time")
+           + ("at the ticks of the clock" if path.period > 0.0 else "in continuous time")
            + ("; a force sensor within its declared errors" if force else ""),
            "maker of navigation and encoders" + (f", {SENSOR_MAKER}" if force else ""))
     yield from force

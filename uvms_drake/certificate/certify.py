@@ -57,7 +57,7 @@ from uvms_drake.model.surface.law import NotOffered, Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.command_path import actuation_delay_of, command_paths
+from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.parts import uncovered
@@ -67,7 +67,6 @@ from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.laws.tip_first import lag_is_proven
-from uvms_drake.tube.loops.actuator_path import actuators_of
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Estimate, unrefuted
 from uvms_drake.tube.search.search_memo import active_memo
@@ -229,8 +228,7 @@ def is_counted(part: Component, law: AncillaryLaw, actuation: Sequence[Actuator]
         return False
     if not isinstance(part, LaggedWrench):
         return isinstance(part, SampledCommand)
-    actuators = actuators_of(command_paths(actuation, model), actuation_delay_of(actuation, model))
-    return lag_is_proven(law, actuators, time_step)
+    return lag_is_proven(law, command_path_of(actuation, model), time_step)
 
 
 def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
@@ -330,8 +328,7 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         contact=contact, forces=bool(
             limits.tau is not None or limits.thrusters is not None or limits.more),
         largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
-        actuators=actuators_of(command_paths(actuation, model),
-                               actuation_delay_of(actuation, model)))
+        command_path=command_path_of(actuation, model))
 
 
 def tightening_margins(tube: TubeRadii, limits: Mapping[str, Limit]) -> list[Condition]:

@@ -19,12 +19,12 @@ from uvms_drake.control.ocp.solver import Solver
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
-from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 
 
 def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
                   targets: Targets | None = None, limits: Limits | None = None,
-                  actuation_delay: ActuationDelay = ON_TIME,
+                  command_path: CommandPath = IDEAL_PATH,
                   solver: Solver[Any] | None = None,
                   press: PressControl | None = None) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
@@ -80,7 +80,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         law: The feedback law and its gains.
         targets: Problems of other desired forces; None: the desired force is constant.
         limits: Limits of the real robot, to which `u` and `tau` are clipped; None: no clipping.
-        actuation_delay: Delay of the commands, for a law that takes the thrusters' wrench; see
+        command_path: Path of the commands, for a law that takes the thrusters' wrench; see
             `control.feedback.feedforward_preview` and `control.plan.commitment`.
         solver: Solver of the problem; that of its `MpcConfig` if None, see `make_solver`.
         press: Press on an unknown wall by the measured force, for a `TrackingOcp`; None: the model
@@ -96,7 +96,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
-    committed = committed_intervals(law, actuation_delay, ocp.time_step)
+    committed = committed_intervals(law, command_path, ocp.time_step)
     pressing = None if press is None else press.add_to(builder, ocp, measured, committed)
     mpc = NominalMpc.AddToBuilder(builder, solver or make_solver(ocp), state=measured,
                                   targets=targets, committed=committed)
@@ -106,7 +106,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
     add_feedforward_preview(
-        builder, ocp.model, law, feedback, actuation_delay, nominal=mpc,
+        builder, ocp.model, law, feedback, command_path, nominal=mpc,
         estimator=None if pressing is None else pressing.estimator,
         direction=None if pressing is None else pressing.walls.direction)
 

@@ -1,11 +1,12 @@
-"""Command paths of a scenario's actuation, and the limits to which its commands are cut."""
+"""Command path of a scenario's actuation, and the limits to which its commands are cut."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from uvms_drake.common.errors import within
 from uvms_drake.control.limits import Limits
-from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay, Actuator, CommandPath
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
+from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.parts import keyed
 
@@ -27,21 +28,13 @@ def command_limits(scenario: "Scenario") -> Limits | None:
     return None if implicit else scenario.limits
 
 
-def actuation_delay_of(actuation: Sequence[Actuator], model: UvmsModel) -> ActuationDelay:
-    """Returns the preview time of the plans of a scenario's actuation, as the controller has it.
+def command_path_of(actuation: Sequence[Actuator], model: UvmsModel) -> CommandPath:
+    """Returns the path of a law's commands through a scenario's actuation.
 
-    The delay of the actuation, if it has a lag. Behind a clock alone only the knots of a plan are
-    delayed, and with a preview they would come early.
+    It is that of the controller's model.
     """
-    paths = [path for path in command_paths(actuation, model) if path is not None]
-    delays = [] if all(path.whole for path in paths) else [path.actuation_delay for path in paths]
-    return ActuationDelay(*(sum(times) for times in zip(ON_TIME, *delays, strict=True)))
-
-
-def command_paths(actuation: Sequence[Actuator], model: UvmsModel) -> list[CommandPath | None]:
-    """Returns the command path of each part of a scenario's actuation; None if it has none."""
-    paths = []
+    path = IDEAL_PATH
     for key, part in keyed("actuation", actuation).items():
         with within(key):
-            paths.append(part.command_path(model))
-    return paths
+            path = path.then(part.command_path(model))
+    return path

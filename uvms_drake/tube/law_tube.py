@@ -1,7 +1,7 @@
 """Tube of an ancillary law, and the data that it is computed from."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
@@ -10,12 +10,12 @@ import numpy as np
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.hold import HoldLaw
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.contact.uneven_motion import TipAcceleration
-from uvms_drake.tube.loops.actuator_path import Actuators
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, no_estimates
 from uvms_drake.tube.settings import CertificateSettings
@@ -48,8 +48,8 @@ class Basis:
     """Forces of a sensed contact, which are not in the model."""
     largest_rate: np.ndarray | float = np.inf
     """Bounds of |ζ̄̇ᵢ| of a plan (6+n,): those by |ūᵢ| alone are far too large for light joints."""
-    actuators: Actuators = field(default_factory=Actuators)
-    """Clocks, dead times and lags between the law and the robot."""
+    command_path: CommandPath = IDEAL_PATH
+    """Path of the commands from the law to the robot."""
     time_step: float = np.inf
     """Time step of a plan, over which ζ̄̇ is constant [s]."""
     forces: bool = False

@@ -7,7 +7,7 @@ from uvms_drake.certificate.coupled.budget import (
     coupled_budget,
     has_coupled_budget,
 )
-from uvms_drake.station.command_path import command_paths
+from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 
@@ -18,7 +18,7 @@ def test_thrusters_behind_a_clock_have_a_budget(name, has):
     scenario = load_scenario(name)
     assert has_coupled_budget(
         scenario.ancillary, scenario.contact.linear_walls(scenario.task.force),
-        command_paths(scenario.actuation, load_model(scenario))) is has
+        command_path_of(scenario.actuation, load_model(scenario))) is has
 
 
 @pytest.mark.slow

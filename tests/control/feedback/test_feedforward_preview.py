@@ -1,5 +1,7 @@
 """Tests of `control.feedback.feedforward_preview`."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value
@@ -16,13 +18,14 @@ from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
-from uvms_drake.station.command_path import actuation_delay_of
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
+from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.loops.row_loop import RowLoop
 
 H, N = 0.2, 6
 GAINS = (1.5, 0.4)  # k, σ of the vehicle [1/s]
+PATH = CommandPath(delay=0.04, dead_time=0.1, lag=0.16)  # s; 0.3 of the vehicle, 0.04 of the joints
 
 
 def jumping(before: int = 0) -> DynamicPlan:
@@ -42,7 +45,7 @@ def planned_forces(model, plan: DynamicPlan, time: float) -> np.ndarray:
 
 
 def test_it_is_what_the_plans_forces_change_until_they_act(model):
-    plan, time, delay = jumping(), 0.25, ActuationDelay(0.3, 0.04)
+    plan, time, delay = jumping(), 0.25, (0.3, 0.04)
     preview = previewed_forces(model, plan, time, delay, plan.at(time))
     now = planned_forces(model, plan, time)
     np.testing.assert_allclose(preview[:6], planned_forces(model, plan, 0.55)[:6] - now[:6],
@@ -51,14 +54,14 @@ def test_it_is_what_the_plans_forces_change_until_they_act(model):
                                atol=1e-9)
     # After the end the last forces are used; without a delay the preview is zero.
     np.testing.assert_array_equal(*(
-        previewed_forces(model, plan, time, ActuationDelay(vehicle), plan.at(time))[:6]
+        previewed_forces(model, plan, time, (vehicle, 0.0), plan.at(time))[:6]
         for vehicle in (N * H - time, 9.0)))
-    assert not previewed_forces(model, plan, time, ON_TIME, plan.at(time)).any()
+    assert not previewed_forces(model, plan, time, (0.0, 0.0), plan.at(time)).any()
 
 
 def test_of_an_unknown_wall_it_is_the_change_of_the_planned_force(model):
     """With stiffness and inclination, deeper or less deep; never less than no force at all."""
-    plan, time, delay = jumping(), 0.25, ActuationDelay(0.3, 0.04)
+    plan, time, delay = jumping(), 0.25, (0.3, 0.04)
     n, inclined = np.array([0.6, 0.0, 0.8]), np.array([0.6, 0.1, 0.8])
     tips, jacobians = (np.array([of(plan.at(time + each)[0])[:3] for each in (0.0, *delay)])
                        for of in (model.task_pose, model.task_jacobian))
@@ -76,14 +79,15 @@ def test_of_an_unknown_wall_it_is_the_change_of_the_planned_force(model):
 
 
 def test_only_a_law_that_takes_the_wrench_has_a_preview(short_ocp):
-    delay = ActuationDelay(0.25, 0.02)
-    assert committed_intervals(TipFirst(), delay, H) == 2
-    assert committed_intervals(TipFirst(), ActuationDelay(0.4, 0.02), H) == 2
-    for law, actuation_delay in ((Resolved(), delay), (TipFirst(), ON_TIME)):
-        assert committed_intervals(law, actuation_delay, H) == 0
-        assert not make_tube_mpc(short_ocp, law, actuation_delay=actuation_delay).HasSubsystemNamed(
+    path = CommandPath(delay=0.02, dead_time=0.08, lag=0.15)
+    assert committed_intervals(TipFirst(), path, H) == 2
+    assert committed_intervals(TipFirst(), replace(path, lag=0.3), H) == 2
+    for law, none in ((Resolved(), path), (TipFirst(), IDEAL_PATH),
+                      (TipFirst(), replace(path, foreseen=False))):
+        assert committed_intervals(law, none, H) == 0
+        assert not make_tube_mpc(short_ocp, law, command_path=none).HasSubsystemNamed(
             "previewed_forces")
-    controller = make_tube_mpc(short_ocp, TipFirst(), actuation_delay=delay)
+    controller = make_tube_mpc(short_ocp, TipFirst(), command_path=path)
     preview, feedback = (controller.GetSubsystemByName(name) for name in (
         "previewed_forces", "ancillary"))
     assert controller.AreConnected(preview.get_output_port(), feedback.GetInputPort("preview"))
@@ -93,15 +97,16 @@ def test_the_delay_is_the_sum_of_the_parts_of_the_actuation(model):
     scenario = load_scenario("girona500_ideal", [
         "actuation=[!SampledCommand {period: 0.02, delay: 0.01}, "
         "!Thrusters {lag: 0.1, dead_time: 0.05, period: 0.01}]"])
-    np.testing.assert_allclose(actuation_delay_of(scenario.actuation, model), [0.02 + 0.155, 0.02])
-    assert actuation_delay_of(load_scenario("girona500_ideal").actuation, model) == ON_TIME
-    clock = load_scenario("girona500_ideal", ["actuation=[!SampledCommand {}]"])
-    assert actuation_delay_of(clock.actuation, model) == ON_TIME
+    np.testing.assert_allclose(
+        command_path_of(scenario.actuation, model).preview, [0.02 + 0.155, 0.02])
+    for actuation in ([], load_scenario("girona500_ideal", [
+            "actuation=[!SampledCommand {}]"]).actuation):
+        assert command_path_of(actuation, model).preview == (0.0, 0.0)
 
 
 def test_as_a_system_it_reads_the_plan_of_now(model):
     builder = DiagramBuilder()
-    system = builder.AddSystem(FeedforwardPreview(model, ActuationDelay(0.3, 0.04)))
+    system = builder.AddSystem(FeedforwardPreview(model, PATH))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     own, plan = system.GetMyMutableContextFromRoot(context), jumping()
@@ -112,12 +117,12 @@ def test_as_a_system_it_reads_the_plan_of_now(model):
     system.GetInputPort("nominal_acceleration").FixValue(own, zeta_dot)
     np.testing.assert_array_equal(
         system.get_output_port().Eval(own),
-        previewed_forces(model, plan, 0.25, ActuationDelay(0.3, 0.04), plan.at(0.25)))
+        previewed_forces(model, plan, 0.25, PATH.preview, plan.at(0.25)))
 
 
 def test_as_a_system_it_reads_the_contact_state(model):
     n, tilt = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.02, 0.01])
-    system, plan = FeedforwardPreview(model, ActuationDelay(0.3, 0.04), n), jumping()
+    system, plan = FeedforwardPreview(model, PATH, n), jumping()
     context = system.CreateDefaultContext()
     context.SetTime(0.25)
     config, zeta, zeta_dot = plan.at(0.25)
@@ -128,10 +133,10 @@ def test_as_a_system_it_reads_the_contact_state(model):
     for touched, pressed in ((0.0, None), (1.0, SurfaceReaction(n, 6.0, 400.0 * (n + tilt)))):
         system.GetInputPort("touched").FixValue(context, [touched])
         np.testing.assert_array_equal(system.get_output_port().Eval(context), previewed_forces(
-            model, plan, 0.25, ActuationDelay(0.3, 0.04), plan.at(0.25), pressed))
+            model, plan, 0.25, PATH.preview, plan.at(0.25), pressed))
     system.GetInputPort("force_lost").FixValue(context, [1.0])
     np.testing.assert_array_equal(system.get_output_port().Eval(context), previewed_forces(
-        model, plan, 0.25, ActuationDelay(0.3, 0.04), plan.at(0.25)))
+        model, plan, 0.25, PATH.preview, plan.at(0.25)))
 
 
 @pytest.mark.slow
@@ -149,7 +154,7 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
         return np.append(config, zeta), zeta_dot
 
     def preview(time: float) -> np.ndarray:
-        return previewed_forces(model, plan, time, ActuationDelay(lag), plan.at(time))
+        return previewed_forces(model, plan, time, (lag, 0.0), plan.at(time))
 
     def moved(**settings) -> Motion:
         return run(model, law, lambda time, J: np.zeros(10), 1.0, plan=nominal, lag=lag, **settings)

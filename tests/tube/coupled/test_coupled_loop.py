@@ -163,7 +163,7 @@ def test_a_plan_that_accelerates_moves_the_diagram_as_the_linear_loop(loop, comp
     n = loop.model.size
     knots = np.zeros((20, n))
     knots[5:9, component] = size * np.array([1.0, -1.0, -1.0, 1.0])
-    step, preview = loop.parts.time_step, max(loop.parts.delay)
+    step, preview = loop.parts.time_step, max(loop.parts.command_path.preview)
     plan = DynamicPlan.from_accelerations(
         0.0, step, loop.at.state[:n], np.zeros(n), knots)
     _, moved = loop.diagram(plan=plan)

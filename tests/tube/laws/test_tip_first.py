@@ -12,13 +12,13 @@ from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.laws.tip_rows import tip_rows
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, reading_input
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
-from uvms_drake.tube.loops.actuator_path import Actuators, Path
 from uvms_drake.tube.loops.row_gains import moments
 from uvms_drake.tube.loops.row_loop import RowLoop
 from uvms_drake.tube.rows.disturbance_gains import DisturbanceInputs, in_joints, loop_gains
@@ -249,15 +249,15 @@ def test_thrusters_behind_a_clock_have_no_tube_and_say_so(free):
     still = replace(SENSED, size=1.0, reading=reading_off(0.05, 0.0, 0.02, 0.01))
     law = TipFirst(BlockGains(4.0, 4.0), BlockGains(20.0, 10.0))
 
-    def found(vehicle: Path, joints: Path):
+    def found(path: CommandPath):
         return tip_first_law_tube(law, basis(
-            free, contact=still, actuators=Actuators(vehicle, joints, thrusters=True),
+            free, contact=still, command_path=path,
             time_step=0.2, d_bound=0.005, u_limit=np.repeat([0.1, 20.0], [6, 4])))
 
-    slow = found(Path(0.02, 0.05, 0.15), Path(0.02, 0.01))
+    slow = found(CommandPath(0.02, 0.01, dead_time=0.04, lag=0.15))
     assert [item.topic for item in slow.conditions if not item.holds] == ["actuation path"]
     assert slow.radii.position is None and not slow.budget
-    unstable = found(Path(0.02, 0.0, 1.0), Path(0.02))
+    unstable = found(CommandPath(0.02, lag=1.0))
     assert next(item for item in unstable.conditions if not item.holds).name == (
         "vehicle, loop that is not stable behind its actuators")
 

@@ -13,10 +13,11 @@ from uvms_drake.control.laws.tip_first import BlockGains, TipFirst
 from uvms_drake.control.limits import Limits, TubeRadii, joint_limits, resolved_radii
 from uvms_drake.control.limits.plan_acceleration import PlanAcceleration
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.linear import ErrorChannel
-from uvms_drake.model.signals.sensor_actuator import CommandPath, Part
+from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.sensing.navigation import Navigation
-from uvms_drake.station.command_path import command_paths
+from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.bounds import depth_left, pressing_force, sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
@@ -58,25 +59,23 @@ FRICTION, PLANNED = "friction as any force", "plan"
 """Names of the sources that are no sensor's."""
 
 
-def has_coupled_budget(law: AncillaryLaw, walls: Sequence[Wall],
-                       paths: Sequence[CommandPath | None]) -> bool:
+def has_coupled_budget(law: AncillaryLaw, walls: Sequence[Wall], path: CommandPath) -> bool:
     """Returns whether thrusters are behind a clock, of which no tube is proven.
 
     Args:
         law: The ancillary law.
         walls: As of `Contact.linear_walls`.
-        paths: As of `command_paths`.
+        path: Path of its commands.
     """
     return (bool(walls) and isinstance(law, TipFirst)
-            and any(path is not None and path.whole and path.period > 0.0 for path in paths)
-            and any(path is not None and not path.whole for path in paths))
+            and path.period > 0.0 and path.has_thrusters)
 
 
 def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget | None:
     """Returns the budget at the task's posture and the largest sums at drawn ones, or None."""
     walls = scenario.contact.linear_walls(scenario.task.force)
     if not has_coupled_budget(
-            scenario.ancillary, walls, command_paths(scenario.actuation, model)):
+            scenario.ancillary, walls, command_path_of(scenario.actuation, model)):
         return None
     # The loops at the task, and at drawn postures of the declared set. A plan that slides is looked
     # at on walls without a slope of friction: one that grows with its speed would have no bound.
@@ -200,8 +199,9 @@ def stability(parts: LoopParts, walls: Sequence[Wall], config: np.ndarray) -> li
                     return replace(parts, law=other)
 
                 out.append(Stability(f"{key} {name}", "gain", margin(stronger)))
-    for delayed, mean in ((SampledCommand, parts.delay.joints + _age_of_joints(parts)),
-                          (Thrusters, parts.delay.vehicle)):
+    of_vehicle, of_joints = parts.command_path.mean_delays
+    for delayed, mean in ((SampledCommand, of_joints + _age_of_joints(parts)),
+                          (Thrusters, of_vehicle)):
         def later(by: float, delayed: type = delayed, mean: float = mean) -> LoopParts:
             return replace(parts, actuation=[
                 _later(part, (by - 1.0) * mean, parts) if isinstance(part, delayed) else part

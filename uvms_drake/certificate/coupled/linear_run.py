@@ -71,7 +71,7 @@ def linear_run(record: Record, *, across: bool = True) -> LinearRun:
     first = loops[0][1]
 
     inputs = drawn_errors(scenario.sensing, scenario.seed, first) | {
-        first.entry(PLAN): _accelerations(record, max(parts.delay), parts.time_step)}
+        first.entry(PLAN): _accelerations(record, max(parts.command_path.preview), parts.time_step)}
     inputs |= _forces(record, first, n, walls, across=across)
     time, values = simulated(
         [(time, loop.system) for time, loop in loops], inputs, float(record.time[-1]),

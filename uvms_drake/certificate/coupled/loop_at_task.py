@@ -9,7 +9,7 @@ from uvms_drake.control.contact.tangential_filter import add_linear_filter
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
-from uvms_drake.station.command_path import actuation_delay_of
+from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario, Task
 from uvms_drake.tube.coupled.coupled_loop import LoopParts
@@ -31,7 +31,7 @@ def loop_parts(scenario: Scenario, model: ContactModel) -> LoopParts:
         true=simulated_model(scenario.model, scenario.model_error, scenario.task.frame),
         sensing=scenario.sensing, actuation=scenario.actuation, filtered=filtered,
         current=np.asarray(scenario.current, dtype=float),
-        delay=actuation_delay_of(scenario.actuation, model), time_step=scenario.mpc.time_step)
+        command_path=command_path_of(scenario.actuation, model), time_step=scenario.mpc.time_step)
 
 
 def simulated_model(robot: str, error: ModelError, frame: np.ndarray) -> UvmsModel:

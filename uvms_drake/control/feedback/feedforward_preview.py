@@ -4,8 +4,8 @@ A law adds to its command
 
     τ̄(t + ℓ) − τ̄(t),    τ̄ = M ζ̄̇ + b + Jᵀ𝔉 along the plan,                                     (P)
 
-with ℓ the sum of the dead times, half the periods of the holds, and the time constants of the lags;
-see `ActuationDelay`. The remaining error is of second order, (e^{sT} − 1 − Ts)/(Ts + 1) behind a
+with ℓ the sum of the dead times, half the periods of the holds, and the time constants of the lags,
+`CommandPath.preview`. The remaining error is of second order, (e^{sT} − 1 − Ts)/(Ts + 1) behind a
 lag T, and no average of the plan's forces has a smaller one. The reaction of an unknown wall is
 predicted with its estimated stiffness and inclination, n·𝐅 + κ̂(n + 𝔱)·Δ𝔭̄, not below zero; before
 the first touch none is. A new plan keeps the commands that were issued, see `commitment`; beyond
@@ -23,7 +23,7 @@ from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.plan.plan import DynamicPlan
-from uvms_drake.model.signals.sensor_actuator import ActuationDelay
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.uvms_model import UvmsModel
 
 CONTACT_PORTS = {"touched": 1, "reading": 4, "stiffness_used": 1, "tilt": 3, "force_lost": 1}
@@ -42,7 +42,7 @@ class SurfaceReaction(NamedTuple):
 
 
 def previewed_forces(
-    model: UvmsModel, plan: DynamicPlan, time: float, actuation_delay: ActuationDelay,
+    model: UvmsModel, plan: DynamicPlan, time: float, preview: tuple[float, float],
     now: tuple[np.ndarray, ...], pressed: SurfaceReaction | None = None,
 ) -> np.ndarray:
     """Returns τ̄(t + ℓ) − τ̄(t) (6+n,) of (P) [N, N m].
@@ -51,12 +51,12 @@ def previewed_forces(
         model: The controller's model.
         plan: The plan.
         time: t [s].
-        actuation_delay: Delays ℓ of the vehicle and of the joints [s].
+        preview: Times ℓ of the vehicle and of the joints [s], see `CommandPath.preview`.
         now: 𝔮̄, ζ̄ and ζ̄̇ (6+n,) at t.
         pressed: Reaction of a wall that the model does not know; None if none is touched.
     """
     end = plan.start_time + (len(plan.config) - 1) * plan.time_step
-    later = (plan.at(min(time + delay, end)) if delay > 0.0 else now for delay in actuation_delay)
+    later = (plan.at(min(time + delay, end)) if delay > 0.0 else now for delay in preview)
     config, zeta, zeta_dot = (np.array(item) for item in zip(now, *later, strict=True))
     kinematics = model.kinematics(config)
     tau = model.inverse_dynamics(kinematics, zeta, zeta_dot)
@@ -64,8 +64,8 @@ def previewed_forces(
         deeper = (kinematics.chi[:, :3] - kinematics.chi[0, :3]) @ pressed.gradient
         along = np.maximum(pressed.force + deeper, 0.0)
         tau = tau + along[:, None] * (pressed.direction @ kinematics.J_chi[:, :3])
-    preview: np.ndarray = np.append(tau[1, :6], tau[2, 6:]) - tau[0]
-    return preview
+    change: np.ndarray = np.append(tau[1, :6], tau[2, 6:]) - tau[0]
+    return change
 
 
 class FeedforwardPreview(LeafSystem):
@@ -96,14 +96,14 @@ class FeedforwardPreview(LeafSystem):
 
     Args:
         model: The controller's model.
-        actuation_delay: Delays ℓ of the vehicle and of the joints in the controller's model [s].
+        command_path: Path of the commands in the controller's model.
         direction: n of unknown walls (3,); None if the surface is in the model.
     """
 
-    def __init__(self, model: UvmsModel, actuation_delay: ActuationDelay,
+    def __init__(self, model: UvmsModel, command_path: CommandPath,
                  direction: np.ndarray | None = None):
         super().__init__()
-        self._model, self._delay, self._direction = model, actuation_delay, direction
+        self._model, self._preview, self._direction = model, command_path.preview, direction
         self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
         self._state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
@@ -129,13 +129,13 @@ class FeedforwardPreview(LeafSystem):
         state = self._state_port.Eval(context)
         now = (*np.split(state, 2), self._acceleration_port.Eval(context))
         output.SetFromVector(previewed_forces(
-            self._model, self._plan_port.Eval(context), context.get_time(), self._delay, now,
+            self._model, self._plan_port.Eval(context), context.get_time(), self._preview, now,
             self._pressed(context)))
 
 
 def add_feedforward_preview(
     builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw, feedback: AncillaryFeedback,
-    actuation_delay: ActuationDelay, *, nominal: LeafSystem,
+    command_path: CommandPath, *, nominal: LeafSystem,
     estimator: ContactEstimator | None = None, direction: np.ndarray | None = None,
     name: str = "previewed_forces",
 ) -> FeedforwardPreview | None:
@@ -146,15 +146,15 @@ def add_feedforward_preview(
         model: The controller's model.
         law: The law; it needs `takes_wrench`.
         feedback: The law as a system.
-        actuation_delay: Delays ℓ of the vehicle and of the joints in the controller's model [s].
+        command_path: Path of the commands in the controller's model.
         nominal: A `NominalMpc`.
         estimator: Contact state of a wall that the model does not know, if there is one.
         direction: n of such walls (3,).
         name: Name of the system.
     """
-    if not law.takes_wrench or not any(actuation_delay):
+    if not law.takes_wrench or not any(command_path.preview):
         return None
-    preview = builder.AddNamedSystem(name, FeedforwardPreview(model, actuation_delay, direction))
+    preview = builder.AddNamedSystem(name, FeedforwardPreview(model, command_path, direction))
     for port in ("plan", "nominal_state", "nominal_acceleration"):
         builder.Connect(nominal.GetOutputPort(port), preview.GetInputPort(port))
     if estimator is not None:

@@ -16,16 +16,17 @@ import math
 
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.plan.plan import KNOT_TOLERANCE
-from uvms_drake.model.signals.sensor_actuator import ActuationDelay
+from uvms_drake.model.signals.command_path import CommandPath
 
 
-def committed_intervals(law: AncillaryLaw, actuation_delay: ActuationDelay, time_step: float
-                        ) -> int:
+def committed_intervals(law: AncillaryLaw, command_path: CommandPath, time_step: float) -> int:
     """Returns n; zero for a law without feedforward preview.
 
     Args:
         law: The law.
-        actuation_delay: Delays ℓ of the vehicle and of the joints [s].
+        command_path: Path of the commands, with ℓ as its `preview`.
         time_step: h [s].
     """
-    return math.ceil(max(actuation_delay) / time_step - KNOT_TOLERANCE) if law.takes_wrench else 0
+    if not law.takes_wrench:
+        return 0
+    return math.ceil(max(command_path.preview) / time_step - KNOT_TOLERANCE)

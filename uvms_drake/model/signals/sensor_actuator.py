@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -104,49 +105,6 @@ class ForceReading(NamedTuple):
         return float(np.exp(-max(delay - self.period, 0.0) / self.lag))
 
 
-class ActuationDelay(NamedTuple):
-    """Delay from the command of a force to its effect, by the controller's model [s].
-
-    It is that of slow signals: dead time, half a period of a hold, time constant of a lag.
-    """
-
-    vehicle: float = 0.0
-    joints: float = 0.0
-
-
-ON_TIME = ActuationDelay()
-"""Forces without delay."""
-
-
-class CommandPath(NamedTuple):
-    """Path of a command: sample and hold, dead time, first-order lag."""
-
-    period: float
-    """h [s]."""
-    delay: float
-    """Delay from a sample to the input of the lag [s]."""
-    lag: float = 0.0
-    """Mean time constant T [s]."""
-    whole: bool = True
-    """True for the whole command, false for the vehicle's wrench alone."""
-    off: np.ndarray = np.zeros((6, 0))
-    """Largest error of the wrench of each thruster (6, m) [N, N m]."""
-    undriven: tuple[int, ...] = ()
-    """Undriven axes of the vehicle."""
-    unknown: tuple[str, ...] = ()
-    """Unmodelled effects."""
-    foreseen: bool = True
-    """Whether the plan's forces are previewed, see `control.feedback.feedforward_preview`."""
-
-    @property
-    def actuation_delay(self) -> ActuationDelay:
-        """Delay of a force behind the path that the feedforward preview compensates."""
-        if not self.foreseen:
-            return ON_TIME
-        total = self.delay + 0.5 * self.period + self.lag
-        return ActuationDelay(total, total if self.whole else 0.0)
-
-
 class Part(Component, ABC):
     """A part in series from plant to controller (sensing) or from controller to plant (actuation).
 
@@ -181,13 +139,13 @@ class Part(Component, ABC):
         """
         return None
 
-    def command_path(self, model: UvmsModel) -> CommandPath | None:
-        """Returns the path of a command through it; None, the default: unknown.
+    def command_path(self, model: UvmsModel) -> CommandPath:
+        """Returns the path of a command through it, by the controller's model; default: unknown.
 
         Args:
             model: The controller's model.
         """
-        return None
+        return CommandPath(unknown=("a part without a known delay",))
 
     def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
                signals: dict[str, Signal]) -> Signal | None:

@@ -22,7 +22,7 @@ from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.model_error import ModelError
 from uvms_drake.sensing.hold_last_value import HoldLastValue
-from uvms_drake.station.command_path import actuation_delay_of, command_limits
+from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.station.contact.parameters import Parameter
 from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
@@ -95,12 +95,12 @@ class Contact(ABC):
         """Returns the tube-based NMPC that solves a problem of `make_ocp`; see `command_limits`."""
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
                           partial(retargeted_ocp, scenario, model))
-        actuation_delay = actuation_delay_of(scenario.actuation, model)
+        command_path = command_path_of(scenario.actuation, model)
         with within("mpc"):
             solver = make_solver(ocp)
         with within("ancillary"):
             return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
-                                 actuation_delay, solver)
+                                 command_path, solver)
 
     def connect_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
                       controller: Diagram, state: OutputPort, valid: OutputPort | None,

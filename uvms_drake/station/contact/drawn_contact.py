@@ -15,7 +15,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.surface_error import SurfaceError
-from uvms_drake.station.command_path import actuation_delay_of
+from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.contact.drawn_surfaces import (
     AT_THE_BOUND,
@@ -160,7 +160,7 @@ def pace(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: flo
     plus the time of the distance F_des/κ at the largest speed. Both are conservative estimates.
     """
     committed = committed_intervals(
-        scenario.ancillary, actuation_delay_of(scenario.actuation, ocp.model), ocp.time_step)
+        scenario.ancillary, command_path_of(scenario.actuation, ocp.model), ocp.time_step)
     contact, lag = sensed_contact(scenario), ocp.following_lag(committed)
     distance = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH_DEPTH
     fastest = contact.speed - (scenario.tube.depth_speed or 0.0)

@@ -32,7 +32,7 @@ from uvms_drake.plant.model_error import ModelError
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
 from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.sensing.repeated_readings import CHANCE, chance_of_run, run_of_frozen
-from uvms_drake.station.command_path import actuation_delay_of, command_limits
+from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.bounds import (
     BETWEEN_KNOTS,
     SAFE_REGION,
@@ -159,13 +159,13 @@ class SensedContact(UnknownContact, Contact):
         for i, step in enumerate(scenario.mission.steps):
             require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                     f"less than {largest:.3g} N, like task.force")
-        actuation_delay = actuation_delay_of(scenario.actuation, model)
+        command_path = command_path_of(scenario.actuation, model)
         with within("mpc"):
             solver = make_solver(ocp)
         with within("ancillary"):
             return make_tube_mpc(
                 ocp, scenario.ancillary, limits=command_limits(scenario),
-                actuation_delay=actuation_delay, solver=solver, press=PressControl(
+                command_path=command_path, solver=solver, press=PressControl(
                     contact.walls, sensing_of(scenario), force, largest, margin))
 
     def connect_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,

@@ -79,7 +79,7 @@ class LaggedWrenchTube:
 
     def __init__(self, basis: Basis, rows: np.ndarray, vehicle: RowLoop, tip: RowLoop,
                  table: Mapping[str, Parts], slower: np.ndarray, inputs: DisturbanceInputs):
-        contact, path, n = basis.contact, basis.actuators.vehicle, basis.model.num_joints
+        contact, path, n = basis.contact, basis.command_path, basis.model.num_joints
         assert contact is not None
         self._basis, self._rows, self._known = basis, rows, dict(table)
         self._path, self._factor = path, basis.settings.safety_factor
@@ -106,7 +106,7 @@ class LaggedWrenchTube:
                              within=False)
 
         # Means over the ages of the acting command, and gains to e, ė, w and ë.
-        hold, age = path.period, path.age
+        hold, age = path.vehicle_period, path.vehicle_age
         self._turned, self._turned_rate = means_over_ages(K, age - path.lag, path.lag)
         self._K, self._hold = K, hold
 
@@ -203,7 +203,7 @@ class LaggedWrenchTube:
         level_off, _, smooth_off = remainder.reshape(3, 2)
         level = w + self._level + level_off + self._by_arm * self._tip_w
         rate = self._smooth + smooth_off
-        out: np.ndarray = (2.0 * level + self._turned @ level + self._path.age * rate
+        out: np.ndarray = (2.0 * level + self._turned @ level + self._path.vehicle_age * rate
                            + self._turned_rate @ rate + self._contact)
         return out
 

@@ -28,7 +28,6 @@ from uvms_drake.tube.actuation.zoh_command_rates import (
 )
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.loops.actuator_path import at_ticks
 from uvms_drake.tube.loops.row_loop import ACCELERATION, RATE, E, RowLoop, W
 from uvms_drake.tube.rows.remainders import output_jacobian
 from uvms_drake.tube.search.ascent import first_order, supremum
@@ -82,8 +81,8 @@ class ZohCommandTube:
         self._basis, self._rows, self._known, self._reading = basis, rows, dict(table), reading
         self._turning, self._drags = turning, (loops[1].drag, loops[2].drag)
         # Plans are slower than the robot by the tube, and so are their accelerations.
-        model, settings, path = basis.model, basis.settings, basis.actuators.vehicle
-        self._age = path.period + path.dead_time
+        model, settings, path = basis.model, basis.settings, basis.command_path
+        self._age = path.joint_age
         planned = replace(basis.declared, nu1=float(slower[0]), nu2=float(slower[1]),
                           qdot=float(slower[2]))
         self._rate = np.minimum(basis.largest_rate, 2.0 / basis.time_step * np.repeat(
@@ -108,7 +107,7 @@ class ZohCommandTube:
         self._gains[JOINTS_ROWS] *= self._turns[JOINTS_ROWS]
         # A jump counts until the command of its tick acts, and so does its effect on ρ.
         ticks = round(basis.time_step / path.period)
-        until = path.dead_time + (0.0 if at_ticks(basis.time_step, path.period) else path.period)
+        until = path.delay + (0.0 if path.ticks_at_knots(basis.time_step) else path.period)
         self._jump *= until > 0.0
         knots = self._of_blocks(loops, ticks, until) * self._jump[:, None]
         self._made = np.zeros(4)  # ∫ρ by jumps.

@@ -26,6 +26,7 @@ from uvms_drake.model.frames.euler import (
     rotation_matrix,
 )
 from uvms_drake.model.frames.spatial import cross, times
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.model.signals.linear import (
     Block,
     ErrorChannel,
@@ -36,9 +37,7 @@ from uvms_drake.model.signals.linear import (
 )
 from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
-    ON_TIME,
     VEHICLE_WRENCH,
-    ActuationDelay,
     Part,
 )
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
@@ -97,8 +96,8 @@ class LoopParts:
     """Adds the filter between the force's sensor and the law; None if there is none."""
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """v_c (3,) in Σ_I [m/s]."""
-    delay: ActuationDelay = ON_TIME
-    """ℓ, by which the plan's forces are commanded ahead."""
+    command_path: CommandPath = IDEAL_PATH
+    """Path of the commands through `actuation`, in the controller's model."""
     time_step: float = 0.2
     """Time between two knots of a plan [s]."""
 
@@ -192,9 +191,7 @@ def coupled_loop(parts: LoopParts, at: OperatingPoint, wall: Wall, *, planned: b
     wrench, applied = loop.port("wrench", 6), loop.port("applied", size)
     plan = _add_plan(loop, parts, at, wall) if planned else PlanSignals(
         *(Signal(length, {}) for length in (2 * size, size, size)))
-    paths = [part.command_path(at.model) for part in parts.actuation]
-    has_wrench = parts.law.takes_wrench and any(
-        path is not None and not path.whole for path in paths)
+    has_wrench = parts.law.takes_wrench and parts.command_path.has_thrusters
     command = add_linear_feedback(loop, parts.law, at, Measured(
         measured, force, wrench if has_wrench else None, applied), plan)
     exerted = _chain(loop, at, signals, parts.actuation, command, "actuation")
@@ -257,8 +254,8 @@ def _add_plant(loop: LinearLoop, parts: LoopParts, at: OperatingPoint, wall: Wal
 
 def _add_plan(loop: LinearLoop, parts: LoopParts, at: OperatingPoint, wall: Wall) -> PlanSignals:
     """Adds a plan whose acceleration is constant from knot to knot, and its preview."""
-    model, size, delay = at.model, at.model.size, parts.delay
-    longest = max(delay)
+    model, size, previews = at.model, at.model.size, parts.command_path.preview
+    longest = max(previews)
     entry = loop.entry(PLAN, size)
     by_state = complex_step_jacobian(
         lambda x: configuration_rate(x[:size], x[size:]), at.state + 0j)
@@ -289,7 +286,7 @@ def _add_plan(loop: LinearLoop, parts: LoopParts, at: OperatingPoint, wall: Wall
     if parts.law.takes_wrench and longest > 0.0:
         by_plan = complex_step_jacobian(forces, np.append(at.state, np.zeros(size)) + 0j)
         rows = np.arange(size) < 6
-        for by, chosen in ((delay.vehicle, rows), (delay.joints, ~rows)):
+        for by, chosen in zip(previews, (rows, ~rows), strict=True):
             if by > 0.0:
                 preview += np.diag(1.0 * chosen) @ (by_plan @ (later(by) - now))
     return PlanSignals(now[: 2 * size], now[2 * size:], preview)

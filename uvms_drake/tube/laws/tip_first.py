@@ -19,6 +19,7 @@ import numpy as np
 from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.tube.actuation.lagged_wrench import LaggedWrenchTube
 from uvms_drake.tube.actuation.slower_plans import (
     block_bounds,
@@ -32,7 +33,6 @@ from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
 from uvms_drake.tube.contact.sensor_error import SOURCES, MeasuredForceBounds
 from uvms_drake.tube.contact.uneven_motion import TipAcceleration
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube, register_tube
-from uvms_drake.tube.loops.actuator_path import Actuators, lagged_alone
 from uvms_drake.tube.loops.row_loop import RATE, E, RowLoop
 from uvms_drake.tube.rows.disturbance_gains import (
     ATTITUDE,
@@ -70,13 +70,13 @@ def tip_first_constants(law: TipFirst, weights: np.ndarray) -> tuple[str, ...]:
 def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     """Returns the tube of the law `tip first`; see the module."""
     # Task, loops and arm: without these conditions there is nothing to compute.
-    model, settings, actuators = basis.model, basis.settings, basis.actuators
+    model, settings, path = basis.model, basis.settings, basis.command_path
     rows = tip_rows(model, tuple(law.rows))
-    is_sampled = actuators.delayed and not actuators.thrusters
-    is_lagged = lag_is_proven(law, actuators, basis.time_step)
-    loops = _row_loops(law, actuators)
+    is_sampled = path.joint_age > 0.0 and not path.has_thrusters
+    is_lagged = lag_is_proven(law, path, basis.time_step)
+    loops = _row_loops(law, path)
     conditions = _structural_conditions(law, basis, rows, loops)
-    if actuators.delayed and actuators.thrusters and not is_lagged:
+    if path.has_thrusters and not is_lagged:
         conditions.append(assumption(
             "actuation, thrusters behind a clock",
             "of which no tube is proven; see the coupled linear budget", topic="actuation path",
@@ -91,7 +91,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
 
     # Gains of the loops; the delay of a reading is a source of its own where there is only a lag.
     turning, turning_check, joint_loop = 0.0, no_estimates, loops[1]
-    ages = 0.0 if is_lagged else actuators.vehicle.age, actuators.joints.age
+    ages = 0.0 if is_lagged else path.vehicle_age, path.joint_age
     if is_sampled:
         tip_drag, joint_drag = drags_of(model, basis.declared, rows)
         loops, joint_loop = (
@@ -215,35 +215,46 @@ def _structural_conditions(law: TipFirst, basis: Basis, rows: np.ndarray,
     return failed
 
 
-def lag_is_proven(law: TipFirst, actuators: Actuators, time_step: float) -> bool:
-    """Returns whether `LaggedWrenchTube` holds for a law behind its actuators, with these plans."""
-    return lagged_alone(actuators, time_step) and not (law.undriven or law.vehicle.observer)
+def lag_is_proven(law: TipFirst, path: CommandPath, time_step: float) -> bool:
+    """Returns whether `LaggedWrenchTube` holds for a law, with these commands and plans.
+
+    There are thrusters without a clock, on all axes and as known; no plan is commanded in advance,
+    and its knots are ticks.
+
+    Args:
+        law: The law.
+        path: Path of its commands.
+        time_step: Time step of a plan [s].
+    """
+    return (path.thruster_period > 0.0 and path.joint_age == 0.0 and not any(path.preview)
+            and not np.any(path.thruster_error) and not path.undriven and not path.unknown
+            and path.ticks_at_knots(time_step) and not (law.undriven or law.vehicle.observer))
 
 
-def _row_loops(law: TipFirst, actuators: Actuators) -> tuple[RowLoop, RowLoop]:
+def _row_loops(law: TipFirst, path: CommandPath) -> tuple[RowLoop, RowLoop]:
     """Returns the loops of the vehicle's rows and of the tip's."""
-    return tuple(RowLoop(  # type: ignore[return-value]
-        gains.k, gains.sigma, gains.observer, path.lag, path.period, path.dead_time,
-        preview=path.preview) for gains, path in (
-            (law.vehicle, actuators.vehicle), (law.tip, actuators.joints)))
+    vehicle, tip, (vehicle_preview, tip_preview) = law.vehicle, law.tip, path.preview
+    return (RowLoop(vehicle.k, vehicle.sigma, vehicle.observer, path.lag, path.vehicle_period,
+                    path.vehicle_dead_time, vehicle_preview),
+            RowLoop(tip.k, tip.sigma, tip.observer, 0.0, path.period, path.delay, tip_preview))
 
 
 def _unknown(law: TipFirst, basis: Basis) -> list[str]:
     """Returns the actuation effects without a bound."""
-    actuators = basis.actuators
-    out = list(actuators.unknown)
-    if set(actuators.undriven) != set(law.undriven_rows) and actuators.thrusters:
+    path = basis.command_path
+    out = list(path.unknown)
+    if set(path.undriven) != set(law.undriven_rows) and path.has_thrusters:
         out.append("axes without thrusters other than those of the law")
-    if actuators.delayed and basis.contact is None:
+    if path.vehicle_age > 0.0 and basis.contact is None:
         out.append("a known surface behind delayed actuators")
-    ticks = basis.time_step / actuators.vehicle.period if actuators.vehicle.period else 0.0
+    ticks = basis.time_step / path.vehicle_period if path.vehicle_period else 0.0
     if abs(ticks - round(ticks)) > KNOTS:
         out.append("a plan with knots that are no ticks")
-    if not actuators.thrusters and 2.0 * actuators.vehicle.age > basis.time_step:
+    if not path.has_thrusters and 2.0 * path.joint_age > basis.time_step:
         out.append("a delay of more than half of the time between two knots of a plan")
     out += [f"an observer of {key} behind a zero-order hold" for key in ("vehicle", "tip")
-            if actuators.delayed and not actuators.thrusters and getattr(law, key).observer > 0.0]
-    out += [f"an observer of {key} whose period is not that of its commands" for key, path in (
-        ("vehicle", actuators.vehicle), ("tip", actuators.joints))
-        if getattr(law, key).observer > 0.0 and not np.isclose(path.period, law.observer_period)]
+            if path.joint_age > 0.0 and not path.has_thrusters and getattr(law, key).observer > 0.0]
+    out += [f"an observer of {key} whose period is not that of its commands" for key, period in (
+        ("vehicle", path.vehicle_period), ("tip", path.period))
+        if getattr(law, key).observer > 0.0 and not np.isclose(period, law.observer_period)]
     return out
