@@ -18,27 +18,57 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 
-class Pair(NamedTuple):
+class Motions:
     """Motion of the real and of the nominal robot at an instant; the real one is always first.
+
+    Everything but 𝔮 and ζ is computed when it is read first: a law needs a part of it.
+
+    Args:
+        model: The prediction model.
+        config: Configurations 𝔮, 𝔮̄ (2, 6+n) [m, rad].
+        zeta: Velocities ζ, ζ̄ (2, 6+n) [m/s, rad/s].
+    """
+
+    def __init__(self, model: UvmsModel, config: np.ndarray, zeta: np.ndarray):
+        self._model, self.config, self.zeta = model, config, zeta
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Geometry of the two robots, stacks (2,)."""
+        return self._model.kinematics(self.config)
+
+    @cached_property
+    def y(self) -> np.ndarray:
+        """Extended tasks y, ȳ (2, 6+n) [m, rad]."""
+        if "kinematics" not in vars(self):
+            return self._model.task_pose(self.config)
+        return np.concatenate([self.kinematics.chi, self.config[:, 6:]], axis=-1)
+
+    @cached_property
+    def J_x(self) -> np.ndarray:
+        """Jacobians J_x of the extended task at 𝔮 and 𝔮̄ (2, 6+n, 6+n)."""
+        return self._model.extended(self.kinematics.J_chi)
+
+    @cached_property
+    def J_x_dot(self) -> np.ndarray:
+        """Rates of J_x along the two motions (2, 6+n, 6+n) [1/s]."""
+        return self._model.task_jacobian_rate(self.kinematics, self.zeta)
+
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """Inverse Jacobian J_x(𝔮)⁻¹ (6+n, 6+n)."""
+        return np.linalg.inv(self.J_x[0])
+
+
+class Pair(NamedTuple):
+    """Motion of the real and of the nominal robot, and the signals that a law may take.
 
     The error of the velocity is `zeta[0] - zeta[1]`, that of pose and joints
     `uv.pose_difference(*y)`, which wraps the angles.
     """
 
-    kinematics: Kinematics
-    """Geometry of the two robots, stacks (2,)."""
-    config: np.ndarray
-    """Configurations 𝔮, 𝔮̄ (2, 6+n) [m, rad]."""
-    zeta: np.ndarray
-    """Velocities ζ, ζ̄ (2, 6+n) [m/s, rad/s]."""
-    y: np.ndarray
-    """Extended tasks y, ȳ (2, 6+n) [m, rad]."""
-    J_x: np.ndarray
-    """Task Jacobians J_x(𝔮), J_x(𝔮̄) (2, 6+n, 6+n)."""
-    J_x_dot: np.ndarray
-    """Rates of J_x along the two motions (2, 6+n, 6+n) [1/s]."""
-    inverse: np.ndarray
-    """Inverse Jacobian J_x(𝔮)⁻¹ (6+n, 6+n)."""
+    motions: Motions
+    """The two motions."""
     contact: np.ndarray | None = None
     """Measured force 𝔉_s of the real robot on the surface (6,) [N, N m]; None: the model's."""
     wrench: np.ndarray | None = None
@@ -51,14 +81,46 @@ class Pair(NamedTuple):
     """Feedforward preview τ̄(t + ℓ) − τ̄(t) of the plan's forces (6+n,) [N, N m]; None: commands act
     at once."""
 
+    @property
+    def kinematics(self) -> Kinematics:
+        """Geometry of the two robots, stacks (2,)."""
+        return self.motions.kinematics
+
+    @property
+    def config(self) -> np.ndarray:
+        """Configurations 𝔮, 𝔮̄ (2, 6+n) [m, rad]."""
+        return self.motions.config
+
+    @property
+    def zeta(self) -> np.ndarray:
+        """Velocities ζ, ζ̄ (2, 6+n) [m/s, rad/s]."""
+        return self.motions.zeta
+
+    @property
+    def y(self) -> np.ndarray:
+        """Extended tasks y, ȳ (2, 6+n) [m, rad]."""
+        return self.motions.y
+
+    @property
+    def J_x(self) -> np.ndarray:
+        """Jacobians J_x of the extended task at 𝔮 and 𝔮̄ (2, 6+n, 6+n)."""
+        return self.motions.J_x
+
+    @property
+    def J_x_dot(self) -> np.ndarray:
+        """Rates of J_x along the two motions (2, 6+n, 6+n) [1/s]."""
+        return self.motions.J_x_dot
+
+    @property
+    def inverse(self) -> np.ndarray:
+        """Inverse Jacobian J_x(𝔮)⁻¹ (6+n, 6+n)."""
+        return self.motions.inverse
+
 
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
     """Returns the pair of motions at (𝔮, ζ) and at (𝔮̄, ζ̄) (2(6+n),) each, real or complex."""
     both = np.array([state, nominal_state])
-    config, zeta = both[:, : model.size], both[:, model.size:]
-    kinematics = model.kinematics(config)
-    y, J_x, J_x_dot = model.task_motion(config, zeta, kinematics)
-    return Pair(kinematics, config, zeta, y, J_x, J_x_dot, np.linalg.inv(J_x[0]))
+    return Pair(Motions(model, both[:, : model.size], both[:, model.size:]))
 
 
 @dataclass(frozen=True)
