@@ -76,7 +76,7 @@ def status(force: np.ndarray, times: np.ndarray, repeats: int, largest: float) -
         return ForceStatus.MISSING
     if not math.hypot(*force[:3].tolist()) < largest:
         return ForceStatus.SATURATED
-    return ForceStatus.FROZEN if 0 < repeats <= times.max() else ForceStatus.VALID
+    return ForceStatus.FROZEN if 0 < repeats <= max(times.tolist()) else ForceStatus.VALID
 
 
 class ForceFaultDetector(LeafSystem):
@@ -145,16 +145,16 @@ class ForceFaultDetector(LeafSystem):
         state.set_value(0, np.concatenate([last.ravel(), times]))
         return EventStatus.Succeeded()
 
-    def _status(self, context: Context) -> ForceStatus:
-        return status(self._port.Eval(context), self._remembered(context).times, self._repeats,
-                      self._largest)
+    def _status(self, context: Context, force: np.ndarray) -> ForceStatus:
+        return status(force, self._remembered(context).times, self._repeats, self._largest)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        valid = self._status(context) is ForceStatus.VALID
-        output.SetFromVector(self._port.Eval(context) if valid else np.full(6, np.nan))
+        force = self._port.Eval(context)
+        valid = self._status(context, force) is ForceStatus.VALID
+        output.SetFromVector(force if valid else np.full(6, np.nan))
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._status(context))])
+        output.SetFromVector([float(self._status(context, self._port.Eval(context)))])
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, period: float, *,

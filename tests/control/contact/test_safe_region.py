@@ -11,6 +11,7 @@ from uvms_drake.control.contact.safe_region import (
     bounds,
     dominates,
     safe_depth,
+    tip_advance,
 )
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -117,8 +118,8 @@ def test_between_two_readings_no_tip_of_constant_acceleration_is_further_back():
     for first, last in rng.normal(0.0, 0.05, (300, 2, 3)):
         p = np.outer(t, first) + np.outer(0.5 * t**2 / period, last - first)
         distance_moved = surface.advance(p[-1] - p)
-        most = max(distance_moved[0], distance_moved[-1]) + between_readings(
-            surface, np.array([first, last]), period)
+        advance = tip_advance(surface, p[[0, -1]], np.array([first, last]))
+        most = advance.since.max() + between_readings(advance, period)
         assert np.max(distance_moved) <= most + 1e-12
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
-from uvms_drake.control.contact.safe_region import apex, dominates
+from uvms_drake.control.contact.safe_region import apex, dominates, tip_advance
 from uvms_drake.control.contact.stiffness_estimate import (
     NO_ESTIMATE,
     StiffnessEstimate,
@@ -112,16 +112,16 @@ def updated_contact_state(surface: SurfaceClass, sensing: EstimatorSettings, ext
     if not (known and is_finite(tip)):
         return before
     nu, stiffness = sensing.noise, StiffnessEstimate.of(before.stiffness)
-    new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
+    advance = tip_advance(surface, points, velocities)
+    new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period, advance)
     if not dominates(surface, new, before.apex, extent):
         new = before.apex
     touch, pressed = np.bool(math.sqrt(force @ force) > nu), surface.depth(force)
     in_contact = touch or not np.isnan(stiffness.mean[0])  # Else there is nothing to estimate.
     # The static force is bounded unless the tip retreats faster than 1/c₊.
-    if in_contact and (surface.dissipation * surface.advance(-velocities) < 1.0).all():
-        travelled = tip[:3] - points
-        travelled_forward, back = surface.advance(np.array([travelled, -travelled])).max(axis=-1)
-        travelled_forward = travelled_forward if back <= nu / surface.stiffness else np.inf
+    if in_contact and (surface.dissipation * advance.retreat < 1.0).all():
+        steady = advance.before.max() <= nu / surface.stiffness
+        travelled_forward = advance.since.max() if steady else np.inf
         stiffness = with_reading(stiffness, surface, tip[:3], pressed, touch, nu, sensing.memory,
                                  sensing.period, travelled_forward)
     return ContactState(

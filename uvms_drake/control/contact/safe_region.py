@@ -11,13 +11,35 @@ and readings that bound no place (#readings-that-bound-no-place), delayed and av
 another (#pyramid-that-never-shrinks), the margin E (#planned-tip-within-the-safe-region).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
+class TipAdvance(NamedTuple):
+    """Advances ⟨·⟩ of a tip with the positions 𝔭_s and velocities v of a reading's time W."""
+
+    forth: np.ndarray
+    """⟨v⟩ (..., m) [m/s]."""
+    retreat: np.ndarray
+    """⟨−v⟩ (..., m) [m/s]."""
+    since: np.ndarray
+    """⟨𝔭 − 𝔭_s⟩ (..., m) [m], 𝔭 the last position."""
+    before: np.ndarray
+    """⟨𝔭_s − 𝔭⟩ (..., m) [m]."""
+
+
+def tip_advance(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray) -> TipAdvance:
+    """Returns the advances of a tip, all at once; the arguments are those of `apex`."""
+    moved = points[..., -1:, :] - points
+    return TipAdvance(*surface.advance(np.array([velocities, -velocities, moved, -moved])))
+
+
 def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, force: np.ndarray,
-         force_max: float, noise: float, period: float = 0.0) -> np.ndarray:
+         force_max: float, noise: float, period: float = 0.0, advance: TipAdvance | None = None
+         ) -> np.ndarray:
     """Returns the apex 𝔞 (..., 3) of the cone that a reading proves safe; NaN if there is none.
 
     There is none either if one of the velocities is NaN: the tip's motion was not measured.
@@ -30,18 +52,18 @@ def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, forc
         force_max: F_max, largest static normal force [N].
         noise: ν, see `SurfaceClass.normal_force_bound` [N].
         period: Time between two of the positions [s]; 0 if the tip was nowhere else.
+        advance: The advances of the tip, if they are known already.
     """
-    averaged = points.shape[-2] > 1
-    bound = surface.static_force_bound(
-        force[..., None, :], velocities, noise, averaged=averaged).max(axis=-1)
-    now = points[..., -1:, :]
-    back = surface.advance(now - points).max(axis=-1)
-    back = back + between_readings(surface, velocities, period)
+    advance = advance or tip_advance(surface, points, velocities)
+    normal = surface.normal_force_bound(force, noise, averaged=points.shape[-2] > 1)
+    bound = surface.static_behind(normal[..., None], advance.retreat).max(axis=-1)
+    back = advance.since.max(axis=-1)
+    back = back + between_readings(advance, period)
     free = np.where(bound <= force_max, (force_max - bound) / surface.stiffness - back, np.nan)
-    return now[..., 0, :] + free[..., None] * surface.direction
+    return points[..., -1, :] + free[..., None] * surface.direction
 
 
-def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: float) -> np.ndarray:
+def between_readings(advance: TipAdvance, period: float) -> np.ndarray:
     """Returns the largest excess of ⟨𝔭 − 𝔭_s⟩ over its values at the readings about s (...) [m].
 
     With A_± the larger of the values of ⟨±v⟩ at two readings, T apart, and zero it is
@@ -49,11 +71,10 @@ def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: floa
     control/contact/theory.md#tip-between-two-readings.
 
     Args:
-        surface: The class of walls.
-        velocities: Tip velocities at the readings (..., m, 3) [m/s].
+        advance: Advances of the tip.
         period: T [s].
     """
-    rates = np.maximum(surface.advance(np.array([velocities, -velocities])), 0.0)
+    rates = np.maximum(np.array(advance[:2]), 0.0)
     forth, back = np.maximum(rates[..., 1:], rates[..., :-1])
     total = forth + back
     turned = forth * back / np.where(total == 0.0, 1.0, total)

@@ -139,8 +139,12 @@ class SurfaceClass:
             noise: Bound ν of the error of the reading in norm [N].
             averaged: Whether the reading may be a mean of forces at several places.
         """
-        left = 1.0 - self.dissipation * np.maximum(self.advance(-velocity), 0.0)
-        bound = self.normal_force_bound(force, noise, averaged=averaged)
+        return self.static_behind(
+            self.normal_force_bound(force, noise, averaged=averaged), self.advance(-velocity))
+
+    def static_behind(self, bound: np.ndarray, retreat: np.ndarray) -> np.ndarray:
+        """Returns φ⁺ (...) [N] behind a bound of F_N (...) [N] of a tip with ⟨−v⟩ (...) [m/s]."""
+        left = 1.0 - self.dissipation * np.maximum(retreat, 0.0)
         if (left > 0.0).all():
             return bound / left
         return np.where(left > 0.0, bound / np.where(left > 0.0, left, 1.0), np.inf)
