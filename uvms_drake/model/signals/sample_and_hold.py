@@ -59,6 +59,13 @@ class Clock(NamedTuple):
         return self.period, between * self.period
 
 
+def _index(rows: Sequence[int]) -> slice | list[int]:
+    """Returns the rows as a slice, if they are consecutive: faster than a list."""
+    first, last = rows[0], rows[-1]
+    consecutive = list(rows) == list(range(first, last + 1))
+    return slice(first, last + 1) if consecutive else list(rows)
+
+
 class SampledVector(LeafSystem):
     """Delayed sample and hold: the sample of kh from kh + δ to (k + 1)h + δ, for each clock.
 
@@ -92,63 +99,64 @@ class SampledVector(LeafSystem):
     def __init__(self, size: int, clocks: Sequence[Clock]):
         super().__init__()
         assert sorted(row for clock in clocks for row in clock.rows) == list(range(size))
-        self._clocks = [clock._replace(rows=list(clock.rows)) for clock in clocks]
+        self._clocks, self._rows = list(clocks), [_index(clock.rows) for clock in clocks]
         self._port = self.DeclareVectorInputPort("vector", size)
-        self._propagated = np.zeros(size, dtype=bool)
         self.DeclareDiscreteState(size)  # group 0
         self.DeclareDiscreteState(len(clocks))  # group 1
         for i, clock in enumerate(self._clocks):
-            self._propagated[clock.rows] = clock.propagated
             self.DeclareDiscreteState(  # group 2 + i
                 np.append(np.nan, np.zeros(clock.kept * len(clock.rows))))
             self.DeclarePeriodicDiscreteUpdateEvent(clock.period, 0.0, partial(self._sample, i))
             if (event := clock.passing_on) is not None:  # Only ends a step there.
                 self.DeclarePeriodicPublishEvent(*event, lambda context: None)
-        self._propagates = bool(self._propagated.any())
+        self._propagated = [rows for clock, rows in zip(clocks, self._rows, strict=True)
+                            if clock.propagated]
         if any(clock.delay > 0.0 for clock in clocks):
             self.DeclarePerStepDiscreteUpdateEvent(self._pass_on)
         now = {self.time_ticket()} if any(clock.error for clock in clocks) else set()
         self.DeclareVectorOutputPort(
             "hold", size, self._calc, {self.xd_ticket(), self._port.ticket(), *now})
 
-    def _samples(self, context: Context, i: int) -> tuple[float, np.ndarray]:
-        """Returns k, NaN if there is no sample yet, and the samples (kept, rows)."""
-        state = context.get_discrete_state(2 + i).value()
-        return state[0], state[1:].reshape(self._clocks[i].kept, -1)
+    def _samples(self, state: np.ndarray, i: int) -> np.ndarray:
+        """Returns the samples (kept, rows) in a group of the state, a view."""
+        return state[1:].reshape(self._clocks[i].kept, -1)
 
-    def _measured(self, context: Context, clock: Clock) -> np.ndarray:
+    def _measured(self, context: Context, i: int) -> np.ndarray:
         """Returns a present sample (rows,), or its error."""
+        clock = self._clocks[i]
         error = 0.0 if clock.error is None else clock.error(context.get_time())
         return error + (np.zeros(len(clock.rows)) if clock.propagated
-                        else self._port.Eval(context)[clock.rows])
+                        else self._port.Eval(context)[self._rows[i]])
 
     def _sample(self, i: int, context: Context, state: DiscreteValues) -> None:
-        clock, (last, samples) = self._clocks[i], self._samples(context, i)
-        k, sample = round(context.get_time() / clock.period), self._measured(context, clock)
-        samples = samples.copy()
-        samples[slice(None) if np.isnan(last) else k % clock.kept] = sample
-        state.set_value(2 + i, np.append(k, samples))
-        if clock.delay == 0.0 or np.isnan(last):
-            state.get_mutable_value(0)[clock.rows] = sample
+        clock, group = self._clocks[i], state.get_mutable_value(2 + i)
+        k, sample = round(context.get_time() / clock.period), self._measured(context, i)
+        is_first = math.isnan(group[0])
+        self._samples(group, i)[slice(None) if is_first else k % clock.kept] = sample
+        group[0] = k
+        if clock.delay == 0.0 or is_first:
+            state.get_mutable_value(0)[self._rows[i]] = sample
             state.get_mutable_value(1)[i] = 1.0
 
     def _pass_on(self, context: Context, state: DiscreteValues) -> None:
+        now, hold = context.get_time(), state.get_mutable_value(0)
         for i, clock in enumerate(self._clocks):
             if clock.delay > 0.0:
-                last, samples = self._samples(context, i)
-                if not math.isnan(last):
-                    k = math.floor((context.get_time() - clock.delay) / clock.period + SAME)
-                    state.get_mutable_value(0)[clock.rows] = samples[min(k, int(last)) % clock.kept]
+                group = context.get_discrete_state(2 + i).value()
+                if not math.isnan(last := group[0]):
+                    k = math.floor((now - clock.delay) / clock.period + SAME)
+                    hold[self._rows[i]] = self._samples(group, i)[min(k, int(last)) % clock.kept]
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         hold = context.get_discrete_state(0).value().copy()
-        taken = context.get_discrete_state(1).value()
-        if not taken.all():
-            for i in np.flatnonzero(taken == 0.0):
-                clock = self._clocks[i]
-                hold[clock.rows] = self._measured(context, clock)
-        if self._propagates:
-            hold[self._propagated] += self._port.Eval(context)[self._propagated]
+        taken = context.get_discrete_state(1).value().tolist()
+        if 0.0 in taken:
+            for i in (i for i, each in enumerate(taken) if each == 0.0):
+                hold[self._rows[i]] = self._measured(context, i)
+        if self._propagated:
+            now = self._port.Eval(context)
+            for rows in self._propagated:
+                hold[rows] += now[rows]
         output.SetFromVector(hold)
 
     @staticmethod
