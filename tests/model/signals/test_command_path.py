@@ -62,6 +62,13 @@ def test_a_plan_is_commanded_earlier_by_the_mean_delays_behind_thrusters_alone(m
     assert hidden.preview == (0.0, 0.0) and hidden.mean_delays == path.mean_delays
 
 
+def test_an_ideal_part_before_or_behind_changes_nothing(model):
+    thrusters = LaggedWrench(0.01, lag=0.1, dead_time=0.05, foreseen=False)
+    for path in (through(model, SampledCommand(0.02, 0.01), thrusters),
+                 through(model, Thrusters(period=0.01, error=np.full(1, 0.1)))):
+        assert path.then(IDEAL_PATH) == IDEAL_PATH.then(path) == path
+
+
 def test_an_effect_without_a_path_is_named(model):
     clock, thrusters = SampledCommand(0.015, 0.0), Thrusters(period=0.01)
     assert "no multiple" in through(model, clock, thrusters).unknown[0]
