@@ -53,7 +53,7 @@ from uvms_drake.control.plan.plan import P, Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Actuator, Component
-from uvms_drake.model.surface.law import NotOffered, Surface
+from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import largest_speed
@@ -133,23 +133,23 @@ def certify(scenario: Scenario, progress: Progress = silent,
         if not draft.certified:
             return draft
         # Declared unknowns, as a part of d.
-        carried, error = None, scenario.model_error
+        carried, robot_error = None, scenario.model_error
         if scenario.unknowns.present:
             bounds = UnmodelledBounds(scenario.model, basis, found.radii, scenario.seed)
             sources = partial(declared_sources, scenario.unknowns)
             effects = unknown_effects(sources, bounds, weights_of(disturbance, basis))
-            carried = payload_acceleration(error, disturbance, bounds, effects)
+            carried = payload_acceleration(robot_error, disturbance, bounds, effects)
             draft = replace(draft, unknowns=effects).adding([
-                *unknowns_condition(disturbance.bound, error.share, effects, partial(
+                *unknowns_condition(disturbance.bound, robot_error.share, effects, partial(
                     fitting_disturbance, disturbance, sources, bounds)),
-                *payload_condition(error.payload, carried)])
+                *payload_condition(robot_error.payload, carried)])
         if not draft.certified:
             return draft
         # Margins of the tightened limits, before the second search, which takes long.
         tightening, proven = how_many_are_proven(found, limits)
         draft = replace(
             draft.adding(advised(tightening_margins(found.radii, limits), disturbance.bound,
-                                 error.share)), tightening=tightening, proven=proven)
+                                 robot_error.share)), tightening=tightening, proven=proven)
         if not draft.certified:
             return draft
         estimates = (*found.check(), *(
@@ -295,7 +295,7 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
     motion, law, limits = motion_of(scenario), scenario.ancillary, scenario.limits
     actuation, settings = scenario.actuation, scenario.certificate
     limited = not motion.has_forces or scenario.contact.force_limit(limits) is not None
-    if not limited and type(scenario.surface).static_force_rows is Surface.static_force_rows:
+    if not limited and not scenario.contact.takes_static_force(scenario.surface):
         raise NotOffered("surface", type(scenario.surface).__name__,
                          "one that has `static_force_rows`, for limits.static_force")
     require(limited, "limits.static_force", None,
