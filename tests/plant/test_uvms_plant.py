@@ -356,6 +356,25 @@ def test_a_surface_of_ones_own_pushes_by_its_law():
         make(Sphere(stiffness=-1.0))
 
 
+def test_a_clone_of_a_context_goes_on_from_its_own_state():
+    """Geometry that is known already is not computed again as the water begins to move."""
+    uvms, current = make(UnilateralPlane()), np.array([0.3, -0.2, 0.1])
+    accelerations = []
+    for known in (True, False):
+        context = uvms.CreateDefaultContext()
+        uvms.GetInputPort("current").FixValue(context, np.zeros(3))
+        set_state(uvms, context, moving_state())
+        clone = context
+        if known:
+            uvms.GetOutputPort("acceleration").Eval(context)
+            clone = context.Clone()
+            set_state(uvms, context, 0.5 * moving_state())
+            uvms.GetOutputPort("acceleration").Eval(context)
+        uvms.GetInputPort("current").FixValue(clone, current)
+        accelerations.append(uvms.GetOutputPort("acceleration").Eval(clone).copy())
+    np.testing.assert_array_equal(*accelerations)
+
+
 def test_two_threads_with_a_context_each_do_not_disturb_each_other():
     """A plant is const, as Drake's systems are: its data are in the Context."""
     uvms = make(UnilateralPlane())
