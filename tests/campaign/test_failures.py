@@ -48,6 +48,9 @@ def with_wall(**changes):
     (KEPT | {"apart": {"tip": 0.4, "joints": 1.01}}, ("linear",)),
     (KEPT | {"apart": {"tip": 0.4, "joints": None}}, ("linear",)),
     (KEPT | {"apart": {"tip": 0.4, "joints": float("nan")}}, ("linear",)),
+    (KEPT | {"plan": {"approach": 0.9, "press": 1.0, "start": 0.1}}, ()),
+    (KEPT | {"plan": {"approach": 1.01, "press": 0.5}}, ("plan",)),
+    (KEPT | {"plan": {"approach": 0.5, "press": None}}, ("plan",)),
     (KEPT | {"exits_set": 1, "violations": 1}, ("tube", "limit"))])
 def test_every_kind_of_failure_counts(result, kinds):
     assert failures_of(result) == kinds
@@ -60,7 +63,7 @@ def test_a_run_that_fails_in_two_ways_is_one_failure(campaign, scenario):
     found = certificate_in_probability(campaign, scenario, results[::-1], 0.95)
     assert (found.runs, found.failures, found.failed) == (60, 2, (7, 9))
     assert (found.kinds["tube"], found.kinds["limit"]) == (2, 1)
-    assert found.apart == {}
+    assert found.apart == {} and found.plan == {}
     assert found.probability == pytest.approx(0.1012, abs=1e-4)
     assert certificate_in_probability(
         campaign, scenario, [KEPT | {"index": i} for i in range(60)], 0.95
@@ -82,7 +85,7 @@ def test_no_run_can_be_left_out(campaign, scenario):
 
 def test_the_distribution_is_told_with_the_scenarios_own_sizes(scenario):
     text = "\n".join(declared_distribution(scenario))
-    for part in ("mass 0.1", "current 0.1 m/s from any heading", "uniform from 5 to 21.1 N",
+    for part in ("mass 0.1", "current 0.1 m/s from any heading", "uniform from 5 to 21.5 N",
                  "friction up to 0.5", "stiffness from 0.1 of 1000 N/m"):
         assert part in text, part
     assert "waves" not in text

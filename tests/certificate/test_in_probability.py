@@ -23,7 +23,7 @@ from uvms_drake.command.run import sound
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.coupled.budget import CoupledBudget, Source
+from uvms_drake.tube.coupled.budget import CoupledBudget, Source, Stage
 
 
 def test_the_verdict_is_its_exact_sentence():
@@ -47,11 +47,13 @@ def test_the_linear_budget_stands_beside_it_and_goes_through_a_file():
     ones = np.ones(11)
     rows = ("depth", "tip y", "tip z", "vehicle x", "roll", "pitch", "q1", "q2", "q3",
             "depth speed", "q1 rate")
-    budget = CoupledBudget(rows, (Source("noise", 9.0 * ones, 3.0 * ones, True),), 1e-3, 6.0,
-                           ones, 2, {"depth": 0.03}, {"depth": 0.02}, (), 0.05)
+    sources = (Source("noise", 9.0 * ones, 3.0 * ones, True),)
+    budget = CoupledBudget(rows, (Stage("press", sources, ones),), 1e-3, 6.0, 2, {"depth": 0.03},
+                           {"depth": 0.02}, (), 0.05)
     certificate = made(coupled=budget)
     restored = ProbabilityCertificate.from_data(json.loads(json.dumps(certificate.to_data())))
-    np.testing.assert_array_equal(restored.coupled.by_chance, budget.by_chance)
+    (stage,), (known,) = restored.coupled.stages, budget.stages
+    np.testing.assert_array_equal(restored.coupled.by_chance(stage), budget.by_chance(known))
     assert restored.to_data() == certificate.to_data()
     text = format_probability(restored)
     assert text.startswith(format_probability(made()))
@@ -74,6 +76,17 @@ def test_the_distance_from_the_linear_loop_is_told_where_it_was_looked_at():
                         "noise, plan, touch and friction, is 0.34 of the line of the tip and 0.52 "
                         "of the line of the joints.")
     assert failure.endswith("or left a declared line about its coupled linear loop.")
+
+
+def test_the_used_part_of_the_class_of_plans_is_told_where_there_is_one():
+    assert "class of plans" not in " ".join(sentences(made()))
+    planned = made(plan={"approach": 0.561, "press": 0.6, "start": 0.8})
+    *_, used, failure = sentences(planned)
+    assert used == ("Of the declared class of plans the runs used 0.56 in the approach, 0.6 in the "
+                    "press and 0.8 at the start.")
+    assert failure.endswith("or had a plan or a start outside of the declared class.")
+    restored = ProbabilityCertificate.from_data(json.loads(json.dumps(planned.to_data())))
+    assert restored == planned
 
 
 def test_it_is_written_and_read_and_its_kind_is_told(tmp_path):

@@ -16,6 +16,6 @@ def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
     kinds = dict.fromkeys(FAILURES, 0) | ({"tube": len(failed)} if failed else {})
     return ProbabilityCertificate(**({
         "scenario": NAME, "runs": runs, "failures": len(failed), "confidence": 0.95,
-        "probability": p, "kinds": kinds, "failed": tuple(failed), "apart": {},
+        "probability": p, "kinds": kinds, "failed": tuple(failed), "apart": {}, "plan": {},
         "distribution": ("start: anywhere", "wall: any"), "ranges": RANGES, "seed": 3,
         "campaign": "c0ffee", **ProbabilityCertificate.inputs_of(scenario)} | changes))

@@ -12,6 +12,7 @@ from uvms_drake.campaign.contact_metrics import contact_metrics
 from uvms_drake.campaign.outside_assumptions import MEASURED_WRONG
 from uvms_drake.campaign.variation import Variation, vary
 from uvms_drake.certificate.coupled.linear_distance import linear_distances
+from uvms_drake.certificate.coupled.plan_rows import plan_ratios
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.laws.law import FIELDS
@@ -22,6 +23,7 @@ from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import set_wise_radii
 from uvms_drake.station.parts import faults_at
 from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 
 PROPORTION = 1.05
@@ -47,7 +49,7 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
         variation = vary(campaign, index)
         result |= drawn(variation)
         record = simulate(variation.scenario)
-        result |= outcome(record, variation)
+        result |= outcome(record, variation, campaign.base)
         steps = 1e3 * record.step_seconds[np.isin(record.mpc_status, (SOLVED, KEPT))]
     except Exception as error:
         result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
@@ -78,8 +80,8 @@ def drawn(variation: Variation) -> dict[str, Any]:
                     "payload": error.payload.mass}}
 
 
-def outcome(record: Record, variation: Variation) -> dict[str, Any]:
-    """Returns the figures of merit of a run.
+def outcome(record: Record, variation: Variation, declared: Scenario) -> dict[str, Any]:
+    """Returns the figures of merit of a run, a draw of what `declared` declares.
 
     `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of the effective disturbance, and `inside` is
     whether that was at most 1, or d̃ is zero. `margin` is the smallest of `margins`, and
@@ -88,7 +90,8 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     at the end, `proportional` whether the deviation stayed within max(1, D/d̃) times its bound; None
     without a guarantee, see `outside_assumptions`. `logged` is whether an exit of the tube is in
     the log. `finite` is whether all logged signals are. `apart` is the largest distance from the
-    coupled linear loop over its lines, if the scenario declares these.
+    coupled linear loop over its lines, and `plan` the largest rows by the plan alone over those of
+    the class of plans, if the scenario declares these.
     """
     summary: dict[str, Any] = summarise(record)
     tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
@@ -123,6 +126,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
             ratio <= PROPORTION * max(1.0, size)),
         "finite": is_finite(record),
         **({} if lines is None else {"apart": linear_distances(record, lines)}),
+        **({} if declared.certificate.plans is None else {"plan": plan_ratios(record, declared)}),
         **contact_metrics(record),
     }
 

@@ -241,9 +241,9 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
     Raises:
         InvalidParameter: It would not.
     """
-    with within("certificate"):
-        check_settings(scenario.certificate)
     model, motion = model or load_model(scenario), motion_of(scenario)
+    with within("certificate"):
+        check_settings(scenario.certificate, model.num_joints)
     motion.check(scenario)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     check_limits(scenario.limits, model.num_joints, accelerations=motion.has_forces)

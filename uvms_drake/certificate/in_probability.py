@@ -47,6 +47,7 @@ FAILURES = {
     "contact": "lost the contact",
     "no touch": "never touched the wall",
     "linear": "left a declared line about its coupled linear loop",
+    "plan": "had a plan or a start outside of the declared class",
 }
 """Kinds of failure of a run, in words."""
 
@@ -76,6 +77,9 @@ class ProbabilityCertificate:
     apart: dict[str, float]
     """Largest |x − x_lin| over its declared line in all runs, by the rows; empty: no run was
     compared with its coupled linear loop."""
+    plan: dict[str, float]
+    """Largest rows of the linear loop by a run's plan alone over those of the declared class, by
+    stage, and start; empty: no class is declared."""
     distribution: tuple[str, ...]
     """The declared distribution, a sentence for each part."""
     ranges: tuple[DrawnRange, ...]

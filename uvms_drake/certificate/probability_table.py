@@ -21,7 +21,7 @@ def sentences(certificate: ProbabilityCertificate) -> list[str]:
         "It is a statement about drawn runs of this simulation, none about the worst of them, and "
         "none about a robot that differs from its declared distribution.",
         "It needs the number of runs and the seed to be chosen before the first run.",
-        _compared(certificate),
+        _compared(certificate), *_planned(certificate),
         f"A run counts as failed if it {_listed(_counted(certificate), 'or')}."]
 
 
@@ -54,9 +54,19 @@ def _compared(certificate: ProbabilityCertificate) -> str:
             f"touch and friction, is {_listed(parts, 'and')}.")
 
 
+def _planned(certificate: ProbabilityCertificate) -> list[str]:
+    """Returns how much of the declared class of plans the runs used, if there is one."""
+    if not certificate.plan:
+        return []
+    parts = [f"{ratio:.2g} in the {stage}" if stage != "start" else f"{ratio:.2g} at the start"
+             for stage, ratio in certificate.plan.items()]
+    return [f"Of the declared class of plans the runs used {_listed(parts, 'and')}."]
+
+
 def _counted(certificate: ProbabilityCertificate) -> list[str]:
     """Returns the kinds of failure that were looked for, in words."""
-    return [text for kind, text in FAILURES.items() if kind != "linear" or certificate.apart]
+    looked = {"linear": certificate.apart, "plan": certificate.plan}
+    return [text for kind, text in FAILURES.items() if looked.get(kind, True)]
 
 
 def _count(certificate: ProbabilityCertificate) -> str:

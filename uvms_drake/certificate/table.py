@@ -51,8 +51,8 @@ HELP = {
     "actuation": "leaving it out",
     "actuation path": "a clock and then thrusters, or leaving it out",
     "coupled loop": "smaller ancillary gains, faster clocks, a shorter lag or dead time",
-    "coupled budget": "a wider declared tube, better sensors, or gentler plans "
-        "(limits.more: [!PlanAcceleration ...])",
+    "coupled budget": "a wider declared tube, better sensors, or a class of gentler plans "
+        "(certificate.plans)",
     "vehicle loop": "smaller ancillary.vehicle gains or less lag",
     "tip loop": "smaller ancillary.tip gains or a faster clock",
     "terminal set": "wider limits, a task further inside them or other mpc weights",

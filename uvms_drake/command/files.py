@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -93,14 +93,24 @@ def write_data(record: Record, folder: Path, certificate: AnyCertificate | None 
 
 
 def write_pictures(record: Record, certificate: AnyCertificate | None, folder: Path, *,
-                   figures: bool, replay: bool) -> None:
-    """Writes figures and replay of a run into a folder; the report comes with the figures."""
+                   figures: bool, replay: bool, failed: Sequence[str] = ()) -> None:
+    """Writes figures and replay of a run into a folder; the report comes with the figures.
+
+    Args:
+        record: The run.
+        certificate: Its certificate, if any.
+        folder: The folder.
+        figures: Whether figures and report are written.
+        replay: Whether the replay is written.
+        failed: With a certificate in probability, the ways in which the run itself failed.
+    """
     if figures:
         from uvms_drake.report.figures import make_figures
         from uvms_drake.report.html import format_report
 
         bounds = certificate.bounds if isinstance(certificate, Certificate) else None
-        report = format_report(record, make_figures(record, folder, bounds), certificate)
+        report = format_report(record, make_figures(record, folder, bounds), certificate,
+                               failed)
         (folder / REPORT_FILE).write_text(report, encoding="utf-8")
     if replay:
         from uvms_drake.report.replay import write_replay

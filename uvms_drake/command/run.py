@@ -153,9 +153,10 @@ def run_scenario(args: argparse.Namespace) -> int:
                                certified=isinstance(certificate, Certificate))
             summary = write_data(record, output.folder, certificate)
             output.keep(replaces=True)  # Even if the pictures fail.
+        failed = failures_in_words(record, certificate, summary)
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
-                       replay=not args.no_replay)
-    status = _report(summary, path, output.kept, record)
+                       replay=not args.no_replay, failed=failed)
+    status = _report(summary, path, output.kept, failed)
     if show is not None and not args.no_wait:
         from uvms_drake.visual.controls import wait_for_end
 
@@ -164,16 +165,15 @@ def run_scenario(args: argparse.Namespace) -> int:
     return status
 
 
-def _report(summary: dict[str, Any], path: Path, names: list[str], record: Record) -> int:
+def _report(summary: dict[str, Any], path: Path, names: list[str], failed: list[str]) -> int:
     """Prints the summary of a run, its files and the verdict; returns the exit status."""
-    from uvms_drake.report.headline import broken
     from uvms_drake.report.summary import format_summary
 
     certified = summary["tube"]["certified"]
     print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}")
     if summary["in_probability"] is not None:
-        return _report_in_probability(summary, record)
-    if failed := broken(summary):
+        return _report_in_probability(summary, failed)
+    if failed:
         print(f"{'GUARANTEES BROKEN' if certified else 'LIMITS VIOLATED'}: {', '.join(failed)}")
         return BROKEN
     if certified and (out := summary["contact"].get("out_of_class")):
@@ -184,22 +184,33 @@ def _report(summary: dict[str, Any], path: Path, names: list[str], record: Recor
     return 0
 
 
-def _report_in_probability(summary: dict[str, Any], record: Record) -> int:
-    """Prints the verdict of a run with a certificate in probability; returns the exit status.
+def failures_in_words(record: Record, certificate: AnyCertificate | None, summary: dict[str, Any]
+                      ) -> list[str]:
+    """Returns the ways in which a run failed, of `broken`.
 
-    A run of the declared distribution fails as one of the certificate's own would.
+    One of the declared distribution of a certificate in probability fails as the certificate's own
+    would.
     """
-    from uvms_drake.campaign.probability.failures import failures_of
-    from uvms_drake.campaign.run import outcome
-    from uvms_drake.campaign.variation import Variation
-    from uvms_drake.certificate.in_probability import FAILURES
-    from uvms_drake.certificate.probability_table import format_coverage
     from uvms_drake.report.headline import NAMED, broken
 
-    claim, failed = summary["in_probability"], broken(summary)
-    if not claim["outside"]:
-        result = {"error": None, **outcome(record, Variation(record.scenario, None))}
+    failed, claim = broken(summary), summary["in_probability"]
+    if isinstance(certificate, ProbabilityCertificate) and not claim["outside"]:
+        from uvms_drake.campaign.probability.failures import failures_of
+        from uvms_drake.campaign.run import outcome
+        from uvms_drake.campaign.variation import Variation
+        from uvms_drake.certificate.in_probability import FAILURES
+
+        scenario = record.scenario
+        result = {"error": None, **outcome(record, Variation(scenario, None), scenario)}
         failed += [f"it {FAILURES[kind]}" for kind in failures_of(result) if kind not in NAMED]
+    return failed
+
+
+def _report_in_probability(summary: dict[str, Any], failed: list[str]) -> int:
+    """Prints the verdict of a run with a certificate in probability; returns the exit status."""
+    from uvms_drake.certificate.probability_table import format_coverage
+
+    claim = summary["in_probability"]
     print(f"this run FAILED: {', '.join(failed)}" if failed else
           "this run did not fail: tube and all limits kept")
     print(claim["verdict"] if not claim["outside"] else format_coverage(claim["outside"]))
@@ -223,12 +234,15 @@ def plot_run(args: argparse.Namespace) -> int:
     """Draws figures and report of a finished run, from its data."""
     from uvms_drake.report.html import load_run
     from uvms_drake.report.mcap_log import MCAP_FILE, write_mcap
+    from uvms_drake.report.summary import summarise
 
     record, certificate = load_run(args.folder)
+    failed = failures_in_words(record, certificate, summarise(record, certificate))
     with output_folder(args.folder, (*picture_files(), MCAP_FILE)) as output:
         if args.mcap:
             write_mcap(record, output.folder / MCAP_FILE)
-        write_pictures(record, certificate, output.folder, figures=True, replay=args.replay)
+        write_pictures(record, certificate, output.folder, figures=True, replay=args.replay,
+                       failed=failed)
     print(f"written to {args.folder}: {', '.join(output.kept)}")
     return 0
 

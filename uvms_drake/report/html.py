@@ -113,14 +113,15 @@ def _in_probability(path: Path) -> ProbabilityCertificate | None:
     return certificate if isinstance(certificate, ProbabilityCertificate) else None
 
 
-def format_report(record: Record, figures: Sequence[Path], certificate: AnyCertificate | None
-                  ) -> str:
+def format_report(record: Record, figures: Sequence[Path], certificate: AnyCertificate | None,
+                  failed: Sequence[str] = ()) -> str:
     """Returns the report of a run as HTML.
 
     Args:
         record: Record of the run.
         figures: PNG files to embed.
         certificate: Certificate of the run, if any.
+        failed: With a certificate in probability, the ways in which the run itself failed.
     """
     scenario = record.scenario
     summary: dict[str, Any] = summarise(record, certificate)
@@ -131,7 +132,7 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
     parts = [
         f"<h1>{title}</h1>",
         f'<p class="lead">{html.escape(" ".join(scenario.description.split()))}</p>',
-        _verdict(certificate, summary), portrait,
+        _verdict(certificate, summary, failed), portrait,
         "<h2>Summary</h2>", f"<pre>{html.escape(format_summary(summary, event_lines=None))}</pre>",
         "<h2>Figures</h2>",
         f'<div class="figures">{"".join(drawn.values())}</div>' if drawn
@@ -164,14 +165,16 @@ def _certificate(certificate: AnyCertificate | None, force_limit: float | None, 
             f"<pre>{html.escape(format_certificate(certificate))}</pre></details>")
 
 
-def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any]) -> str:
+def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any], failed: Sequence[str]
+             ) -> str:
     if certificate is None:
         return ('<p class="verdict no">Run without a certificate: the tube is declared, and '
                 "nothing is guaranteed.</p>")
     if isinstance(certificate, ProbabilityCertificate):
         outside = summary["in_probability"]["outside"]
         text = certificate.verdict if not outside else format_coverage(outside)
-        return (f'<p class="verdict{" no" if outside else ""}">'
+        own = f"This run FAILED: {html.escape(', '.join(failed))}.<br>" if failed else ""
+        return (f'<p class="verdict{" no" if outside or failed else ""}">{own}'
                 f"{html.escape(text[:1].upper() + text[1:])}.</p>")
     sentence = certificate.force_sentence
     finally_ = f" {sentence[:1].upper()}{sentence[1:]}." if sentence else ""

@@ -19,7 +19,6 @@ A fix may be lost, but not for longer than a declared gap. All random numbers ar
 seed and of the time, so that ε needs no state.
 """
 
-import math
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import pairwise
@@ -32,6 +31,7 @@ from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
 from uvms_drake.model.signals.linear import (
     ErrorChannel,
+    Fixes,
     LinearLoop,
     OperatingPoint,
     Signal,
@@ -268,15 +268,12 @@ class Navigation(Sensor):
             out.append(ErrorChannel("drift of position", error, drift,
                                     kind="slow", rate=self.drift.rate * ones))
         if key == "velocity":
-            # Samples of the channel from one fix to the next.
-            samples = channel.rate / dvl.rate
-            ticks = max(int(samples), 1), math.ceil(dvl.most * samples)
             sigma = np.asarray(dvl.noise, dtype=float)
-            out += [ErrorChannel("fixes of velocity", error, multiple * sigma, sigma,
-                                 "hold", ticks),
-                    ErrorChannel("bias of accelerometers", error, dvl.growth * ones, None,
-                                 "ramp", ticks)]
-        return [each for each in out if np.any(each.bound)]
+            out.append(ErrorChannel(
+                "velocity from fix to fix", error, multiple * sigma, sigma, "fixes",
+                Fixes(dvl.rate / channel.rate, dvl.most, dvl.lost, dvl.growth * ones)))
+        return [each for each in out
+                if np.any(each.bound) or (each.fixes is not None and np.any(each.fixes.growth))]
 
 
 CHANNELS = ("position", "attitude", "joints", "velocity", "turning", "joint_rates")

@@ -8,7 +8,7 @@ from support.frozen_loop import run
 
 from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
 from uvms_drake.control.plan.plan import DynamicPlan
-from uvms_drake.model.signals.linear import LinearLoop
+from uvms_drake.model.signals.linear import LinearLoop, Signal
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Linear
@@ -194,9 +194,20 @@ def another_sign(monkeypatch):
         -1.0 if name == "joints" else 1.0) * sampled(self, name, signal, *others))
 
 
+def dropped(monkeypatch):
+    sampled = LinearLoop.sampled
+
+    def without_source(self, name, signal, *others):
+        parts = {block: part for block, part in signal.parts.items()
+                 if not name == block.name == "joints"}
+        return sampled(self, name, Signal(signal.size, parts), *others)
+
+    monkeypatch.setattr(LinearLoop, "sampled", without_source)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [a_tick_older, long(another_sign)])
-def test_a_wrong_age_or_sign_is_seen(loop, monkeypatch, fault):
+@pytest.mark.parametrize("fault", [a_tick_older, another_sign, dropped])
+def test_a_wrong_age_or_sign_or_a_dropped_source_is_seen(loop, monkeypatch, fault):
     assert broken(loop, monkeypatch, ("joints", 2), fault) > 0.05
 
 
@@ -206,8 +217,7 @@ def test_every_sensor_has_its_sources(loop):
     assert names == {
         *(f"noise of {key}" for key in ("position", "attitude", "turning", "joints",
                                         "joint rates", "force")),
-        "fixes of velocity", "bias of accelerometers", "resolution of force", "bias of force",
-        "drift of force"}
+        "velocity from fix to fix", "resolution of force", "bias of force", "drift of force"}
 
 
 CHANNELS = {"position": (3, 50.0), "attitude": (3, 100.0), "turning": (3, 100.0),

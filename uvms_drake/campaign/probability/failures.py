@@ -17,6 +17,10 @@ from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertifica
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.coupled.budget import CoupledBudget
 
+RATIOS = {"linear": "apart", "plan": "plan"}
+"""Keys of a run's ratios to declared sizes, by kind of failure; one that is not finite is stored as
+None."""
+
 
 def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
     """Returns the kinds, of `FAILURES`, in which a run failed.
@@ -36,9 +40,8 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "no plan": result["mpc_failures"] > 0,
         "contact": max(result["losses"], wall.get("losses", 0)) > 0,
         "no touch": bool(wall) and wall["first_touch_s"] is None,
-        # A linear loop that diverges has no finite distance: None in a stored run.
-        "linear": any(ratio is None or not ratio <= 1.0
-                      for ratio in result.get("apart", {}).values())}
+        **{kind: any(ratio is None or not ratio <= 1.0 for ratio in result.get(key, {}).values())
+           for kind, key in RATIOS.items()}}
     return tuple(kind for kind in FAILURES if did.get(kind, False))
 
 
@@ -63,14 +66,14 @@ def certificate_in_probability(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,
         probability=failure_bound(len(results), len(failed), confidence),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
-        failed=failed, apart=_largest_apart(results),
+        failed=failed, apart=_largest(results, "apart"), plan=_largest(results, "plan"),
         distribution=tuple(declared_distribution(campaign.base)),
         ranges=tuple(declared_ranges(campaign.base)),
         seed=campaign.seed, campaign=campaign.identity, coupled=coupled, **inputs)
 
 
-def _largest_apart(results: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Returns the largest distance from the linear loop over its line, by the rows."""
-    found = [result["apart"] for result in results if "apart" in result]
-    return {rows: max(float("inf") if each[rows] is None else each[rows] for each in found)
-            for rows in (found[0] if found else ())}
+def _largest(results: Sequence[Mapping[str, Any]], key: str) -> dict[str, float]:
+    """Returns the largest of all runs of each of the ratios under a key."""
+    found = [result[key] for result in results if key in result]
+    return {name: max(float("inf") if each[name] is None else each[name] for each in found)
+            for name in (found[0] if found else ())}

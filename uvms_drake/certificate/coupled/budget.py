@@ -1,5 +1,6 @@
 """The coupled linear budget of a scenario: its sources, margins of stability and conditions."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
@@ -11,10 +12,9 @@ from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_config
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.tip_first import BlockGains, TipFirst
 from uvms_drake.control.limits import Limits, TubeRadii, joint_limits, resolved_radii
-from uvms_drake.control.limits.plan_acceleration import PlanAcceleration
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.command_path import CommandPath
-from uvms_drake.model.signals.linear import ErrorChannel
+from uvms_drake.model.signals.linear import Block, ErrorChannel
 from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.command_path import command_path_of
@@ -22,16 +22,20 @@ from uvms_drake.station.contact.bounds import depth_left, pressing_force, sensed
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.coupled.budget import (
+    APPROACH,
+    DEPTH,
+    PLANNED,
+    PRESS,
     CoupledBudget,
     Source,
     Stability,
+    Stage,
     by_chance,
     quantile,
     sources_of,
 )
 from uvms_drake.tube.coupled.coupled_loop import (
     FORCE_ACROSS,
-    PLAN,
     CoupledLoop,
     LoopParts,
     Wall,
@@ -39,24 +43,24 @@ from uvms_drake.tube.coupled.coupled_loop import (
     operating_point,
 )
 from uvms_drake.tube.coupled.periodic import STEP
+from uvms_drake.tube.settings import PlanClass
 
 THEOREM = "tube/coupled/theory.md#gains-by-the-pattern-of-an-error"
 STABILITY = "tube/coupled/theory.md#coupled-loop"
 CHANCE = 1e-3
 """Probability δ of a run in which some row of the linear loop exceeds its sum by chance."""
-PLAN_PHASES = 4
-"""Number of phases between two knots of a plan at which the rows are looked at."""
+STAGES = 2
+"""Number of stages, at whose instants all rows are looked at."""
 POSTURES, STABLE_AT = 2, 10
 """Number of drawn postures at which the sums are computed, and at which stability is checked."""
-FARTHEST_PLAN = 1.0
-"""Displacement of a plan from the task along an axis without a limit [m, rad]; it has no effect but
-of second order."""
 MARGIN = 1.5
 """Least multiple of a gain, or of the mean delay of a loop, at which it has to be stable."""
-FARTHEST, HALVINGS = 4.0, 5
-"""Largest multiple that is tried, and the number of halvings of the interval from 1 to it."""
-FRICTION, PLANNED = "friction as any force", "plan"
-"""Names of the sources that are no sensor's."""
+FARTHEST, HALVINGS = 4.0, 4
+"""Largest multiple that is tried, and the number of halvings of the interval beside `MARGIN`."""
+SAME = 1e-6
+"""Part of a period by which a delay may be shorter."""
+FRICTION, START = "friction as any force", "start"
+"""Names of the sources that are neither a sensor's nor the plan's."""
 
 
 def has_coupled_budget(law: AncillaryLaw, walls: Sequence[Wall], path: CommandPath) -> bool:
@@ -77,9 +81,8 @@ def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget | N
     if not has_coupled_budget(
             scenario.ancillary, walls, command_path_of(scenario.actuation, model)):
         return None
-    # The loops at the task, and at drawn postures of the declared set. A plan that slides is looked
-    # at on walls without a slope of friction: one that grows with its speed would have no bound.
-    limits, contact, force = scenario.limits, sensed_contact(scenario), pressing_force(scenario)
+    # The loops at the task, and at drawn postures of the declared set, in open water and pressed.
+    limits, friction = scenario.limits, sensed_contact(scenario).friction * pressing_force(scenario)
     parts, sticking = loop_parts(scenario, model), [wall for wall in walls if wall.slope == 0.0]
     config = press_configuration(scenario.task, model)
     loops = _loops(parts, walls, config)
@@ -89,60 +92,98 @@ def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget | N
         [np.zeros(5), config[5:6], rng.uniform(lower, upper)])) for _ in range(STABLE_AT)]
     decay = min(loop.system.decay[0] for each in (loops, *at_drawn) for loop in each)
 
-    # Sensors and friction, and the plan, whose own clock makes a longer period.
+    # The sources of each stage: sensors and friction, the plan, the start.
     rows = loops[0].rows
-    q = quantile(len(rows), scenario.duration / STEP, CHANCE)
-    sources: tuple[Source, ...] = ()
-    elsewhere = np.zeros(len(rows))
+    q = quantile(STAGES * len(rows), scenario.duration / STEP, CHANCE)
+    stages = []
     if decay > 0.0:
-        bounded = largest_accelerations(limits) is not None
-        of_plan = sources_of([
-            (loop.system, [_plan(limits, scenario.tube, loop)])
-            for loop in _loops(parts, sticking, config, planned=True)],
-            () if bounded else (PLANNED,), phases=PLAN_PHASES)
-        sources = (*sources_of([
-            (loop.system, [*loop.channels, _friction(contact.friction * force, loop)])
-            for loop in loops], (FRICTION,)), *of_plan)
-        elsewhere = np.max([by_chance((*sources_of(
-            [(loop.system, loop.channels) for loop in each], phases=1), *of_plan), q)
-            for each in at_drawn[:POSTURES]], axis=0)
+        starts = _starts(scenario, model, loops[0])
+        for name, of_stage in ((APPROACH, slice(0, 1)), (PRESS, slice(1, None))):
+            others = (*_planned(scenario.certificate.plans, name), Source(
+                START, start_rows(loops[of_stage], starts, scenario.mpc.hover), np.zeros(len(rows)),
+                random=False))
+            sensed = sources_of([(loop.system, [*loop.channels, _friction(friction, loop)])
+                                 for loop in loops[of_stage]], q, (FRICTION,))
+            sensed_there = [sources_of([(loop.system, loop.channels) for loop in each[of_stage]],
+                                       q, phases=1) for each in at_drawn[:POSTURES]]
+            elsewhere = [by_chance((*each, *others), q) for each in sensed_there]
+            stages.append(Stage(name, (*sensed, *others), np.max(elsewhere, axis=0)))
     return CoupledBudget(
-        rows, sources, CHANCE, q, elsewhere, POSTURES,
+        rows, tuple(stages), CHANCE, q, POSTURES,
         limits_left(limits, depth_left(scenario), scenario.task.posture, model),
-        _declared(scenario.tube), tuple(stability(parts, sticking, config)), float(decay))
+        _declared(scenario.tube, loops[0].own), tuple(stability(parts, sticking, config)),
+        float(decay), loops[0].own)
 
 
-def _loops(parts: LoopParts, walls: Iterable[Wall], config: np.ndarray, *,
-           planned: bool = False) -> list[CoupledLoop]:
-    return [coupled_loop(parts, operating_point(parts, config, wall), wall, planned=planned)
-            for wall in walls]
+def _loops(parts: LoopParts, walls: Iterable[Wall], config: np.ndarray) -> list[CoupledLoop]:
+    return [coupled_loop(parts, operating_point(parts, config, wall), wall) for wall in walls]
 
 
-def _plan(limits: Limits, tube: TubeRadii, loop: CoupledLoop) -> ErrorChannel:
-    """Returns the plan's accelerations; those of an undriven axis, which no plan decides, are 0."""
-    bound = largest_accelerations(limits)
-    bound = np.ones(loop.at.model.size) if bound is None else bound.copy()
-    bound[loop.undriven] = 0.0
-    tube, joints = resolved_radii(tube), loop.at.model.num_joints
-    speeds = [getattr(limits, key) - (getattr(tube, key) or 0.0) for key in ("nu1", "nu2", "qdot")]
-    lower, upper = joint_limits(limits, loop.at.model.q_lower, loop.at.model.q_upper)
-    reach = np.concatenate([[FARTHEST_PLAN] * 3, [limits.roll, limits.pitch, FARTHEST_PLAN],
-                            upper - lower])
-    return ErrorChannel(
-        PLANNED, loop.loop.signal_of(loop.entry(PLAN)), bound, kind="steps",
-        sums=(np.where(bound > 0.0, np.repeat(speeds, [3, 3, joints]), 0.0),
-              np.where(bound > 0.0, reach, 0.0)))
+def _planned(plans: PlanClass | None, stage: str) -> tuple[Source, ...]:
+    """Returns the plan of a stage as a source, if its class is declared."""
+    if plans is None:
+        return ()
+    rows = (plans.approach if stage == APPROACH else plans.press).rows()
+    return (Source(PLANNED, rows, np.zeros(len(rows)), random=False),)
+
+
+def _starts(scenario: Scenario, model: ContactModel, loop: CoupledLoop) -> dict[Block, np.ndarray]:
+    """Returns the largest size of each component of the blocks that a run does not begin at zero.
+
+    Those of the observers are of masses and currents of the declared sizes and either sign, a
+    current from four headings; axes that nothing drives are off their equilibrium.
+    """
+    error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
+    free = scenario.contact.linear_walls(scenario.task.force)[0]
+    config = press_configuration(scenario.task, model)
+    found: dict[Block, list[np.ndarray]] = {}
+    for sign in (1.0, -1.0):
+        for heading in (1.0, 1j, -1.0, -1j):
+            turned = heading * complex(*current[:2])
+            parts = loop_parts(replace(
+                scenario, current=np.array([turned.real, turned.imag, current[2]]),
+                model_error=replace(error, mass=1.0 + sign * (error.mass - 1.0))), model)
+            other = coupled_loop(parts, operating_point(parts, config, free), free)
+            for block, value in other.loop.starts.items():
+                found.setdefault(block, []).append(np.abs(value))
+    out = {block: np.max(values, axis=0) for block, values in found.items()}
+    plans, robot = scenario.certificate.plans, loop.robot
+    off = np.zeros(robot.size)
+    off[loop.undriven] = 0.0 if plans is None else plans.start
+    return out | {robot: off}
+
+
+def start_rows(loops: Iterable[CoupledLoop], starts: dict[Block, np.ndarray], begin: float
+               ) -> np.ndarray:
+    """Returns the largest rows (rows,) from a time on by deviations at the start of a run.
+
+    Args:
+        loops: The loops.
+        starts: Largest size of each component of blocks.
+        begin: The time [s].
+    """
+    out = []
+    for loop in loops:
+        system = loop.system
+        x = np.zeros((len(system.A), sum(len(value) for value in starts.values())))
+        column = 0
+        for block, value in starts.items():
+            of_block = np.arange(len(value))
+            x[system.states[block].start + of_block, column + of_block] = value
+            column += len(value)
+        cycle = system.cycle(len(system.steps) - 1)
+        x = np.linalg.matrix_power(cycle, round(begin / float(system.period))) @ x
+        largest = np.zeros(len(system.C))
+        for _ in range(system.periods):
+            largest = np.maximum(largest, np.sum(np.abs(system.C @ x), axis=1))
+            x = cycle @ x
+        out.append(largest)
+    return np.max(out, axis=0)
 
 
 def _friction(force: float, loop: CoupledLoop) -> ErrorChannel:
     return ErrorChannel(FRICTION, loop.loop.signal_of(loop.entry(FORCE_ACROSS)),
                         force * np.ones(2), kind="flow")
-
-
-def largest_accelerations(limits: Limits) -> np.ndarray | None:
-    """Returns the largest |ζ̄̇ᵢ| of a plan (6+n,), if `limits.more` has a `PlanAcceleration`."""
-    return next((np.asarray(limit.bound, dtype=float) for limit in limits.more
-                 if isinstance(limit, PlanAcceleration)), None)
 
 
 def limits_left(limits: Limits, depth: float, posture: np.ndarray, model: ContactModel
@@ -157,12 +198,13 @@ def limits_left(limits: Limits, depth: float, posture: np.ndarray, model: Contac
     return out | dict.fromkeys(("roll rate", "pitch rate", "yaw rate"), limits.nu2)
 
 
-def _declared(tube: TubeRadii) -> dict[str, float]:
-    """Returns the radii of a tube that have rows."""
+def _declared(tube: TubeRadii, own: tuple[str, ...]) -> dict[str, float]:
+    """Returns the radii of a tube that have rows of errors."""
     tube = resolved_radii(tube)
     names = ("depth", "position", "roll", "pitch", "depth_speed", "tip_speed", "nu1", "nu2",
              "joints", "qdot")
-    return {name: float(value) for name in names if (value := getattr(tube, name)) is not None}
+    return {name: float(value) for name in names
+            if name not in own and (value := getattr(tube, name)) is not None}
 
 
 def stability(parts: LoopParts, walls: Sequence[Wall], config: np.ndarray) -> list[Stability]:
@@ -178,8 +220,8 @@ def stability(parts: LoopParts, walls: Sequence[Wall], config: np.ndarray) -> li
             other = changed(multiple)
             return all(coupled_loop(other, at, wall).system.stable for wall, at in points)
 
-        low, high = 1.0, FARTHEST
-        if stable(high):
+        low, high = (MARGIN, FARTHEST) if stable(MARGIN) else (1.0, MARGIN)
+        if high == FARTHEST and stable(high):
             return high
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
@@ -221,7 +263,8 @@ def _later(part: Part, by: float, parts: LoopParts) -> Part:
     """Returns a clock, or thrusters, with a longer delay, in whole periods of thrusters."""
     if isinstance(part, Thrusters):
         now = part.known(parts.model).dead_time
-        return replace(part, dead_time=part.period * round((now + by) / part.period))
+        periods = math.ceil((now + by) / part.period - SAME)
+        return replace(part, dead_time=part.period * periods)
     assert isinstance(part, SampledCommand)
     return replace(part, delay=part.delay + round(by, 3))
 
@@ -229,21 +272,23 @@ def _later(part: Part, by: float, parts: LoopParts) -> Part:
 def conditions_of(budget: CoupledBudget) -> list[Condition]:
     """Returns the conditions: stability with a margin, and the sums within the declared tube.
 
-    Without a bound of the plans' accelerations, the sums are of the sensors alone; that is one that
-    is not met.
+    Without a class of plans the sums count no plan; that is one that is not met. An axis that
+    nothing drives follows no plan: the limit on it is the robot's own.
     """
     out = [Condition("coupled loop, slowest decay at drawn postures and walls [1/s]",
                      budget.decay, ">", 0.0, theorem=STABILITY, topic="coupled loop")]
     out += [Condition(f"coupled loop, stable multiple of {each.loop}", each.margin, ">=",
                       MARGIN, theorem=STABILITY, topic="coupled loop")
             for each in budget.stability]
-    if not budget.sources:
+    if not budget.stages:
         return out
-    planned = [each.counted for each in budget.sources if each.name == PLANNED]
     out.append(assumption(
-        "coupled linear budget", "whose sums count no plan: its accelerations have no bound",
-        0.0 if all(planned) else 1.0, topic="coupled budget", theorem=THEOREM))
-    radii = budget.radii(budget.by_chance)
+        "coupled linear budget", "whose sums count no plan: no class of plans is declared",
+        0.0 if budget.planned else 1.0, topic="coupled budget", theorem=THEOREM))
+    out += [Condition(f"coupled linear budget by chance, {row} in what limits leave",
+                      budget.row(row), "<=", budget.left[row], theorem=THEOREM,
+                      topic="coupled budget") for row in (DEPTH, *budget.own)]
+    radii = budget.radii()
     return out + [
         Condition(f"coupled linear budget by chance, {name} in the declared tube", radii[name],
                   "<=", declared, theorem=THEOREM, topic="coupled budget")

@@ -44,7 +44,7 @@ class LinearRun(NamedTuple):
     time: np.ndarray
     """Logged instants (T,) [s]."""
     rows: tuple[str, ...]
-    """Names of the rows, errors of the robot from its plan."""
+    """Names of the rows, see `CoupledLoop.rows`."""
     values: np.ndarray
     """Rows of the linear loop (T, rows) [m, rad, m/s, rad/s]."""
     of_record: np.ndarray
@@ -78,8 +78,11 @@ def linear_run(record: Record, *, across: bool = True) -> LinearRun:
         first.start(record.nominal_config[0]))
     values = np.array([np.interp(record.time, np.append(0.0, time), np.append(0.0, row))
                        for row in values.T]).T
-    return LinearRun(record.time, first.rows, values, row_errors(
-        model, n, record.state, record.nominal_state))
+    of_record = row_errors(model, n, record.state, record.nominal_state)
+    for axis in first.undriven:  # They follow no plan.
+        of_record[:, 3 + axis] = record.state[:, axis] - at.state[axis]
+        of_record[:, axis - model.size] = record.state[:, model.size + axis]
+    return LinearRun(record.time, first.rows, values, of_record)
 
 
 def _stiffness(record: Record, normal: np.ndarray) -> float:
@@ -117,12 +120,16 @@ def _force_error(sensor: ForceSensor, seed: int) -> Input:
     return error
 
 
-def _accelerations(record: Record, preview: float, step: float) -> Input:
-    """Returns the plan's ζ̄̇ on the interval that begins `preview` later."""
-    size = record.nominal_zeta.shape[1]
+def plan_accelerations(record: Record, step: float) -> np.ndarray:
+    """Returns the plan's ζ̄̇ on each interval between knots (T, 6+n)."""
     knots = np.arange(0.0, record.time[-1] + 0.5 * step, step)
     zeta = np.array([np.interp(knots, record.time, row) for row in record.nominal_zeta.T]).T
-    rates = np.diff(zeta, axis=0) / step
+    return np.diff(zeta, axis=0) / step
+
+
+def _accelerations(record: Record, preview: float, step: float) -> Input:
+    """Returns the plan's ζ̄̇ on the interval that begins `preview` later."""
+    size, rates = record.nominal_zeta.shape[1], plan_accelerations(record, step)
 
     def acceleration(time: float) -> np.ndarray:
         knot = round((time + preview) / step)

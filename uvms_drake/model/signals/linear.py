@@ -93,6 +93,28 @@ def stacked(signals: Sequence[Signal]) -> Signal:
 
 
 @dataclass(frozen=True)
+class Fixes:
+    """Fixes that correct an error, of which some are lost, and its growth in between.
+
+    Fix 0, `most`, 2 `most`, ... is always there; the others are lost independently.
+    """
+
+    per_tick: float
+    """Fixes, lost ones too, in the time between two ticks of the entry."""
+    most: int
+    """Largest number of periods of the fixes from one to the next."""
+    lost: float
+    """Probability that a fix is lost."""
+    growth: np.ndarray
+    """Bound of the rate at which each component grows from a fix on, always the same [1/s]."""
+
+    @property
+    def ticks(self) -> tuple[int, int]:
+        """Least and largest number of ticks between two fixes."""
+        return max(int(1.0 / self.per_tick), 1), math.ceil(self.most / self.per_tick)
+
+
+@dataclass(frozen=True)
 class ErrorChannel:
     """Error that enters a loop, by its distribution or its bound.
 
@@ -109,16 +131,12 @@ class ErrorChannel:
     sigma: np.ndarray | None = None
     """σ of each component of a sample; None: not random."""
     kind: str = "samples"
-    """`samples`, any value at each tick; `hold`, one value for `ticks`; `ramp`, `bound` times the
-    time since such a value began; `constant`; `slow`, a constant and a rate of at most `rate`;
-    `flow`, any function of time; `steps`, any value at each tick, whose sums are bounded, too."""
-    ticks: tuple[int, int] = (1, 1)
-    """Least and largest number of ticks for which a value is held."""
+    """`samples`, any value at each tick; `fixes`, one value from fix to fix, and a ramp;
+    `constant`; `slow`, a constant and a rate of at most `rate`; `flow`, any function of time."""
+    fixes: Fixes | None = None
+    """Fixes at which a value begins."""
     rate: np.ndarray | None = None
     """Bound of the rate, of a slow error [1/s]."""
-    sums: tuple[np.ndarray, np.ndarray] | None = None
-    """Bounds of the first and of the second integral over time, of `steps`: an acceleration's speed
-    and displacement."""
 
 
 @dataclass

@@ -109,12 +109,25 @@ class CoupledLoop:
     at: OperatingPoint
     system: PeriodicSystem
     rows: tuple[str, ...]
-    """Names of the outputs: errors of the real robot from its plan."""
+    """Names of the outputs: errors of the real robot from its plan; own deviations of undriven axes
+    from the point."""
     channels: tuple[ErrorChannel, ...]
     """Errors of the sensors."""
     loop: LinearLoop
     undriven: np.ndarray
     """Axes of the vehicle that the law leaves undriven."""
+
+    @property
+    def robot(self) -> Block:
+        """The block of the robot's motion."""
+        return next(block for block in self.system.states if block.name == ROBOT)
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Rows that are the robot's own deviations: of axes that nothing drives."""
+        size = self.at.model.size
+        return tuple(self.rows[i] for axis in self.undriven for i in (
+            3 + axis, len(self.rows) - size + axis))
 
     @property
     def plans(self) -> list[str]:
@@ -201,7 +214,7 @@ def coupled_loop(parts: LoopParts, at: OperatingPoint, wall: Wall, *, planned: b
     if has_wrench:
         known = stacked([signals[VEHICLE_WRENCH], exerted[6:]])
     loop.connect(applied, known)
-    names, rows = _outputs(parts, at, wall, signals["state"] - plan.state)
+    names, rows = _outputs(parts, at, wall, signals["state"], plan.state)
     return CoupledLoop(at, compiled(loop, rows), names, tuple(loop.channels), loop,
                        _undriven(parts.law))
 
@@ -318,10 +331,17 @@ def row_errors(model: UvmsModel, normal: np.ndarray, state: np.ndarray, nominal:
                            both[0, ..., size:] - both[1, ..., size:]], axis=-1)
 
 
-def _outputs(parts: LoopParts, at: OperatingPoint, wall: Wall, error: Signal
+def _outputs(parts: LoopParts, at: OperatingPoint, wall: Wall, state: Signal, planned: Signal
              ) -> tuple[tuple[str, ...], list[Signal]]:
-    """Returns names and signals of the rows: errors of tip, vehicle, attitude, joints, rates."""
+    """Returns names and signals of the rows: errors of tip, vehicle, attitude, joints, rates.
+
+    Of an axis that nothing drives, so that it follows no plan, they are the robot's own deviation.
+    """
     model, size, axes = at.model, at.model.size, frame_of(wall.normal)
+    undriven = _undriven(parts.law)
+    error, driven = state - planned, np.ones(2 * size)
+    driven[[*undriven, *(undriven + size)]] = 0.0
+    own = state - np.diag(driven) @ planned
     J = complex_step_jacobian(lambda config: model.task_pose(config)[:3], at.state[:size] + 0j)
 
     def velocity(x: np.ndarray) -> np.ndarray:
@@ -332,8 +352,8 @@ def _outputs(parts: LoopParts, at: OperatingPoint, wall: Wall, error: Signal
     rows = {
         ("depth", "tip y", "tip z"): axes.T @ (J @ error[:size]),
         ("vehicle x", "vehicle y", "vehicle z", "roll", "pitch", "yaw",
-         *(f"q{j}" for j in joints)): error[:size],
+         *(f"q{j}" for j in joints)): own[:size],
         ("depth speed", "tip speed y", "tip speed z"): axes.T @ (rates @ error),
         ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate",
-         *(f"q{j} rate" for j in joints)): error[size:]}
+         *(f"q{j} rate" for j in joints)): own[size:]}
     return tuple(name for names in rows for name in names), list(rows.values())
