@@ -85,7 +85,7 @@ def test_no_run_can_be_left_out(campaign, scenario):
 
 def test_the_distribution_is_told_with_the_scenarios_own_sizes(scenario):
     text = "\n".join(declared_distribution(scenario))
-    for part in ("mass 0.1", "current 0.1 m/s from any heading", "uniform from 5 to 21.5 N",
+    for part in ("mass 0.1", "current 0.1 m/s from any heading", "uniform from 5 to 21.3 N",
                  "friction up to 0.5", "stiffness from 0.1 of 1000 N/m"):
         assert part in text, part
     assert "waves" not in text
