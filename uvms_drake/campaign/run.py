@@ -81,7 +81,7 @@ def drawn(variation: Variation) -> dict[str, Any]:
 
 
 def outcome(record: Record, variation: Variation, declared: Scenario) -> dict[str, Any]:
-    """Returns the figures of merit of a run, a draw of what `declared` declares.
+    """Returns the figures of merit of a run that `declared` is the base of.
 
     `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of the effective disturbance, and `inside` is
     whether that was at most 1, or d̃ is zero. `margin` is the smallest of `margins`, and

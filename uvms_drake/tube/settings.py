@@ -33,21 +33,21 @@ class PlanRows:
     """Largest deviations of the rows of the coupled linear loop by a plan's motion alone."""
 
     tip: np.ndarray = field(default_factory=_none)
-    """Along the normal and across it (3,) [m]."""
+    """Position of the tip along the normal and across it (3,) [m]."""
     vehicle: np.ndarray = field(default_factory=_none)
-    """Of its position (3,) [m]."""
+    """Position of the vehicle (3,) [m]."""
     attitude: np.ndarray = field(default_factory=_none)
     """Roll, pitch, yaw (3,) [rad]; of an axis that nothing drives from its equilibrium."""
     joints: np.ndarray = field(default_factory=_none)
-    """Each joint (n,) [rad, m]."""
+    """Joints (n,) [rad, m]."""
     tip_speed: np.ndarray = field(default_factory=_none)
-    """As the tip (3,) [m/s]."""
+    """Velocity of the tip, likewise (3,) [m/s]."""
     nu1: np.ndarray = field(default_factory=_none)
-    """(3,) [m/s]."""
+    """Velocity of the vehicle (3,) [m/s]."""
     nu2: np.ndarray = field(default_factory=_none)
-    """(3,) [rad/s]."""
+    """Angular velocity of the vehicle (3,) [rad/s]."""
     qdot: np.ndarray = field(default_factory=_none)
-    """(n,) [rad/s, m/s]."""
+    """Rates of the joints (n,) [rad/s, m/s]."""
 
     def rows(self) -> np.ndarray:
         """Returns them in the order of `coupled_loop.CoupledLoop.rows`."""
@@ -63,9 +63,9 @@ class PlanClass:
     """
 
     approach: PlanRows = field(default_factory=PlanRows)
-    """Before the touch."""
+    """Rows before the touch."""
     press: PlanRows = field(default_factory=PlanRows)
-    """From the touch on."""
+    """Rows from the touch on."""
     start: float = 0.0
     """Largest distance of an axis that nothing drives from its equilibrium at the start [rad]."""
 
