@@ -117,11 +117,11 @@ def _gain(channel: ErrorChannel, h: np.ndarray, tick: float) -> Gain:
     none = np.zeros(h.shape[1])
     if channel.fixes is not None:
         least, most = channel.fixes.ticks
-        held = _over_dwells(h, least, most, lambda sums, _: np.abs(sums))
+        constant = _over_dwells(h, least, most, lambda sums, _: np.abs(sums))
         grown = np.maximum(*(_over_dwells(
             sign * h, least, most,
             lambda sums, ages: tick * (ages + np.maximum(sums, 0.0))) for sign in (1.0, -1.0)))
-        return Gain(held @ bound + grown @ channel.fixes.growth, none)
+        return Gain(constant @ bound + grown @ channel.fixes.growth, none)
     total = np.abs(np.sum(h, axis=0))
     if channel.kind == "constant":
         return Gain(total @ bound, none)
@@ -171,13 +171,13 @@ def _variance(channel: ErrorChannel, h: np.ndarray, tick: float, s: np.ndarray,
         for end in range(1, most + 1):
             parts = []
             for begin in range(end):
-                held, later = H[:, begin:end], np.arange(end - begin)[:, None, None]
-                ramp = np.sum(R[:, begin:end] + later * (unit * whole / most) * held, axis=1)
+                since, later = H[:, begin:end], np.arange(end - begin)[:, None, None]
+                ramp = np.sum(R[:, begin:end] + later * (unit * whole / most) * since, axis=1)
                 chance = fixes.lost**(end - 1 - begin) * (1.0 - fixes.lost if begin else 1.0)
                 with np.errstate(divide="ignore"):
                     parts.append(mean[begin] + np.log(chance) + s * np.einsum(
                         "ac,goc->ago", grows, ramp) + 0.5 * s**2 * (
-                            np.sum(held, axis=1)**2 @ channel.sigma**2))
+                            np.sum(since, axis=1)**2 @ channel.sigma**2))
             mean.append(np.logaddexp.reduce(parts))
         out = np.maximum(out, np.max(np.sum(mean[-1], axis=1), axis=0))
     return 2.0 * out / s**2
