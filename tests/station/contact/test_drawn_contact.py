@@ -111,6 +111,8 @@ def test_the_step_is_short_enough_for_the_friction(drawn, base, ocp):
     rates = [friction_rate(scenario, ocp.model, config) for scenario in drawn]
     assert max(rates) == pytest.approx(friction_rate(base, ocp.model, config))
     with_step(drawn[int(np.argmax(rates))], ocp.model)
+    # With a given step friction is no steeper than that resolves.
+    base = load_scenario("girona500_contact", ["simulator.max_step_size=0.002"])
     smooth = replace(base, surface=replace(base.surface, friction=0.0))
     steepest = steepest_friction(smooth, ocp)
     unit = friction_rate(replace(base, surface=replace(base.surface, creep=1.0)), ocp.model, config)
