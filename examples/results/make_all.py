@@ -231,7 +231,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
     "benchmark": benchmark, "probability": probability,
     "each_unknown": each_unknown}
-IMPORT, PRINTED = "robot_import", ("holds", "unknowns", "adversaries")
+IMPORT, PRINTED = "robot_import", ("holds", "unknowns", "adversaries", "solvers")
 """Pages with a script of their own; those of the second kind print it."""
 SPEED = "speed"
 """Page beside an older checkout, which `--old` names; without it that page stays as it is."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydrake.solvers import SnoptSolver
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
@@ -55,6 +56,28 @@ def test_a_solver_for_linear_constraints_is_for_a_problem_without_norms(short_oc
 def test_one_s_own_constraints_need_a_solver_of_the_whole_program(short_ocp):
     with pytest.raises(InvalidParameter, match="one of ipopt, nlopt, snopt"):
         make_solver(short_ocp, "structured", extend=print)
+
+
+def test_a_nonlinear_solver_starts_from_a_first_plan_where_the_guess_is_not_sound(short_ocp):
+    """A program has several local optima; a run is to begin at that of `structured`."""
+    asked = []
+
+    class First(SequentialConvexSolver):
+        def of(self, ocp):
+            return First(ocp)
+
+        def solve(self, guess, iterations, tolerance=1e-6):
+            asked.append(iterations)
+            return super().solve(guess, iterations, tolerance)
+
+    config = short_ocp.model.configuration(short_ocp.y_des - 0.05 * np.eye(10)[0])
+    guess = short_ocp.resting_plan(0.0, np.concatenate([config, np.zeros(10)]))
+    solver = NonlinearSolver(short_ocp, SnoptSolver(), first=First(short_ocp)).of(short_ocp)
+    assert not short_ocp.is_sound(short_ocp.evaluate(guess))
+    plan = solver.solve(guess, 7).plan
+    assert asked == [7]
+    assert solver.solve(short_ocp.continued(plan), 7).converged
+    assert asked == [7], "the last plan, continued, is sound"
 
 
 @pytest.mark.parametrize(("name", "reason"), [

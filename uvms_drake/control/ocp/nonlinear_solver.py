@@ -1,7 +1,9 @@
 """Solver of the FHOCP by a nonlinear solver of Drake's: the whole program at once.
 
 It is slow and independent of `scp`: all limits at once and nonlinear, no convex program, no working
-set, no line search of ours. Its first point is the guess, so the last plan is its warm start.
+set, no line search of ours. Its first point is the guess, so the last plan is its warm start. A
+guess that is not sound, as the first one of a run, may be far from every optimum, of which there
+are several; then `first` may find the point to start from.
 """
 
 from collections.abc import Callable
@@ -38,17 +40,21 @@ class NonlinearSolver(Solver[P]):
         options: The solver's own; `tight_options` if None.
         extend: Called with each program before it is solved, for costs and constraints of one's
             own. A plan that is continued need not keep these.
+        first: Finds a plan to start from where a guess is not sound; None: the guess.
     """
 
     def __init__(self, ocp: Ocp[P], solver: SolverInterface,
                  options: SolverOptions | None = None,
-                 extend: Callable[[OcpProgram[P]], object] | None = None):
+                 extend: Callable[[OcpProgram[P]], object] | None = None,
+                 first: Solver[P] | None = None):
         self.ocp = ocp
         self._solver, self._options, self._extend = solver, options or tight_options(), extend
+        self._first = first
 
     def of(self, ocp: Ocp[P]) -> "NonlinearSolver[P]":
         """Returns the same solver for another problem."""
-        return NonlinearSolver(ocp, self._solver, self._options, self._extend)
+        first = None if self._first is None else self._first.of(ocp)
+        return NonlinearSolver(ocp, self._solver, self._options, self._extend, first)
 
     def solve(self, guess: P, iterations: int = 1, tolerance: float = OPTIMALITY) -> Solution[P]:
         """Returns the solution of the program that starts at the guess's first knot.
@@ -58,9 +64,11 @@ class NonlinearSolver(Solver[P]):
 
         Args:
             guess: Plan to start from.
-            iterations: Not used: the program is solved to the end.
+            iterations: Of `first`; the program itself is solved to the end.
             tolerance: Not used: `options` have it.
         """
+        if self._first is not None and not self.ocp.is_sound(self.ocp.evaluate(guess)):
+            guess = self._first.solve(guess, iterations).plan or guess
         program = OcpProgram(self.ocp, guess)
         if self._extend is not None:
             self._extend(program)

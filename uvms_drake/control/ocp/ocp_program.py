@@ -61,6 +61,7 @@ class OcpProgram(MathematicalProgram, Generic[P]):
             self._add_limits(k)
         self._add_stage_costs()
         self._add_end()
+        self._scale_variables()
         self.set_guess(guess)
 
     def set_guess(self, plan: P) -> None:
@@ -72,6 +73,20 @@ class OcpProgram(MathematicalProgram, Generic[P]):
         """Returns the plan of a result: from the start, with the decisions found."""
         guess, found = self._stages.guess, self._stages.plan(result.GetSolution(self._all))
         return guess.redone(guess.start, found.decision)
+
+    def _scale_variables(self) -> None:
+        """Scales each variable so that the task's cost has the curvature 1 by it.
+
+        SNOPT begins with that curvature; without, it takes hundreds of iterations to learn it.
+        """
+        ocp = self._stages.ocp
+        weights = 2.0 * ocp.time_step * np.concatenate([np.diag(ocp.Q), np.diag(ocp.R)])
+        by_kind = weights.reshape(-1, self.y.shape[1])  # Of y, ζ and, where it is decided, ζ̇.
+        for rows, own in zip((self.y, self.zeta, self.zeta_dot), by_kind, strict=False):
+            for row in rows:
+                for variable, weight in zip(row, own, strict=True):
+                    if weight > 0.0:
+                        self.SetVariableScaling(variable, 1.0 / float(np.sqrt(weight)))
 
     def _add(self, name: str, function: Callable[[np.ndarray], Values], which: np.ndarray,
              lower: np.ndarray, upper: np.ndarray) -> None:

@@ -2,7 +2,8 @@
 
 `structured` is sequential convex programming with the solver that knows the stages of the convex
 programs. The name of a convex solver of Drake's, such as `clarabel`, has it solve those programs in
-its place; that of a nonlinear solver, such as `snopt`, has it solve the whole problem.
+its place; that of a nonlinear solver, such as `snopt`, has it solve the whole problem, the first
+time from the plan of `structured`, and so near the same one of its local optima.
 """
 
 from collections.abc import Callable
@@ -57,7 +58,7 @@ def make_solver(ocp: Ocp[Any], name: str | None = None,
     require(solver.available() and solver.enabled(), "solver", name,
             "in this build of Drake, and licensed; structured always is")
     if name in NONLINEAR:
-        return NonlinearSolver(ocp, solver, extend=extend)
+        return NonlinearSolver(ocp, solver, extend=extend, first=SequentialConvexSolver(ocp))
     _require_suitable(ocp, name, solver)
     return SequentialConvexSolver(ocp, DrakeConvexSolver(solver))
 

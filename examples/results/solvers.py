@@ -1,0 +1,80 @@
+"""Closed loop with each solver of the MPC: the largest difference of the force, and step times.
+
+`python examples/results/solvers.py > examples/results/solvers.md` certifies two scenarios and runs
+them with the structured solver, with Clarabel for its convex programs and with SNOPT for the whole
+problem, which takes a quarter of an hour. Times are processor times of the MPC's steps but the
+first, which starts from a plan at rest.
+"""
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from make_all import provenance
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+import uvms_drake as uv
+
+DURATIONS = {"girona500_ideal": 6.0, "girona500_contact": 9.0}
+"""Scenarios and simulated time [s]: beyond touch and settling, as SNOPT takes seconds a step."""
+SOLVERS = ("structured", "clarabel", "snopt")
+"""Values of `mpc.solver`; the others are compared with the first."""
+HEAD = ("scenario", "`mpc.solver`", "samples", "without a new plan", "touch [s]",
+        "force at the end [N]", "largest difference of the force [N]", "over the desired force",
+        "median step [ms]", "longest step [ms]", "ratio of medians")
+
+
+def run(scenario: uv.Scenario, solver: str) -> dict[str, np.ndarray]:
+    """Returns the logs of a run of a certified scenario with a solver."""
+    scenario = replace(scenario, mpc=replace(scenario.mpc, solver=solver))
+    station = uv.make_station(scenario, certified=True)
+    mpc = station.GetSubsystemByName("tube_mpc").GetSubsystemByName("nominal_mpc")
+    mpc.time_by(time.process_time)  # A run may share its core with others.
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    simulator.AdvanceTo(scenario.duration)
+    return uv.read_logs(station, simulator.get_context())
+
+
+def rows_of(name: str, duration: float) -> Iterator[tuple[str, ...]]:
+    """Yields a row of the table for each solver."""
+    scenario = uv.with_step(uv.load_scenario(name, [f"duration={duration}"]))
+    certificate = uv.certify(scenario)
+    if not certificate.certified:
+        raise SystemExit(f"{name}: {certificate.failed}")
+    scenario, desired = certificate.applied_to(scenario), np.linalg.norm(scenario.task.force)
+    first: dict[str, np.ndarray] = {}
+    for solver in SOLVERS:
+        logs = run(scenario, solver)
+        first = first or logs
+        apart = np.max(np.linalg.norm((logs["force"] - first["force"])[:, :3], axis=1))
+        steps, before = (1e3 * each["step_seconds"][1:] for each in (logs, first))
+        yield (f"`{name}`", solver, f"{len(steps) + 1}", f"{np.count_nonzero(logs['mpc_status'])}",
+               f"{logs['time'][np.argmax(logs['penetration'] > 0.0)]:.2f}",
+               f"{np.linalg.norm(logs['force'][-1, :3]):.3f}", f"{apart:.1e}",
+               f"{apart / desired:.1e}", f"{np.median(steps):.1f}", f"{np.max(steps):.1f}",
+               f"{np.median(steps) / np.median(before):.1f}")
+
+
+def main() -> None:
+    """Prints the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenarios", nargs="*", default=list(DURATIONS), help="their names")
+    names = parser.parse_args().scenarios
+    print("# The closed loop with each solver of the MPC\n\n"
+          f"{provenance()} Command: `python examples/results/solvers.py`.\n\n"
+          "`structured` is sequential convex programming with the solver that knows the stages,\n"
+          "one iteration a sample; `clarabel` solves the same convex programs; `snopt` solves the\n"
+          "whole problem, to the end. Differences are from the first, over all logged instants of\n"
+          "approach, touch and hold. Times are processor times of the MPC's steps but the first.\n")
+    for row in (HEAD, ["---"] * len(HEAD)):
+        print(f"| {' | '.join(row)} |", flush=True)
+    for name in names:
+        for row in rows_of(name, DURATIONS[name]):
+            print(f"| {' | '.join(row)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
