@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.probability import made
 from support.synthetic import synthetic_record
 
 from uvms_drake.certificate.certificate import Certificate, write_certificate
@@ -137,3 +138,9 @@ def test_a_folder_that_is_no_run_is_refused_in_a_line(record, tmp_path, name, co
     with pytest.raises(InvalidParameter, match=message) as caught:
         load_run(tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def test_the_verdict_in_probability_has_the_runs_own_failures(record):
+    text = format_report(record, [], made(), ["the tube, set-wise", "it lost the contact"])
+    assert '"verdict no">This run FAILED: the tube, set-wise, it lost the contact.<br>' in text
+    assert "This run FAILED" not in format_report(record, [], made())

@@ -1,7 +1,11 @@
 """Tests of `certificate.coupled.budget`: conditions of a scenario, and where there is a budget."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from uvms_drake.certificate.coupled import budget as budget_module
 from uvms_drake.certificate.coupled.budget import (
     conditions_of,
     coupled_budget,
@@ -22,6 +26,31 @@ def test_thrusters_behind_a_clock_have_a_budget(name, has):
 
 
 @pytest.mark.slow
+def test_plan_and_start_are_sources_of_both_stages(monkeypatch):
+    """A dropped one is seen: of the plan what is declared, of the start what is left of it."""
+    monkeypatch.setattr(budget_module, "sources_of", lambda *args, **options: ())
+    monkeypatch.setattr(budget_module, "stability", lambda *args: ())
+    monkeypatch.setattr(budget_module, "STABLE_AT", 2)
+    scenario = load_scenario("girona500_real_loop")
+    budget = coupled_budget(scenario, load_model(scenario))
+    declared = scenario.certificate.plans
+    for stage, plan in zip(budget.stages, (declared.approach, declared.press), strict=True):
+        found = {each.name: each for each in stage.sources}
+        assert set(found) == {"plan", "start"}
+        np.testing.assert_array_equal(found["plan"].worst, plan.rows())
+        np.testing.assert_allclose(budget.by_chance(stage), stage.worst)
+        # A roll of 75 mrad that decays at 0.0485 1/s, from the end of a hover of 4 s on.
+        roll = found["start"].worst[budget.rows.index("roll")]
+        assert roll == pytest.approx(0.075 * np.exp(-0.0485 * 4.0), rel=0.05)
+        assert 0.0 < found["start"].worst[budget.rows.index("tip y")] < 1e-3
+    assert budget.planned and budget.own == ("roll", "roll rate")
+    plain = replace(scenario, certificate=replace(scenario.certificate, plans=None))
+    unplanned = coupled_budget(plain, load_model(plain))
+    assert not unplanned.planned
+    assert any(not each.holds and "count no plan" in each.name for each in conditions_of(unplanned))
+
+
+@pytest.mark.slow
 @pytest.mark.long
 def test_the_gains_of_the_real_loop_have_a_margin_that_twice_the_tips_have_not():
     """The former gains 20 and 10 of the tip are within 1.3 of instability."""
@@ -31,9 +60,13 @@ def test_the_gains_of_the_real_loop_have_a_margin_that_twice_the_tips_have_not()
             f"ancillary.tip.k={k}", f"ancillary.tip.sigma={sigma}"])
         budget = coupled_budget(scenario, load_model(scenario))
         margins[k] = {each.loop: each.margin for each in budget.stability}["tip gains"]
-        assert any(not each.holds and "tip gains" in each.name
-                   for each in conditions_of(budget)) is (k == 20.0)
-        # Noise alone is a third of the worst case, and within the limits of the roll.
-        roll = budget.rows.index("roll")
-        assert budget.by_chance[roll] < budget.left["roll"] < budget.worst[roll] * 5.0
+        conditions = conditions_of(budget)
+        assert any(not each.holds and "tip gains" in each.name for each in conditions) is (
+            k == 20.0)
+        # With its own gains the budget fits its declared tube and its limits.
+        assert all(each.holds for each in conditions) is (k == 12.0)
+        assert 2e-3 < budget.row("depth") < budget.left["depth"] < budget.stages[1].worst[0]
+        assert {each.name for each in budget.stages[0].sources} == {
+            each.name for each in budget.stages[1].sources} >= {
+                "plan", "start", "velocity from fix to fix", "noise of position"}
     assert 1.1 < margins[20.0] < 1.3 and margins[12.0] > 1.9

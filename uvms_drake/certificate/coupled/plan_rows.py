@@ -84,7 +84,7 @@ def plan_responses(scenario: Scenario) -> dict[str, PlanResponses]:
             step = system.steps[after]
             since = (step.time - begin) % period
             responses.append((float(since) + step.duration, system.response(entry, after)))
-        out[name] = PlanResponses(loop, tuple(responses), max(parts.delay))
+        out[name] = PlanResponses(loop, tuple(responses), max(parts.command_path.preview))
     return out
 
 
