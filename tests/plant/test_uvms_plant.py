@@ -51,7 +51,7 @@ def moving_state():
 
 def parts_of(uvms):
     plant = uvms.GetSubsystemByName("plant")
-    return plant, uvms.GetSubsystemByName("dynamics").coordinates
+    return plant, uvms.GetSubsystemByName("to_paper_order").coordinates
 
 
 def simulator_of(uvms, context=None):
@@ -73,7 +73,7 @@ def test_the_ports_have_the_names_and_sizes_of_the_docstring():
         "state": 20, "force": 6, "penetration": 1, "chi": 6, "disturbance": 10, "acceleration": 10,
         "plant_state": 21, "body_poses": 0, "body_spatial_velocities": 0,
         "query_object": 0}
-    for name in ("plant", "scene_graph", "dynamics", "disturbance"):
+    for name in ("plant", "scene_graph", "hydrodynamics", "surface", "disturbance"):
         assert uvms.HasSubsystemNamed(name)
 
 
@@ -330,6 +330,7 @@ def test_a_start_of_the_wrong_size_is_named():
 
 def test_open_water_is_the_plant_without_a_surface():
     alone = make(None)
+    assert not alone.HasSubsystemNamed("surface")
     assert not alone.HasOutputPort("force") and not alone.HasOutputPort("penetration")
     assert "- force (with a surface)" in make_uvms_plant.__doc__
     accelerations = []
@@ -347,7 +348,7 @@ def test_a_surface_of_ones_own_pushes_by_its_law():
     context = uvms.CreateDefaultContext()
     set_state(uvms, context, np.concatenate([[-1.6], np.zeros(19)]))
     plant = uvms.GetSubsystemByName("plant")
-    tip = plant.GetFrameByName("tip")
+    tip = uvms.GetSubsystemByName("surface")._tip
     chi, _ = pose_and_jacobian(plant, uvms.GetSubsystemContext(plant, context), tip)
     force = uvms.GetOutputPort("force").Eval(context)
     assert np.linalg.norm(force) > 10.0

@@ -39,13 +39,10 @@ class Coordinates:
         require(self.num_velocities == self.size, "plant", f"{self.num_velocities} velocities",
                 f"the UVMS alone, with {self.size}")
 
-    def from_drake(self, state: np.ndarray, R_WB: np.ndarray | None = None) -> np.ndarray:
-        """Returns (𝔮, ζ) of a plant state (q, v); |θ| ≤ π/2, φ and ψ in (−π, π].
-
-        `R_WB` is the `attitude` in it, if it is known already.
-        """
+    def from_drake(self, state: np.ndarray) -> np.ndarray:
+        """Returns (𝔮, ζ) of a plant state (q, v); |θ| ≤ π/2, φ and ψ in (−π, π]."""
         q, v = state[: self.num_positions], state[self.num_positions:]
-        R_WB = self.attitude(state) if R_WB is None else R_WB
+        R_WB = self._rotation(q)
         (R_xx, *_), (R_yx, *_), (R_zx, R_zy, R_zz) = R_WB.tolist()
         out = np.empty(2 * self.size)
         out[:3] = q[self._position]
@@ -67,7 +64,7 @@ class Coordinates:
         q[self._attitude] = R_WB.ToQuaternion().wxyz()
         q[self._position] = state[:3]
         q[self._joint_positions] = state[6: self.size]
-        v[:] = self.to_drake_order(R_WB.matrix(), state[self.size:])
+        v[:] = self._to_drake_order(R_WB.matrix(), state[self.size:])
         return out
 
     def vector_to_drake(self, state: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -77,7 +74,7 @@ class Coordinates:
             state: Plant state (q, v).
             vector: w in the paper's order; for an acceleration, the part beyond Ṫζ.
         """
-        return self.to_drake_order(self.attitude(state), vector)
+        return self._to_drake_order(self._rotation(state[: self.num_positions]), vector)
 
     def acceleration_from_drake(self, state: np.ndarray, v_dot: np.ndarray) -> np.ndarray:
         """Returns ζ̇ (6+n,) = Tᵀ(v̇ − Ṫζ) of an acceleration v̇ (nv,) in Drake's order.
@@ -88,27 +85,24 @@ class Coordinates:
             state: Plant state (q, v).
             v_dot: v̇ [rad/s², m/s²].
         """
-        v, R_WB = state[self.num_positions:], self.attitude(state)
+        q, v = state[: self.num_positions], state[self.num_positions:]
+        R_WB = self._rotation(q)
         out = np.empty(self.size)
         out[:3] = (v_dot[self._linear] - cross(v[self._angular], v[self._linear])) @ R_WB
         out[3:6] = v_dot[self._angular] @ R_WB
         out[6:] = v_dot[self._joint_velocities]
         return out
 
-    def to_drake_order(self, R_WB: np.ndarray, vector: np.ndarray) -> np.ndarray:
-        """Returns `vector_to_drake` at the attitude R_WB (3, 3) of the vehicle."""
+    def _to_drake_order(self, R_WB: np.ndarray, vector: np.ndarray) -> np.ndarray:
         out = np.empty(self.num_velocities)
         out[self._linear] = R_WB @ vector[:3]
         out[self._angular] = R_WB @ vector[3:6]
         out[self._joint_velocities] = vector[6:]
         return out
 
-    def attitude(self, state: np.ndarray) -> np.ndarray:
-        """Returns R_WB (3, 3) of a plant state (q, v), by plain numbers.
-
-        Its quaternion has any length but zero.
-        """
-        w, x, y, z = state[self._attitude].tolist()
+    def _rotation(self, q: np.ndarray) -> np.ndarray:
+        """Returns R_WB (3, 3) of a quaternion of any length but zero, by plain numbers."""
+        w, x, y, z = q[self._attitude].tolist()
         s = 2.0 / (w * w + x * x + y * y + z * z)
         return np.array([
             [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],

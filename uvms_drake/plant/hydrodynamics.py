@@ -15,7 +15,7 @@ References: Fossen (2021), *Handbook of Marine Craft Hydrodynamics and Motion Co
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
@@ -32,10 +32,9 @@ from uvms_drake.model.description.hydrodynamics_file import (
     check_hydrodynamics,
 )
 from uvms_drake.model.frames.spatial import cross, cross_force, skew, times
-from uvms_drake.plant.workspace import Workspace, declare_workspace
+from uvms_drake.plant.workspace import declare_workspace
 
 _FROM_DRAKE = np.array([3, 4, 5, 0, 1, 2])  # Drake's spatial vectors have the angular part first.
-_BY_V = JacobianWrtVariable.kV
 
 
 def relative_acceleration(acceleration: np.ndarray, nu_r: np.ndarray, water: np.ndarray
@@ -143,91 +142,6 @@ def _stack(items: list, *shape: int) -> np.ndarray:
     return np.array(items, dtype=float).reshape(-1, *shape)
 
 
-class Dynamics(NamedTuple):
-    """Dynamics of a robot in water at a state, in the plant's order."""
-
-    M_RB: np.ndarray
-    """Mass matrix of the plant (nv, nv), with the implicit damping of a discrete one."""
-    M: np.ndarray
-    """M_RB + Σ JᵢᵀM_AᵢJᵢ (nv, nv)."""
-    bias: np.ndarray
-    """b (nv,) of the plant."""
-    force: np.ndarray
-    """Σ Jᵢᵀfᵢ − b (nv,)."""
-
-    def accelerated(self, tau: np.ndarray | None, d: np.ndarray | None
-                    ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns v̇ (nv,) and M_RB v̇ + b (nv,); see `Hydrodynamics`.
-
-        Args:
-            tau: τ (nv,), the sum of all other forces; None: zero.
-            d: Disturbance of the acceleration (nv,); None: zero.
-        """
-        v_dot = np.linalg.solve(self.M, self.force if tau is None else self.force + tau)
-        if d is not None:
-            v_dot += d
-        return v_dot, self.M_RB @ v_dot + self.bias
-
-
-class SubmergedPlant:
-    """Dynamics of a `MultibodyPlant` in water as a function of its state.
-
-    Args:
-        plant: A finalized plant, continuous or discrete.
-        parameters: Added mass, drag and buoyancy by name of the body.
-    """
-
-    def __init__(self, plant: MultibodyPlant, parameters: HydrodynamicParameters):
-        self.water = make_water(parameters)
-        bodies = [_find_body(plant, name) for name in parameters.bodies]
-        self._bodies = [(body.body_frame(), int(body.index())) for body in bodies]
-        self._plant, self._world = plant, plant.world_frame()
-        self._no_acceleration, self._origin = np.zeros(plant.num_velocities()), np.zeros(3)
-        self._gravity = plant.gravity_field().gravity_vector()
-        self._implicit_damping = plant.time_step() * _implicit_joint_damping(plant)
-
-    def at(self, workspace: Workspace, v: np.ndarray, v_c_W: np.ndarray | None = None,
-           a_c_W: np.ndarray | None = None) -> Dynamics:
-        """Returns the dynamics in the state of a workspace.
-
-        Args:
-            workspace: Its Context has the state.
-            v: Velocities in it (nv,).
-            v_c_W: v_c in World (3,) [m/s]; None: zero.
-            a_c_W: v̇_c in World (3,) [m/s²]; None: zero.
-        """
-        plant, (context, forces) = self._plant, workspace
-        M_RB = plant.CalcMassMatrix(context) + self._implicit_damping
-        plant.CalcForceElementsContribution(context, forces)
-        bias = plant.CalcInverseDynamics(context, self._no_acceleration, forces)
-        J, force = self._water_at_no_acceleration(context, v, v_c_W, a_c_W)
-        nb, _, nv = J.shape
-        J_all, M_A_J = J.reshape(6 * nb, nv), (self.water.M_A @ J).reshape(6 * nb, nv)
-        return Dynamics(M_RB, M_RB + J_all.T @ M_A_J, bias, force.ravel() @ J_all - bias)
-
-    def _water_at_no_acceleration(
-        self, context: Context, v: np.ndarray, v_c_W: np.ndarray | None, a_c_W: np.ndarray | None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of a Context at v̇ = 0."""
-        plant, W, zero, nb = self._plant, self._world, self._origin, len(self._bodies)
-        J, R_WB, A = np.empty((nb, 6, len(v))), np.empty((nb, 3, 3)), np.empty((nb, 6))
-        accelerations = plant.CalcSpatialAccelerationsFromVdot(context, self._no_acceleration)
-        for i, (B, index) in enumerate(self._bodies):
-            J[i] = plant.CalcJacobianSpatialVelocity(context, _BY_V, B, zero, W, B)
-            R_WB[i] = B.CalcRotationMatrixInWorld(context).matrix()
-            A[i] = accelerations[index].get_coeffs()  # In World.
-        J = J.take(_FROM_DRAKE, 1)
-        nu_r_dot = (A.reshape(nb, 2, 3) @ R_WB).reshape(nb, 6).take(_FROM_DRAKE, 1)
-        nu_r, g_B, water_rate = J @ v, self._gravity @ R_WB, self._origin
-        if v_c_W is not None:
-            nu_r[:, :3] -= v_c_W @ R_WB
-        if a_c_W is not None:
-            water_rate = a_c_W @ R_WB
-            g_B -= water_rate
-        nu_r_dot = relative_acceleration(nu_r_dot, nu_r, water_rate)
-        return J, self.water.fluid_force(nu_r, nu_r_dot, g_B)
-
-
 class Hydrodynamics(LeafSystem):
     """Hydrodynamic forces on a `MultibodyPlant`.
 
@@ -283,8 +197,16 @@ class Hydrodynamics(LeafSystem):
 
     def __init__(self, plant: MultibodyPlant, parameters: HydrodynamicParameters):
         super().__init__()
-        self._plant, self._submerged = plant, SubmergedPlant(plant, parameters)
+        self._water = make_water(parameters)
+        bodies = [_find_body(plant, name) for name in parameters.bodies]
+        self._frames = [body.body_frame() for body in bodies]
+        self._indices = [int(body.index()) for body in bodies]
+        self._plant = plant
         self._workspace = declare_workspace(self, plant)
+        self._no_acceleration, self._origin = np.zeros(plant.num_velocities()), np.zeros(3)
+        self._world = plant.world_frame()
+        self._gravity = plant.gravity_field().gravity_vector()
+        self._implicit_damping = plant.time_step() * _implicit_joint_damping(plant)
 
         nv = plant.num_velocities()
         self._plant_state_port = self.DeclareVectorInputPort(
@@ -293,15 +215,11 @@ class Hydrodynamics(LeafSystem):
         self._current_port = self.DeclareVectorInputPort("current", 3)
         self._current_rate_port = self.DeclareVectorInputPort("current_acceleration", 3)
         self._disturbance_port = self.DeclareVectorInputPort("acceleration_disturbance", nv)
-        # Robot and water do not change with the forces, which may be sampled between two states.
-        self._dynamics = cached(self, "dynamics without other forces", self._at, {
-            port.ticket() for port in (
-                self._plant_state_port, self._current_port, self._current_rate_port)})
-        solution = cached(self, "v̇ and the force that produces it", self._accelerated, {
-            self._dynamics.ticket(), self._force_port.ticket(), self._disturbance_port.ticket()})
-        now = {solution.ticket()}
-        output_of(self, "applied_generalized_force", nv, lambda c: solution.Eval(c)[1], now)
-        output_of(self, "acceleration", nv, lambda c: solution.Eval(c)[0], now)
+        inputs = {self.all_input_ports_ticket()}
+        solution = cached(self, "v̇ and the force that produces it", self._solve, inputs)
+        output_of(
+            self, "applied_generalized_force", nv, lambda c: solution.Eval(c)[1], inputs)
+        output_of(self, "acceleration", nv, lambda c: solution.Eval(c)[0], inputs)
 
     @staticmethod
     def AddToBuilder(
@@ -312,58 +230,81 @@ class Hydrodynamics(LeafSystem):
     ) -> "Hydrodynamics":
         """Adds the system to `builder` and wires it to the state and force ports of `plant`.
 
-        It closes the plant's other ports for forces, see `close_force_ports`.
+        The ports `applied_spatial_force` and `actuation` of the plant get an empty list and zeros,
+        so that a later connection (as by `AddDefaultVisualization` in newer versions of Drake)
+        fails instead of moving the dry mass only.
+
+        Raises:
+            InvalidParameter: One of these ports is connected already.
         """
         system = Hydrodynamics(plant, parameters)
         builder.AddNamedSystem(name, system)
-        close_force_ports(builder, plant, name)
+        for port, nothing in (
+            (plant.get_applied_spatial_force_input_port(),
+             ExternallyAppliedSpatialForceMultiplexer(num_inputs=0)),
+            (plant.get_actuation_input_port(),
+             ConstantVectorSource(np.zeros(plant.num_actuated_dofs()))),
+        ):
+            require(not builder.IsConnectedOrExported(port),
+                    f"plant.{port.get_name()}", "connected",
+                    "free: under water, forces go to Hydrodynamics.generalized_force")
+            builder.AddNamedSystem(f"{name}.no_{port.get_name()}", nothing)
+            builder.Connect(nothing.get_output_port(), port)
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         builder.Connect(system.GetOutputPort("applied_generalized_force"),
                         plant.get_applied_generalized_force_input_port())
         return system
 
-    def _at(self, context: Context) -> Dynamics:
-        workspace: Workspace = self._workspace.Eval(context)
+    def _solve(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        plant, (workspace, forces) = self._plant, self._workspace.Eval(context)
         state = cast(np.ndarray, self._plant_state_port.Eval(context))
-        self._plant.SetPositionsAndVelocities(workspace.context, state)
-        return self._submerged.at(
-            workspace, state[self._plant.num_positions():],
-            value_of(self._current_port, context), value_of(self._current_rate_port, context))
+        plant.SetPositionsAndVelocities(workspace, state)
+        M_RB = plant.CalcMassMatrix(workspace) + self._implicit_damping
+        plant.CalcForceElementsContribution(workspace, forces)
+        bias = plant.CalcInverseDynamics(workspace, self._no_acceleration, forces)
+        J, force = self._water_at_no_acceleration(
+            workspace, state[-len(bias):], _value(self._current_port, context),
+            _value(self._current_rate_port, context))
 
-    def _accelerated(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
-        dynamics: Dynamics = self._dynamics.Eval(context)
-        return dynamics.accelerated(
-            value_of(self._force_port, context), value_of(self._disturbance_port, context))
+        nb, _, nv = J.shape
+        J_all, M_A_J = J.reshape(6 * nb, nv), (self._water.M_A @ J).reshape(6 * nb, nv)
+        total = force.ravel() @ J_all - bias
+        if (tau := _value(self._force_port, context)) is not None:
+            total += tau
+        v_dot = np.linalg.solve(M_RB + J_all.T @ M_A_J, total)
+        if (d := _value(self._disturbance_port, context)) is not None:
+            v_dot += d
+        return v_dot, M_RB @ v_dot + bias
+
+    def _water_at_no_acceleration(
+        self, workspace: Context, v: np.ndarray, v_c_W: np.ndarray | None, a_c_W: np.ndarray | None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of the workspace at v̇ = 0.
+
+        None for v_c or v̇_c means zero.
+        """
+        plant, W, zero = self._plant, self._world, self._origin
+        J, R_WB = np.empty((len(self._frames), 6, len(v))), np.empty((len(self._frames), 3, 3))
+        for i, B in enumerate(self._frames):
+            J[i] = plant.CalcJacobianSpatialVelocity(
+                workspace, JacobianWrtVariable.kV, B, zero, W, B)
+            R_WB[i] = B.CalcRotationMatrixInWorld(workspace).matrix()
+        A = plant.CalcSpatialAccelerationsFromVdot(workspace, self._no_acceleration)  # in World
+        A_B = _stack([A[index].get_coeffs() for index in self._indices], 2, 3) @ R_WB
+        J, nu_r_dot = J.take(_FROM_DRAKE, 1), A_B.reshape(-1, 6).take(_FROM_DRAKE, 1)
+        nu_r, g_B = J @ v, self._gravity @ R_WB
+        if v_c_W is not None:
+            nu_r[:, :3] -= v_c_W @ R_WB
+        if a_c_W is None:
+            water_rate = self._origin
+        else:
+            water_rate = a_c_W @ R_WB
+            g_B -= water_rate
+        nu_r_dot = relative_acceleration(nu_r_dot, nu_r, water_rate)
+        return J, self._water.fluid_force(nu_r, nu_r_dot, g_B)
 
 
-def close_force_ports(builder: DiagramBuilder, plant: MultibodyPlant, name: str) -> None:
-    """Gives an empty list and zeros to the ports of a plant for spatial forces and actuation.
-
-    A later connection (as by `AddDefaultVisualization` in newer versions of Drake) then fails,
-    instead of moving the dry mass only.
-
-    Args:
-        builder: Builder to add to.
-        plant: A plant in it.
-        name: Name of the system that moves it in water.
-
-    Raises:
-        InvalidParameter: One of these ports is connected already.
-    """
-    for port, nothing in (
-        (plant.get_applied_spatial_force_input_port(),
-         ExternallyAppliedSpatialForceMultiplexer(num_inputs=0)),
-        (plant.get_actuation_input_port(),
-         ConstantVectorSource(np.zeros(plant.num_actuated_dofs()))),
-    ):
-        require(not builder.IsConnectedOrExported(port),
-                f"plant.{port.get_name()}", "connected",
-                "free: under water, forces go to Hydrodynamics.generalized_force")
-        builder.AddNamedSystem(f"{name}.no_{port.get_name()}", nothing)
-        builder.Connect(nothing.get_output_port(), port)
-
-
-def value_of(port: InputPort, context: Context) -> np.ndarray | None:
+def _value(port: InputPort, context: Context) -> np.ndarray | None:
     """Returns the value of an optional port, None if it is not connected."""
     return cast(np.ndarray, port.Eval(context)) if port.HasValue(context) else None
 

@@ -6,7 +6,7 @@ conjugate to χ̇: a force in World and a torque conjugate to Euler-angle rates.
 that of a `Surface`.
 """
 
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
@@ -20,13 +20,12 @@ from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.workspace import declare_workspace
 
 _ORIGIN = np.zeros(3)
-_BY_V = JacobianWrtVariable.kV
-AXES_OF_WORLD = np.eye(3)
+AXES_OF_WORLD = RotationMatrix()
 """Attitude of the paper's task frame, which is World."""
 
 
 def pose_and_jacobian(
-    plant: MultibodyPlant, context: Context, tip: Frame, R_TW: np.ndarray = AXES_OF_WORLD
+    plant: MultibodyPlant, context: Context, tip: Frame, R_TW: RotationMatrix = AXES_OF_WORLD
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns χ (6,) [m, rad] of a frame and J_χ (6, nv) with χ̇ = J_χ v, v in the plant's order.
 
@@ -37,54 +36,23 @@ def pose_and_jacobian(
         plant: A finalized plant.
         context: Its Context.
         tip: E.
-        R_TW: Attitude of W in T (3, 3).
+        R_TW: Attitude of W in T.
     """
     W = plant.world_frame()
     X_WE = tip.CalcPoseInWorld(context).GetAsMatrix34()
     R_WE = X_WE[:, :3]
     chi, J_chi = np.empty(6), np.empty((6, plant.num_velocities()))
-    chi[:3], chi[3:] = X_WE[:, 3], euler_angles(R_TW @ R_WE)
-    J = plant.CalcJacobianSpatialVelocity(context, _BY_V, tip, _ORIGIN, W, W)
+    chi[:3], chi[3:] = X_WE[:, 3], euler_angles(R_TW.matrix() @ R_WE)
+    J = plant.CalcJacobianSpatialVelocity(
+        context, JacobianWrtVariable.kV, tip, _ORIGIN, W, W)
     J_chi[:3], J_chi[3:] = J[3:], rate_matrix(chi[3:]) @ R_WE.T @ J[:3]
     return chi, J_chi
 
 
-class Touch(NamedTuple):
-    """Tip of a robot at a surface."""
-
-    chi: np.ndarray
-    """χ (6,) [m, rad]."""
-    J_chi: np.ndarray
-    """J_χ (6, nv)."""
-    force: np.ndarray
-    """𝔉 on the surface (6,) [N, N m]."""
-
-    @property
-    def reaction(self) -> np.ndarray:
-        """Generalised force −J_χᵀ 𝔉 (nv,) on the robot [N, N m], of power −𝔉ᵀχ̇."""
-        on_robot: np.ndarray = -self.force @ self.J_chi
-        return on_robot
-
-
-class SurfaceAtTip:
-    """A `Surface` at the tip of a robot.
-
-    Args:
-        plant: A finalized plant.
-        tip: The frame E of `plant` that touches the surface.
-        surface: A surface of `model.surface`, or one of your own.
-        task_frame: ZYX Euler angles of T in World (3,) [rad].
-    """
-
-    def __init__(self, plant: MultibodyPlant, tip: Frame, surface: Surface, task_frame: np.ndarray):
-        self.law = check_surface(surface)
-        self._plant, self.tip = plant, tip
-        self._R_TW = RotationMatrix(RollPitchYaw(task_frame)).inverse().matrix()
-
-    def touch(self, context: Context, v: np.ndarray) -> Touch:
-        """Returns pose and force of the tip in a Context of the plant with the velocities v."""
-        chi, J = pose_and_jacobian(self._plant, context, self.tip, self._R_TW)
-        return Touch(chi, J, self.law.force(chi, J @ v))
+def _on_robot(_: np.ndarray, J: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Returns −J_χᵀ 𝔉 (nv,)."""
+    reaction: np.ndarray = -force @ J
+    return reaction
 
 
 class CompliantSurface(LeafSystem):
@@ -123,7 +91,10 @@ class CompliantSurface(LeafSystem):
     def __init__(self, plant: MultibodyPlant, tip: Frame, surface: Surface,
                  task_frame: np.ndarray = WORLD):
         super().__init__()
-        self._plant, self._surface = plant, SurfaceAtTip(plant, tip, surface, task_frame)
+        self._law = check_surface(surface)
+        self._plant = plant
+        self._tip = tip
+        self._R_TW = RotationMatrix(RollPitchYaw(task_frame)).inverse()
         self._workspace = declare_workspace(self, plant)
 
         self._plant_state_port = self.DeclareVectorInputPort(
@@ -131,11 +102,10 @@ class CompliantSurface(LeafSystem):
         touch = cached(self, "χ, J_χ and 𝔉", self._touch, {self.all_input_ports_ticket()})
         now = {touch.ticket()}
         output_of(self, "generalized_force", plant.num_velocities(),
-                  lambda c: touch.Eval(c).reaction, now)
-        output_of(self, "force", 6, lambda c: touch.Eval(c).force, now)
-        output_of(self, "penetration", 1,
-                  lambda c: [self._surface.law.penetration(touch.Eval(c).chi)], now)
-        output_of(self, "chi", 6, lambda c: touch.Eval(c).chi, now)
+                  lambda c: _on_robot(*touch.Eval(c)), now)
+        output_of(self, "force", 6, lambda c: touch.Eval(c)[2], now)
+        output_of(self, "penetration", 1, lambda c: [self._law.penetration(touch.Eval(c)[0])], now)
+        output_of(self, "chi", 6, lambda c: touch.Eval(c)[0], now)
 
     @staticmethod
     def AddToBuilder(
@@ -153,8 +123,10 @@ class CompliantSurface(LeafSystem):
         return added(builder, name, CompliantSurface(plant, tip, surface, task_frame),
                      plant_state=plant.get_state_output_port())
 
-    def _touch(self, context: Context) -> Touch:
+    def _touch(self, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))
         workspace = self._workspace.Eval(context).context
         self._plant.SetPositionsAndVelocities(workspace, plant_state)
-        return self._surface.touch(workspace, plant_state[self._plant.num_positions():])
+        chi, J = pose_and_jacobian(self._plant, workspace, self._tip, self._R_TW)
+        chi_dot = J @ plant_state[-J.shape[1]:]
+        return chi, J, self._law.force(chi, chi_dot)

@@ -64,13 +64,16 @@ def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(
     """ζ̇ = f + u: the full inertia, with added mass and rotors, on both sides."""
     plant = make_uvms_plant("girona500_arm5e", surface=plane,
                             disturbance=ConstantDisturbance(bound=0.0))
+    water = plant.GetSubsystemByName("hydrodynamics")
+    order = plant.GetSubsystemByName("tau_to_drake_order")
     context = plant.CreateDefaultContext()
     feedback = AncillaryFeedback(model, config)
     inputs = feedback.CreateDefaultContext()
 
     def accelerate(force):
         plant.GetInputPort("tau").FixValue(context, force)
-        return plant.GetOutputPort("acceleration").Eval(context).copy()
+        return water.GetOutputPort("acceleration").Eval(
+            water.GetMyContextFromRoot(context)).copy()
 
     for state, nominal, _, _ in pairs(model, states, where):
         set_state(plant, context, state)
@@ -80,7 +83,9 @@ def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(
             feedback.GetInputPort(name).FixValue(inputs, value)
         tau, u = (feedback.GetOutputPort(name).Eval(inputs) for name in ("tau", "u"))
         gained = accelerate(tau) - accelerate(np.zeros(10))
-        np.testing.assert_allclose(gained, u, rtol=1e-9, atol=1e-9)
+        accelerate(u)  # The same map takes u into the plant's order.
+        expected = order.GetOutputPort("drake_order").Eval(order.GetMyContextFromRoot(context))
+        np.testing.assert_allclose(gained, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_the_pair_is_the_measured_and_the_nominal_motion(model, states):

@@ -161,8 +161,9 @@ def test_the_systems_in_python_that_the_derivative_needs_are_its_parts(measured,
     assert last == "rest"
     assert set(parts) <= set(leaf_systems(make_station(scenario)))
     assert not [path for path in parts if path.startswith("log.") or path == "uvms/plant"]
-    assert set(parts) >= {"uvms/dynamics", "disturbance", "tube_mpc/nominal_mpc",
-                          "tube_mpc/ancillary", "tube_monitor"}
+    assert set(parts) >= {"uvms/surface", "uvms/hydrodynamics", "disturbance",
+                          "uvms/to_paper_order", "tube_mpc/nominal_mpc", "tube_mpc/ancillary",
+                          "tube_monitor"}
     assert all(part.min > 0.0 for part in measured[0].derivative.parts.values())
 
 

@@ -42,7 +42,7 @@ class DerivativeTimes:
 
 
 def leaf_systems(diagram: Diagram, path: str = "") -> dict[str, LeafSystem]:
-    """Returns the leaf systems of a Diagram by path, such as "uvms/dynamics"."""
+    """Returns the leaf systems of a Diagram by path, such as "uvms/surface"."""
     leaves: dict[str, LeafSystem] = {}
     for system in diagram.GetSystems():
         name = path + system.get_name()

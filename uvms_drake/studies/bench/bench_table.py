@@ -12,7 +12,7 @@ from uvms_drake.studies.bench.stopwatch import Timing
 def format_bench(bench: Bench) -> str:
     """Returns the measurements as a table for a terminal."""
     versions, machine, simulation = bench.versions, bench.machine, bench.simulation
-    load = ", ".join(f"{x:.2f}" for x in machine["load_average"] or ()) or "unknown"
+    load = ", ".join(f"{x:.1f}" for x in machine["load_average"] or ()) or "unknown"
     return "\n".join([
         f"{bench.scenario}: uvms_drake {versions['uvms_drake']}, Drake {versions['drake']}, "
         f"NumPy {versions['numpy']}, Python {versions['python']}",
