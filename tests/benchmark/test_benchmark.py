@@ -122,6 +122,7 @@ def test_medians_worst_and_lost_rows_are_those_of_the_runs():
     assert [(row["metric"], row["by"], row["why"]) for row in summary["better_than_tube"]] == [
         ("force_rms", "impedance", NAVIGATION), ("settling", "impedance", STEPS)]
     text = format_benchmark(summary)
+    assert "| runs that broke a limit | 3 of 3 | 3 of 3 |" in text
     assert WHY[NAVIGATION] in text and WHY[STEPS] in text
     assert "0.2 (0.9) / 21 / 0.2 (0.9)" in text and "0.4 (–) / 20.5 / 0.4 (–)" in text
 

@@ -104,7 +104,7 @@ def _cell(runs: Sequence[Result]) -> Result:
     for run in runs:
         for name, excess in run.get("limits", {}).items():
             limits[name] = max(excess, limits.get(name, 0.0))
-    return out | {"limits": limits}
+    return out | {"limits": limits, "broken": sum(bool(run.get("limits")) for run in runs)}
 
 
 def _numbers(values: Sequence[float]) -> dict[str, float]:
@@ -177,6 +177,9 @@ def format_benchmark(summary: dict[str, Any]) -> str:
             for text, metric, scale in OVERALL] + [
             ["runs that ended early", *(str(sum(cells[case][name].get("failed", 0)
                                                 for case in cases)) for name in controllers)],
+            ["runs that broke a limit", *(
+                f"{sum(cells[case][name].get('broken', 0) for case in cases)} of "
+                f"{sum(cells[case][name]['runs'] for case in cases)}" for name in controllers)],
             ["limits broken, worst excess", *(_limits(cells, cases, name)
                                               for name in controllers)]])
     lines += ["## Better than the tube MPC", "",
