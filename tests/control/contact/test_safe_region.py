@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from support.safe_cone import free_distance
 from support.walls import random_direction, random_walls
 
 from uvms_drake.control.contact.safe_region import (
@@ -16,15 +17,6 @@ from uvms_drake.control.contact.safe_region import (
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 FORCE_MAX, NOISE = 45.0, 1.0
-
-
-def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Returns the distance along n from 𝔭 (..., 3) to the end of an apex's cone (...) [m].
-
-    It is −⟨𝔭 − 𝔞⟩, below zero outside; −inf for an apex that is NaN.
-    """
-    distance = -surface.advance(point - at)
-    return np.where(np.isnan(distance), -np.inf, distance)
 
 
 def at_rest(points):

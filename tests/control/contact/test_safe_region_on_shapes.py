@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from support.safe_cone import free_distance
 from support.shapes import in_ball_of, near, surfaces
 from support.walls import SurfaceClass
 
-from uvms_drake.control.contact.safe_region import apex, free_distance
+from uvms_drake.control.contact.safe_region import apex
 
 ALL = surfaces(dissipation=1.7, friction=0.3, creep=0.004)
 REACH, LARGEST, NOISE = 0.03, 15.0, 0.5  # m, N, N
