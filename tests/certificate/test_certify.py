@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from support.laws import PAPER
 from support.quick import FEW, search_constants_less, search_less
-from support.surfaces import Sphere
 from support.terminal_checks import check_terminal
 
 from uvms_drake.certificate.certificate import Certificate
@@ -174,10 +173,10 @@ def test_a_certificate_of_forces_needs_a_limit_on_them():
 
 
 def test_a_surface_that_does_not_limit_its_force_is_a_failed_condition():
-    scenario = load_scenario("girona500_ideal", ["limits.static_force=null"])
-    scenario.surface = Sphere()
+    scenario = load_scenario("girona500_ideal", [
+        "limits.static_force=null", "surface=!ShapedSurface {}", "task.force=[10, 0, 0, 0, 0, 0]"])
     failed = certify(scenario).failed
-    assert "certificate of the surface Sphere" in str(failed)
+    assert "certificate of the surface ShapedSurface" in str(failed)
     assert "`static_force_rows`" in str(failed)
 
 

@@ -58,7 +58,7 @@ def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path
     seen = summary["contact"]["out_of_class"]["stiffness"]
     assert seen == {"specified": 1000.0, "observed": pytest.approx(4000.0, rel=0.05)}
     summary["constraints"] = {}
-    assert _report(summary, tmp_path, [], record) == BROKEN
+    assert _report(summary, tmp_path, [], []) == BROKEN
     assert "NO GUARANTEE for this wall" in capsys.readouterr().out
 
 
