@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.transfer import impulse, largest
+from support.transfer import largest
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.tube.loops.row_gains import instant_gains
@@ -72,7 +72,7 @@ def test_it_is_unstable_beyond_rouths_limit():
 class Pulses:
     """A row in small steps, typed again: e, ė after each, of a source that is 1 in one of them."""
 
-    def __init__(self, row: RowLoop, source: str, index: int, periods: int, *, asked: bool = True):
+    def __init__(self, row: RowLoop, source: str, index: int, periods: int):
         self.row, dt = row, row.period / STEPS
         e = rate = a = predicted = seen = estimate = w = 0.0
         commands: list[float] = []  # by tick
@@ -86,13 +86,11 @@ class Pulses:
                 level = float(i // STEPS == index // STEPS)
             delta = level if source == "disturbance" else 0.0
             f = level - 0.5 * dt * pulse * (source == "feed_forward_rate")
-            f *= source.startswith(("feed", "between"))
+            f *= source.startswith("feed")
             if tick:
                 v = -(row.k + row.sigma) * rate - row.k * row.sigma * e - estimate
                 v += row.drag * rate
-                commands.append(v + asked * {
-                    "feed_forward_rate": level - dt * pulse,
-                    "at_ticks": pulse}.get(source, f * (source != "between")))
+                commands.append(v + (level - dt * pulse if source.endswith("rate") else f))
                 if row.observer:
                     mean = (rate - seen - predicted) / row.period
                     estimate += (1.0 - np.exp(-row.observer * row.period)) * (mean - estimate)
@@ -114,8 +112,7 @@ class Pulses:
 def simulated(row: RowLoop, source: str, periods: int) -> np.ndarray:
     """Returns the largest sums, over an instant of a period, of the sizes of all e and ė."""
     total = np.zeros((STEPS, 2))
-    per_tick = source in ("feed_forward", "at_ticks")
-    for index in range(1 if per_tick else STEPS):
+    for index in range(1 if source == "feed_forward" else STEPS):
         states = np.array(Pulses(row, source, index, periods).states)
         total += np.sum(np.abs(states.reshape(-1, STEPS, 2)), axis=0)
     return np.max(total, axis=0)
@@ -131,17 +128,12 @@ def test_a_sampled_row_does_what_all_pulses_together_do(row):
     for source in ("disturbance", "feed_forward", "feed_forward_rate"):
         np.testing.assert_allclose(gains[source][:2], simulated(
             row, source, round(20.0 / row.period)), rtol=0.05, err_msg=source)
-    free = sum(simulated(row, source, round(20.0 / row.period)) for source in (
-        "between", "at_ticks"))
-    assert np.all(gains["free_feed_forward"][:2] >= 0.98 * free)
-    assert np.all(gains["free_feed_forward"][:2] <= 1.15 * free)
 
 
 def test_a_fast_clock_is_none():
     fast = RowLoop(4.0, 2.0, observer=2.0, lag=0.15, period=0.002).gains
     for source, peak in RowLoop(4.0, 2.0, observer=2.0, lag=0.15).gains.items():
-        if source != "free_feed_forward":  # It stays what it is for a period.
-            np.testing.assert_allclose(fast[source], peak, rtol=0.015)
+        np.testing.assert_allclose(fast[source], peak, rtol=0.015)
 
 
 @pytest.mark.parametrize(("settings", "message"), [
@@ -150,68 +142,6 @@ def test_a_fast_clock_is_none():
 def test_values_without_a_meaning_are_refused(settings, message):
     with pytest.raises(InvalidParameter, match=message):
         RowLoop(**{"k": 2.0, "sigma": 1.0, **settings})
-
-
-AHEAD = (2.0, 0.6, 0.15)
-"""k, σ and T of a row whose plan is asked for ahead."""
-
-
-def early_kernel(preview: float, t: np.ndarray, integrals: int = 0) -> np.ndarray:
-    """Returns the impulse response of (e^{sℓ} − 1 − Ts)/(sⁱΔ) at the times t, which begin at −ℓ."""
-    k, sigma, T = AHEAD
-    D = np.polymul([T, 1.0, k + sigma, k * sigma], [1.0] + [0.0] * integrals)
-    return (np.where(t > -preview, impulse([1.0], D, t + preview), 0.0)
-            - np.where(t > 0.0, impulse([T, 1.0], D, t), 0.0))
-
-
-@pytest.mark.parametrize("rate", [0.0, 1.0])
-@pytest.mark.parametrize("wrong", [0.0, 0.1])
-def test_what_is_asked_for_ahead_leaves_what_the_transfer_function_says(rate, wrong):
-    """(e^{sℓ} − 1 − Ts)/Δ: of second order in the lag, and less of it if the lag is another one."""
-    k, sigma, T = AHEAD
-    preview, D = (1.0 + wrong) * T, [T, 1.0, k + sigma, k * sigma]
-    gains = RowLoop(k, sigma, observer=rate, lag=T, preview=preview).gains
-    t = np.linspace(-preview, 30.0, 100_001)
-    for source, integrals in (("planned", 0), ("planned_rate", 1)):
-        expected = np.trapezoid(np.abs(early_kernel(preview, t, integrals)), t)
-        assert gains[source].position == pytest.approx(expected, rel=5e-3)
-        second = 0.5 * T**2 * largest([1.0] + [0.0] * (2 - integrals), D)
-        back = wrong * gains["feed_" + ("forward", "forward_rate")[integrals]].position
-        assert gains[source].position < 1.01 * second + 1.1 * back
-    assert gains["planned"].position < (0.19 + wrong) * gains["feed_forward"].position
-    late = RowLoop(k, sigma, observer=rate, lag=T).gains
-    assert late["planned"] == late["feed_forward"] == gains["feed_forward"]
-
-
-@pytest.mark.parametrize("row", [
-    RowLoop(3.0, 1.5, lag=0.15, period=0.1, dead_time=0.1, preview=0.3),
-    RowLoop(3.0, 1.5, observer=1.0, lag=0.1, period=0.1, dead_time=0.025, preview=0.18),
-    RowLoop(3.0, 1.5, period=0.1, dead_time=0.1, preview=0.25)])
-def test_a_sampled_row_does_what_all_held_plans_together_do(row):
-    """A plan that jumps at ticks, and one whose steps there are bounded."""
-    periods = round(20.0 / row.period)
-    early = int(np.ceil(row.preview / row.period - 1e-6)) - 1
-    late = RowLoop(row.k, row.sigma, row.observer, row.lag, row.period, row.dead_time)
-    level = early_pulse(late, early, periods)
-    steps = np.cumsum(level.reshape(periods, STEPS, 2), axis=0)
-    for found, expected in ((row.gains["planned"], np.abs(level).reshape(periods, STEPS, 2)),
-                            (row.gains["planned_rate"], row.period * np.abs(steps))):
-        total = np.max(np.sum(expected, axis=0), axis=0)
-        if found is row.gains["planned"]:
-            np.testing.assert_allclose(found[:2], total, rtol=0.02)
-        else:  # and the rest between ticks
-            within = row.preview - early * row.period
-            rest = max(within, row.period - within) * row.gains["disturbance"].position
-            assert total[0] < found.position < total[0] + 1.1 * rest
-
-
-def early_pulse(row: RowLoop, early: int, periods: int) -> np.ndarray:
-    """Returns e, ė by a plan that is 1 for a period, and asked for so many periods before."""
-    def by(asked: bool) -> np.ndarray:
-        return np.array(Pulses(row, "feed_forward", 0, periods, asked=asked).states)
-
-    whole, flows = by(asked=True), by(asked=False)
-    return whole - flows + np.concatenate([np.zeros((early * STEPS, 2)), flows])[: len(whole)]
 
 
 HELD = [RowLoop(4.0, 2.0, period=0.1), RowLoop(3.0, 1.5, period=0.1, dead_time=0.025),

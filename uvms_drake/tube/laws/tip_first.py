@@ -233,10 +233,10 @@ def lag_is_proven(law: TipFirst, path: CommandPath, time_step: float) -> bool:
 
 def _row_loops(law: TipFirst, path: CommandPath) -> tuple[RowLoop, RowLoop]:
     """Returns the loops of the vehicle's rows and of the tip's."""
-    vehicle, tip, (vehicle_preview, tip_preview) = law.vehicle, law.tip, path.preview
+    vehicle, tip = law.vehicle, law.tip
     return (RowLoop(vehicle.k, vehicle.sigma, vehicle.observer, path.lag, path.vehicle_period,
-                    path.vehicle_dead_time, vehicle_preview),
-            RowLoop(tip.k, tip.sigma, tip.observer, 0.0, path.period, path.delay, tip_preview))
+                    path.vehicle_dead_time),
+            RowLoop(tip.k, tip.sigma, tip.observer, 0.0, path.period, path.delay))
 
 
 def _unknown(law: TipFirst, basis: Basis) -> list[str]:

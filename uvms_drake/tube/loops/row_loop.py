@@ -10,13 +10,10 @@ and for a first-order lag, with Δ(s) = Ts³ + s² + (k + σ)s + kσ and an obse
 
     e = s(Ts + 1 + λT)/((s + λ)Δ) δ − (Ts/Δ) f,    stable iff Tkσ < k + σ.                      (2)
 
-With the plan's forces τ̄ commanded ℓ earlier, f̄ = Aτ̄ enters by G e^{sℓ} − 1 instead (3). Sources
-are `disturbance`, `feed_forward`, `feed_forward_rate`, `free_feed_forward`, `planned`,
-`planned_rate`; their parts add up to the radius of a row. Definitions and proofs:
-tube/loops/theory.md#row-loop-behind-an-actuator, tube/loops/theory.md#feedforward-preview.
+Sources are `disturbance`, `feed_forward` and `feed_forward_rate`; their parts add up to the radius
+of a row. Definitions and proofs: tube/loops/theory.md#row-loop-behind-an-actuator.
 """
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -25,14 +22,12 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.tube.loops.row_gains import Gains, instant_gains, moments
-from uvms_drake.tube.loops.sampled_loop import PeriodicLoop, Stretch, absolute_integral, exponential
+from uvms_drake.tube.loops.sampled_loop import PeriodicLoop, Stretch
 
 EXACT = 1e-6
 """Tolerance of equal times, over a period."""
 FRACTION = 0.1
 """Length of a period of a loop without clocks, by its fastest rate: for the quadrature only."""
-PREVIEW_POINTS = 256
-"""Intervals of the quadrature over the preview of f̄."""
 E, RATE, W, ACCELERATION = range(4)
 """Columns of gains and bounds of e, ė, w and ë; e and ė are the first two states, too."""
 
@@ -64,8 +59,6 @@ class RowLoop:
     """h, time between two commands [s]; zero for a continuous feedback."""
     dead_time: float = 0.0
     """Delay from a tick to the arrival of its command [s], of a sampled feedback."""
-    preview: float = 0.0
-    """ℓ, time by which f̄ is commanded earlier [s]: lag, dead time, half a period."""
     drag: float = 0.0
     """κ of the linear part −κė of a row, which the sampled command compensates by κė of its tick
     [1/s]."""
@@ -73,7 +66,7 @@ class RowLoop:
     def __post_init__(self) -> None:
         for key in ("k", "sigma"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
-        for key in ("observer", "lag", "period", "dead_time", "preview", "drag"):
+        for key in ("observer", "lag", "period", "dead_time", "drag"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
         for key in ("dead_time", "drag"):
             require(getattr(self, key) == 0.0 or self.period > 0.0, key, getattr(self, key),
@@ -93,9 +86,7 @@ class RowLoop:
             "disturbance": self._exact or loop.flow_gain(delta),
             "feed_forward": (loop.zoh_gain(f, f_sampled) if self.period > 0.0
                              else loop.flow_gain(f)),
-            "feed_forward_rate": loop.rate_gain(f, f_sampled),
-            "free_feed_forward": loop.flow_gain(f) + loop.sample_gain(f_sampled)}
-        gains |= self._planned(gains)
+            "feed_forward_rate": loop.rate_gain(f, f_sampled)}
         return {name: Peak(*map(float, values[:3])) for name, values in gains.items()}
 
     @property
@@ -114,22 +105,6 @@ class RowLoop:
         found = moments(self.k, self.sigma) if self.at_once else (
             self._system.loop.flow_moment(self._system.delta))
         return Peak(*map(float, found[:3]))
-
-    def _planned(self, gains: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Returns the gains from f̄, given those from an f without preview."""
-        if self.preview == 0.0 or not self.stable:
-            return {name: gains[name.replace("planned", "feed_forward")]
-                    for name in ("planned", "planned_rate")}
-        loop, f, f_sampled, h = (
-            self._system.loop, self._system.f, self._system.f_sampled, self.period)
-        if h == 0.0:
-            return _by_previewed_flow(loop, f, self._system.commanded, self.preview)
-        early = math.ceil(self.preview / h - EXACT) - 1
-        within = self.preview - early * h  # From a tick to the next sample.
-        return {
-            "planned": loop.zoh_gain(f, f_sampled, early),
-            "planned_rate": h * loop.step_gain(f, f_sampled, early) + (
-                max(within, h - within) * loop.flow_gain(f))}
 
     def grown(self, growth: float) -> np.ndarray:
         """Returns the gains to e, ė, w and ë (4,) of a δ whose effect grows by e^(growth · t)."""
@@ -189,8 +164,6 @@ class _System(NamedTuple):
     """Input vector of f, into the flow (m,)."""
     f_sampled: np.ndarray
     """Input vector of f, at a tick (m,)."""
-    commanded: np.ndarray
-    """Commanded part of f (m,), a part of `f` or `f_sampled`."""
 
 
 def _feedback(row: RowLoop, m: int, estimate: int | None) -> np.ndarray:
@@ -223,35 +196,7 @@ def _continuous(row: RowLoop) -> _System:
     period = FRACTION / float(np.max(np.abs(np.linalg.eigvals(A))))
     loop = PeriodicLoop(A, np.array([np.eye(m)[E], np.eye(m)[RATE], v]),
                         (Stretch(period, np.eye(m)),))
-    return _System(loop, delta, commanded - np.eye(m)[RATE], np.zeros(m), commanded)
-
-
-def _by_previewed_flow(loop: PeriodicLoop, f: np.ndarray, commanded: np.ndarray, preview: float
-                   ) -> dict[str, np.ndarray]:
-    """Returns the gains (o,) from f̄ and its rate, in continuous time.
-
-    An impulse of f̄, or of its rate, enters by the command, and `preview` later by the remainder.
-
-    Args:
-        loop: The row.
-        f: Input vector of f (m,).
-        commanded: Its commanded part.
-        preview: ℓ [s].
-    """
-    m, step = len(f), preview / PREVIEW_POINTS
-    flow = np.zeros((m + 1, m + 1))
-    flow[:m, :m], flow[:m, m] = loop.A, commanded
-    advance = exponential(step * flow)
-    states = np.zeros((2, PREVIEW_POINTS + 1, m + 1))
-    states[0, 0, :m], states[1, 0, m] = commanded, 1.0
-    for i in range(PREVIEW_POINTS):
-        states[:, i + 1] = states[:, i] @ advance.T
-    known = absolute_integral(np.moveaxis(states[..., :m] @ loop.C.T, 1, -1), step)
-    settled = -np.linalg.solve(loop.A, f)  # by f̄ = 1
-    after = states[:, -1, :m] + [f - commanded, -settled]
-    level, rate = (known[i] + loop.flow_gain(after[i]) for i in (0, 1))
-    moves = np.abs(loop.C @ settled) > 1e-9 * (1.0 + rate)
-    return {"planned": level, "planned_rate": np.where(moves, np.inf, rate)}
+    return _System(loop, delta, commanded - np.eye(m)[RATE], np.zeros(m))
 
 
 def _sampled(row: RowLoop) -> _System:
@@ -303,4 +248,4 @@ def _sampled(row: RowLoop) -> _System:
         arrives[at["w"]] = unit[at[f"q{waiting - 1}"]]
         stretches = (Stretch(remainder, arrives), Stretch(h - remainder, jump))
     C = np.array([unit[E], unit[RATE], v])
-    return _System(PeriodicLoop(A, C, stretches), delta, f, f_sampled, f_sampled)
+    return _System(PeriodicLoop(A, C, stretches), delta, f, f_sampled)

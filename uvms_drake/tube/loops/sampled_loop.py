@@ -107,55 +107,16 @@ class PeriodicLoop:
         """Returns the same loop with `count` of its periods as one."""
         return replace(self, stretches=count * self.stretches)
 
-    def sample_gain(self, N: np.ndarray, D: np.ndarray | float = 0.0) -> np.ndarray:
-        """Returns the largest |z| (o,) by any samples |v| ≤ 1; inf: unstable.
-
-        Args:
-            N: Input vector of v at a tick (m,).
-            D: Its direct feedthrough to the outputs (o,).
-        """
-        return _largest(self._by_samples(N)) + np.abs(D)
-
-    def zoh_gain(self, B: np.ndarray, N: np.ndarray, early: int = 0) -> np.ndarray:
+    def zoh_gain(self, B: np.ndarray, N: np.ndarray) -> np.ndarray:
         """Returns the largest |z| (o,) by an input |w| ≤ 1 that changes at ticks only; or inf.
 
         Args:
             B: Input vector of w into the flow (m,).
             N: Input vector of its new value at a tick (m,).
-            early: Number of ticks from then until it flows.
         """
         jumps = [_bordered(stretch.jump, np.zeros(len(B)), 1.0) for stretch in self.stretches]
         jumps[-1][-1, -1] = 0.0
-        known, N = self._beforehand(np.zeros((early, len(N))), N)
-        more = self._with_input(B, jumps)
-        return _largest(known + more._by_samples(np.append(N, 1.0)))
-
-    def step_gain(self, B: np.ndarray, N: np.ndarray, early: int = 0) -> np.ndarray:
-        """Returns the largest |z| (o,) by an input that steps at ticks by at most 1; or inf.
-
-        It is of any level; inf, too, for an output that a constant input moves. The arguments are
-        those of `zoh_gain`.
-        """
-        if math.isinf(self.periods):
-            return np.full(len(self.C), np.inf)
-        known, N_early = self._beforehand(np.tile(N, (early, 1)), N)
-        settled, left = self._settled(B, N, 0.0)[1:]
-        total = _largest(known + self._by_samples(N_early - settled))
-        return np.where(left > 1e-9 * (1.0 + total), np.inf, total)
-
-    def _beforehand(self, again: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the sum of |z| from a jump N on, over periods, see `_ends`, and the state then.
-
-        Args:
-            again: Jumps at the ends of these periods (periods, m).
-            N: The first jump (m,).
-        """
-        rows, state = self._rows, N
-        total = np.zeros(len(rows))
-        for jump in again:
-            total += np.abs(rows @ state)
-            state = self.cycle @ state + jump
-        return self._ends(total), state
+        return _largest(self._with_input(B, jumps)._by_samples(np.append(N, 1.0)))
 
     def rate_gain(self, B: np.ndarray, N: np.ndarray | float = 0.0) -> np.ndarray:
         """Returns the largest |z| (o,) by an input |ẇ(t)| ≤ 1 of any level; inf: unstable.
