@@ -81,7 +81,7 @@ def cut_noise(sigma: np.ndarray, multiple: float, seed: int, index: int) -> np.n
 
     It is a pure function of its arguments.
     """
-    unit = normal_numbers(seed, (STREAM, 1), index, 6)
+    unit = normal_numbers(seed, (STREAM, 1, index), 6)
     return sigma * np.minimum(np.maximum(unit, -multiple), multiple)
 
 

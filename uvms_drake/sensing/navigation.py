@@ -136,7 +136,7 @@ class Dvl:
         Every fix whose index is a multiple of `most` is there, which keeps the gaps short.
         """
         j = int(time * self.rate + 1e-9)
-        while j % self.most and uniform_number(seed, (STREAM, 1), j) < self.lost:
+        while j % self.most and uniform_number(seed, (STREAM, 1, j)) < self.lost:
             j -= 1
         return j
 
@@ -215,19 +215,19 @@ class Navigation(Sensor):
         channel: Channel = getattr(self, key)
         error = np.zeros(count)
         if channel.noise > 0.0:
-            stream = STREAM, 2, CHANNELS.index(key)
-            error += channel.noise * self._unit(count, seed, stream, round(time * channel.rate))
+            stream = STREAM, 2, CHANNELS.index(key), round(time * channel.rate)
+            error += channel.noise * self._unit(count, seed, stream)
         if key == "position":
             error += self.drift.at(time, self.imperfection(seed).drift)
         if key == "velocity":
             j = self.dvl.last_fix(time, seed)
-            error += self.dvl.noise * self._unit(3, seed, (STREAM, 3), j)
+            error += self.dvl.noise * self._unit(3, seed, (STREAM, 3, j))
             error += self.imperfection(seed).bias * (time - j / self.dvl.rate)
         return error
 
-    def _unit(self, count: int, seed: int, key: tuple[int, ...], index: int) -> np.ndarray:
+    def _unit(self, count: int, seed: int, key: tuple[int, ...]) -> np.ndarray:
         """Returns cut Gaussian numbers (count,) with σ = 1."""
-        numbers = normal_numbers(seed, key, index, count)
+        numbers = normal_numbers(seed, key, count)
         return np.minimum(np.maximum(numbers, -self.noise_multiple), self.noise_multiple)
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
