@@ -123,8 +123,16 @@ def test_medians_worst_and_lost_rows_are_those_of_the_runs():
         ("force_rms", "impedance", NAVIGATION), ("settling", "impedance", STEPS)]
     text = format_benchmark(summary)
     assert "| runs that broke a limit | 3 of 3 | 3 of 3 |" in text
+    assert "| of those on walls of the declared class | 3 of 3 | 3 of 3 |" in text
     assert WHY[NAVIGATION] in text and WHY[STEPS] in text
     assert "0.2 (0.9) / 21 / 0.2 (0.9)" in text and "0.4 (–) / 20.5 / 0.4 (–)" in text
+
+
+def test_a_stiff_wall_is_not_of_the_class():
+    text = format_benchmark(summarise([
+        result("tube_mpc", 0, 0.3, limits={}), result("tube_mpc", 0, 0.3, case="stiff")]))
+    assert "| runs that broke a limit | 1 of 2 |" in text
+    assert "| of those on walls of the declared class | 0 of 1 |" in text
 
 
 def test_the_first_draw_of_every_case_comes_before_the_second_of_any():

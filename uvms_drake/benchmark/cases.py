@@ -11,6 +11,7 @@ import numpy as np
 
 from uvms_drake.benchmark.loop import Events
 from uvms_drake.common.errors import require
+from uvms_drake.common.keyed_random import generator_of
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 
 STREAM = 41
@@ -68,6 +69,8 @@ class Case:
     """Overrides of the robot's scenario, `key.path=value`; `{payload}` is the robot's."""
     ideal: bool = False
     """Whether the scenario is the robot's `ideal` one."""
+    outside: bool = False
+    """Whether the wall is stiffer than the class that is declared to the MPCs."""
     further: float = 0.0
     """Further time of a run, after the touch [s]."""
     impulse: bool = False
@@ -84,8 +87,9 @@ CASES = {case.name: case for case in (
         "sensing.0.dvl.noise=[0.0, 0.0, 0.0]")),
     Case("wall_off", "the wall 5 cm deeper", ("surface_error.shift=[0.05, 0.0, 0.0]",)),
     Case("soft", "stiffness × 0.2", ("surface_error.stiffness=0.2",), further=6.0),
-    Case("stiff", "stiffness × 5", ("surface_error.stiffness=5.0",)),
-    Case("very_stiff", "stiffness × 20", ("surface_error.stiffness=20.0",)),
+    Case("stiff", "stiffness × 5", ("surface_error.stiffness=5.0",), outside=True),
+    Case("very_stiff", "stiffness × 20", ("surface_error.stiffness=20.0",),
+         outside=True),
     Case("tilt", "wall tilted by 5° in place of 3°", ("surface_error.turn=[0.0, 0.0349, 0.0]",)),
     Case("friction", "coefficient of friction 0.5", ("surface.friction=0.5",)),
     Case("current", "current of 0.25 m/s along the wall", ("current=[0.0, 0.25, 0.0]",)),
@@ -112,8 +116,7 @@ def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario,
     """
     require(robot in ROBOTS, "--robots", robot, f"of {', '.join(ROBOTS)}")
     bench = ROBOTS[robot]
-    draw = np.random.Generator(np.random.Philox(
-        np.random.SeedSequence(seed, spawn_key=(STREAM, index))))
+    draw = generator_of(seed, (STREAM, index))
     unit, stiffness, lag, noise = (
         bench.spread * draw.uniform(-1.0, 1.0, 10), draw.uniform(-1.0, 1.0), draw.uniform(*LAG),
         int(draw.integers(2**31)))

@@ -44,8 +44,7 @@ def press_task(task: Task, direction: np.ndarray) -> PressTask:
     pose = np.asarray(task.pose, dtype=float)
     return PressTask(
         direction=direction, place=pose[:3], attitude=pose[3:],
-        posture=np.asarray(task.posture, dtype=float),
-        force=float(np.asarray(task.force)[:3] @ direction))
+        posture=np.asarray(task.posture, dtype=float), force=task.force_along(direction))
 
 
 def controller_with_gains(name: str, scenario: Scenario, model: ContactModel, gains: RobotGains

@@ -135,7 +135,7 @@ def _better(robot: str, case: str, cells: dict[str, Result]) -> list[Result]:
 
 def _reason(case: str, metric: str) -> str:
     """Returns the reason for which a case is worse by a metric, of `WHY`."""
-    if "stiff" in case:
+    if CASES[case].outside:
         return OUTSIDE
     if case in (BIAS, SLIDE):
         return case
@@ -177,9 +177,9 @@ def format_benchmark(summary: dict[str, Any]) -> str:
             for text, metric, scale in OVERALL] + [
             ["runs that ended early", *(str(sum(cells[case][name].get("failed", 0)
                                                 for case in cases)) for name in controllers)],
-            ["runs that broke a limit", *(
-                f"{sum(cells[case][name].get('broken', 0) for case in cases)} of "
-                f"{sum(cells[case][name]['runs'] for case in cases)}" for name in controllers)],
+            *([text, *(_broken(cells, among, name) for name in controllers)] for text, among in (
+                ("runs that broke a limit", cases), ("of those on walls of the declared class", [
+                    case for case in cases if not CASES[case].outside]))),
             ["limits broken, worst excess", *(_limits(cells, cases, name)
                                               for name in controllers)]])
     lines += ["## Better than the tube MPC", "",
@@ -221,6 +221,12 @@ def _over(cells: dict[str, Any], cases: Sequence[str], name: str, metric: str, s
         return ""
     return _pair({"median": scale * float(np.median([each["median"] for each in found])),
                   "worst": scale * max(each["worst"] for each in found)})
+
+
+def _broken(cells: dict[str, Any], cases: Sequence[str], name: str) -> str:
+    broken, runs = (sum(cells[case][name].get(key, 0) for case in cases)
+                    for key in ("broken", "runs"))
+    return f"{broken} of {runs}"
 
 
 def _limits(cells: dict[str, Any], cases: Sequence[str], name: str) -> str:

@@ -61,7 +61,7 @@ def press_metrics(record: Record, contact: UnknownContact) -> dict[str, Any]:
     """
     task, surface, summary = record.scenario.task, _surface(record), summarise_contact(record)
     found = membership(surface, contact, *_ends(record))
-    desired = float(np.asarray(task.force)[:3] @ contact.direction)
+    desired = task.force_along(contact.direction)
     error = np.abs(record.force[:, :3] @ contact.direction - desired)
     tolerance = task.force_tolerance
     settled, touch = settling_index(error, tolerance), summary["first_touch_s"]

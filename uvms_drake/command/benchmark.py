@@ -37,12 +37,13 @@ def add_benchmark(commands: argparse._SubParsersAction) -> None:
                                 "(default: %(default)s)")
     benchmark.add_argument("--processes", type=int, default=1, metavar="P",
                            help="processes of this machine (default: %(default)s)")
-    benchmark.add_argument("--finished", action="store_true",
-                           help="compute nothing: tables and figures of the runs in the folder, of "
-                                "whole draws if there are any")
-    benchmark.add_argument("--recorded", type=Path, metavar="FILE.csv",
-                           help="compute nothing: tables of the selected runs of a benchmark.csv, "
-                                "of whichever version of the package")
+    kept = benchmark.add_mutually_exclusive_group()
+    kept.add_argument("--finished", action="store_true",
+                      help="compute nothing: tables and figures of the runs in the folder, of "
+                           "whole draws if there are any")
+    kept.add_argument("--recorded", type=Path, metavar="FILE.csv",
+                      help="compute nothing: tables of the selected runs of a benchmark.csv, of "
+                           "whichever version of the package")
     take_quiet(benchmark)
 
 

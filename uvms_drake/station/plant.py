@@ -57,7 +57,8 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
     motion.check(scenario)
     require(motion.has_forces, "motion", scenario.motion, "dynamic, for a plant moved by forces")
     # A Simulator with a largest step of zero would never end.
-    require(scenario.simulator.max_step_size > 0.0, "simulator.max_step_size", 0.0,
+    step = scenario.simulator.max_step_size
+    require(step > 0.0, "simulator.max_step_size", step,
             "positive in a Diagram of one's own: uv.with_step(scenario) chooses it")
     builder = DiagramBuilder()
     with within("start"):

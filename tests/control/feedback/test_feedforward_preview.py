@@ -7,6 +7,7 @@ import pytest
 from pydrake.common.value import Value
 from pydrake.systems.framework import DiagramBuilder
 from support.lagging import CONFIG, Motion, run
+from support.transfer import impulse
 
 from uvms_drake.control.feedback.feedforward_preview import (
     FeedforwardPreview,
@@ -21,7 +22,6 @@ from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.loops.row_loop import RowLoop
 
 H, N = 0.2, 6
 GAINS = (1.5, 0.4)  # k, σ of the vehicle [1/s]
@@ -164,6 +164,10 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
     f = np.einsum("tij,tj->ti", plain.carried, plain.asked[:, :6]) - plain.feedback[:, :6]
     assert np.all(np.max(np.abs(e), axis=0) < 0.2 * largest)
     assert np.max(np.abs(previewed.error[:, 6:])) < 1e-4  # the tip
-    gains = RowLoop(*GAINS, lag=lag, preview=lag).gains
-    assert np.all(np.max(np.abs(e), axis=0)
-                  <= 1.1 * gains["planned"].position * 0.5 * np.ptp(f, axis=0))
+    # ∫|(e^{sT} − 1 − Ts)/Δ|, whose impulse response begins at −T.
+    k, sigma = GAINS[:2]
+    delta, t = [lag, 1.0, k + sigma, k * sigma], np.linspace(-lag, 30.0, 100_001)
+    response = (np.where(t > -lag, impulse([1.0], delta, t + lag), 0.0)
+                - np.where(t > 0.0, impulse([lag, 1.0], delta, t), 0.0))
+    gain = np.trapezoid(np.abs(response), t)
+    assert np.all(np.max(np.abs(e), axis=0) <= 1.1 * gain * 0.5 * np.ptp(f, axis=0))

@@ -4,16 +4,17 @@ The loop is that of the scenario that declares the class, at its task: in open w
 touch, and with the whole plan on the stiffest wall of its class, stuck, from the touch on.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.certificate.coupled.linear_run import plan_accelerations
 from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 from uvms_drake.tube.coupled.budget import APPROACH, PRESS
 from uvms_drake.tube.coupled.coupled_loop import PLAN, CoupledLoop, coupled_loop, operating_point
 
@@ -21,14 +22,6 @@ PHASES = 4
 """Number of phases between two knots at which the rows are looked at."""
 START = "start"
 """Key of the distance of undriven axes from their equilibrium at the start."""
-
-
-@dataclass(frozen=True)
-class _Declared:
-    """A scenario as a key."""
-
-    text: str
-    scenario: Scenario = field(compare=False)
 
 
 def plan_ratios(record: Record, declared: Scenario) -> dict[str, float]:
@@ -40,7 +33,7 @@ def plan_ratios(record: Record, declared: Scenario) -> dict[str, float]:
     """
     plans = declared.certificate.plans
     assert plans is not None
-    loops = _responses(_Declared(dump_scenario(replace(declared, seed=0)), declared))
+    loops = _responses(dump_scenario(replace(declared, seed=0)))
     largest = plan_rows(record, loops)
     loop = loops[APPROACH].loop
     off = record.nominal_config[0, loop.undriven] - loop.at.state[loop.undriven]
@@ -63,8 +56,8 @@ class PlanResponses:
 
 
 @lru_cache(maxsize=4)
-def _responses(declared: _Declared) -> dict[str, PlanResponses]:
-    return plan_responses(declared.scenario)
+def _responses(text: str) -> dict[str, PlanResponses]:
+    return plan_responses(typed_scenario(yaml_load_data(text)))
 
 
 def plan_responses(scenario: Scenario) -> dict[str, PlanResponses]:

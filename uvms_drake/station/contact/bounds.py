@@ -144,7 +144,7 @@ def safe_depth_margin(scenario: "Scenario") -> float:
 
 def pressing_force(scenario: "Scenario") -> float:
     """Returns the desired force along n [N]."""
-    return float(np.asarray(scenario.task.force)[:3] @ sensed_contact(scenario).direction)
+    return scenario.task.force_along(sensed_contact(scenario).direction)
 
 
 def largest_force(scenario: "Scenario") -> float:

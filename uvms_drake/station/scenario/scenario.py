@@ -83,6 +83,10 @@ class Task:
     force_tolerance: float = 2.0
     """Size of 𝔉 − 𝔉_des below which the force counts as settled [N, N m]."""
 
+    def force_along(self, direction: np.ndarray) -> float:
+        """Returns the desired force along a direction (3,) [N]."""
+        return float(np.asarray(self.force)[:3] @ direction)
+
 
 @dataclass
 class Scenario:
