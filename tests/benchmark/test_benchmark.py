@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from uvms_drake.benchmark import benchmark
-from uvms_drake.benchmark.benchmark import Run, run_all, runs_of
+from uvms_drake.benchmark.benchmark import Run, completed, runs_of
 from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, versions_of
 from uvms_drake.benchmark.overview import draw_overview, relative_errors
 from uvms_drake.benchmark.recorded import read_runs, write_runs
 from uvms_drake.benchmark.table import NAVIGATION, STEPS, WHY, format_benchmark, summarise
 from uvms_drake.campaign.pool import Pool
 from uvms_drake.command.main import main
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidParameter, RunFailed
 
 OWN = '''
 import numpy as np
@@ -162,7 +161,7 @@ def test_of_unfinished_runs_the_whole_draws_are_shown(tmp_path):
         for run in which:
             (tmp_path / "runs" / run.file).write_text(json.dumps(
                 result(run.controller, run.index, 0.2)), encoding="utf-8")
-        found = run_all(runs, tmp_path, 1, lambda text, done: None, finished=True)
+        found = completed(runs, tmp_path, Pool(None), lambda text, done: None, finished=True)
         return [each["index"] for each in found]
 
     assert finish(runs[0]) == [0]  # No draw is whole: all that there is.
@@ -195,14 +194,14 @@ def test_a_file_that_records_no_benchmark_is_refused(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_damaged_file_of_a_run_is_repeated(tmp_path, monkeypatch):
+def test_a_damaged_file_of_a_run_is_repeated(tmp_path):
     (run,) = runs_of(["impedance"], ["girona500_arm5e"], ["soft"], 1, 1)
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / run.file).write_text('{"controller": ', encoding="utf-8")
-    computed = computing(monkeypatch, {**result("impedance", 0, 0.1), "case": "soft"})
-    (found,) = run_all([run], tmp_path, 1, lambda text, done: None)
+    pool, computed = computing({**result("impedance", 0, 0.1), "case": "soft"})
+    (found,) = completed([run], tmp_path, pool, lambda text, done: None)
     assert computed == [run] and found["case"] == "soft"
-    assert run_all([run], tmp_path, 1, lambda text, done: None) == [found]
+    assert completed([run], tmp_path, pool, lambda text, done: None) == [found]
     assert computed == [run]
 
 
@@ -210,25 +209,27 @@ def test_an_error_another_version_and_a_changed_file_are_computed_again(tmp_path
     own = tmp_path / "my_law.py"
     own.write_text(OWN, encoding="utf-8")
     (run,) = runs_of([str(own)], ["girona500_arm5e"], ["soft"], 1, 1)
+
+    def go_on(pool: Pool, finished: bool = False):
+        return completed([run], tmp_path, pool, lambda text, done: None, finished=finished)
+
     failed = {**result(str(own), 0, None), "error": "RuntimeError: broken"}
-    computed = computing(monkeypatch, failed)
-
-    def go_on(finished: bool = False):
-        return run_all([run], tmp_path, 1, lambda text, done: None, finished=finished)
-
-    assert go_on() == go_on() == [failed]
+    pool, computed = computing(failed)
+    assert go_on(pool) == go_on(pool) == [failed]
     assert len(computed) == 2
-    computed = computing(monkeypatch, result(str(own), 0, 0.1))
-    (found,) = go_on()
-    assert go_on() == [found] and len(computed) == 1
+    pool, computed = computing(result(str(own), 0, 0.1))
+    (found,) = go_on(pool)
+    assert go_on(pool) == [found] and len(computed) == 1
     own.write_text(OWN.replace("No force", "Still no force"), encoding="utf-8")
     with pytest.raises(InvalidParameter, match="none of these runs"):
-        go_on(finished=True)
-    computed = computing(monkeypatch, result(str(own), 0, 0.2))
-    assert go_on()[0]["force_rms"] == 0.2 and len(computed) == 1
+        go_on(pool, finished=True)
+    pool, computed = computing(result(str(own), 0, 0.2))
+    assert go_on(pool)[0]["force_rms"] == 0.2 and len(computed) == 1
     monkeypatch.setattr("uvms_drake.benchmark.controllers.source_digest", lambda *_: "later")
-    go_on()
-    assert len(computed) == 2
+    with pytest.raises(RunFailed, match="of a worker are not those"):
+        go_on(pool)
+    pool, computed = computing(result(str(own), 0, 0.3))
+    assert go_on(pool)[0]["force_rms"] == 0.3 and len(computed) == 1
 
 
 def test_files_of_ones_own_controllers_do_not_collide():
@@ -240,8 +241,8 @@ def test_files_of_ones_own_controllers_do_not_collide():
         "girona500_arm5e.soft.impedance.0.json")
 
 
-def computing(monkeypatch, found: dict) -> list[Run]:
-    """Makes `run_all` find a result for every run; returns the list of runs that it computes."""
+def computing(found: dict) -> tuple[Pool, list[Run]]:
+    """Returns workers that find a result for every run, and the list of runs that they compute."""
     computed = []
 
     class Now:
@@ -257,5 +258,4 @@ def computing(monkeypatch, found: dict) -> list[Run]:
             future.set_result(found)
             return future
 
-    monkeypatch.setattr(benchmark, "local_pool", lambda processes: Pool(Now, 1))
-    return computed
+    return Pool(Now, 1), computed

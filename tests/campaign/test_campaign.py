@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 from copy import deepcopy
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from support.campaigns import RUNS, result_bytes
 
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES
 from uvms_drake.campaign.pool import local_pool, run_all
+from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.store import RUNS_FILE, SETUP_FILE, read_setup
 from uvms_drake.campaign.summary import (
     all_well,
@@ -63,7 +65,8 @@ def test_a_run_can_be_replayed_alone(reference, capsys, monkeypatch):
 def test_many_runs_stay_within_every_bound(certified):
     """The whole campaign has 20 s a run."""
     workers = min(2, multiprocessing.cpu_count())
-    results = [run["result"] for _, run in run_all(certified, range(MANY), local_pool(workers))]
+    runs = run_all(partial(run_one, certified), range(MANY), local_pool(workers))
+    results = [run["result"] for _, run in runs]
     summary = summarise_campaign(certified, results)
     assert len(results) == MANY
     assert all_well(summary), summary["counts"]

@@ -55,9 +55,8 @@ def test_the_workers_take_one_core_each_and_the_parent_is_left_as_it_was(monkeyp
 
 
 def test_a_worker_is_replaced_before_it_keeps_too_much_memory(monkeypatch):
-    monkeypatch.setattr("uvms_drake.campaign.pool.run_one", process_id)
     monkeypatch.setattr("uvms_drake.campaign.pool.RUNS_PER_WORKER", 2)
-    runs = dict(run_all(None, range(3), local_pool(1)))
+    runs = dict(run_all(process_id, range(3), local_pool(1)))
     assert list(runs) == list(range(3))
     first, second, third = (runs[index]["process"] for index in range(3))
     assert first == second != third
@@ -99,7 +98,7 @@ def test_an_interrupt_is_one_line_and_keeps_what_is_done(tmp_path):
     assert indices_in(tmp_path)
 
 
-def test_workers_that_always_die_are_given_up(campaign):
+def test_workers_that_always_die_are_given_up():
     class Dying(Executor):
         def submit(self, fn, /, *args, **kwargs):
             future: Future = Future()
@@ -111,11 +110,11 @@ def test_workers_that_always_die_are_given_up(campaign):
         yield Dying()
 
     with pytest.raises(RunFailed, match=r"die before any run comes back \(of 2 runs: 0, 1\): gone"):
-        list(run_all(campaign, [0, 1], Pool(pool)))
+        list(run_all(process_id, [0, 1], Pool(pool)))
 
 
 @pytest.mark.parametrize("runs", [None, 2])
-def test_a_run_that_takes_its_worker_with_it_comes_last_and_is_named(campaign, runs):
+def test_a_run_that_takes_its_worker_with_it_comes_last_and_is_named(runs):
     """The others are done, although it is the first."""
     class Poisoned(Executor):
         def __init__(self):
@@ -123,18 +122,18 @@ def test_a_run_that_takes_its_worker_with_it_comes_last_and_is_named(campaign, r
 
         def submit(self, fn, /, *args, **kwargs):
             future: Future = Future()
-            self.dead = self.dead or args[1] == 0
+            self.dead = self.dead or args[0] == 0
             if self.dead:
                 future.set_exception(OSError("gone"))
             else:
-                future.set_result(args[1])
+                future.set_result(args[0])
             return future
 
     @contextmanager
     def pool():
         yield Poisoned()
 
-    runs = run_all(campaign, range(5), Pool(pool, runs))
+    runs = run_all(process_id, range(5), Pool(pool, runs))
     assert {next(runs)[0] for _ in range(4)} == {1, 2, 3, 4}
     with pytest.raises(RunFailed, match=r"of 1 runs: 0\)"):
         next(runs)

@@ -1,4 +1,4 @@
-"""Runs of the benchmark in processes, one file for each; a folder with some is continued."""
+"""Runs of the benchmark by workers, one file for each; a folder with some is continued."""
 
 import hashlib
 import json
@@ -6,7 +6,6 @@ import logging
 import os
 import re
 from collections.abc import Callable, Container, Sequence
-from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from uvms_drake.benchmark.cases import CASES, ROBOTS, drawn_case
 from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, versions_of
 from uvms_drake.benchmark.loop import run_loop
 from uvms_drake.benchmark.metrics import measure
-from uvms_drake.campaign.pool import local_pool
+from uvms_drake.campaign.pool import Pool, run_all
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, require
 from uvms_drake.common.jsonable import jsonable
@@ -98,9 +97,9 @@ def run_one(run: Run) -> dict[str, Any]:
     return dict(jsonable(result))
 
 
-def run_all(runs: Sequence[Run], folder: Path, processes: int,
-            progress: Callable[[str, float], None], *, finished: bool = False
-            ) -> list[dict[str, Any]]:
+def completed(runs: Sequence[Run], folder: Path, pool: Pool,
+              progress: Callable[[str, float], None], *, finished: bool = False
+              ) -> list[dict[str, Any]]:
     """Computes the runs that a folder lacks, and returns the results of all.
 
     A result of another version of the package or of the controller's file is as none; one with an
@@ -109,13 +108,15 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
     Args:
         runs: The runs, of one seed.
         folder: Folder of the results.
-        processes: Number of processes.
+        pool: The workers; those of other machines have the files of controllers of one's own at the
+            same paths.
         progress: Progress callback.
         finished: Whether to compute nothing, and return the results that are there: those of whole
             draws, of which no run is missing, if there are any.
 
     Raises:
         InvalidParameter: The folder has runs of another seed, or none of those that are finished.
+        RunFailed: A worker has another version, or the workers die again and again.
     """
     path = folder / RUNS_FOLDER
     path.mkdir(parents=True, exist_ok=True)
@@ -131,19 +132,14 @@ def run_all(runs: Sequence[Run], folder: Path, processes: int,
         whole = whole_draws(runs, found)
         return [found[run] for run in runs if run in found and (not whole or run.index in whole)]
     missing = [run for run in runs if run not in found or found[run]["error"] is not None]
-    pool = local_pool(processes)
-    batch, done = pool.runs or len(missing), 0
-    for first in range(0, len(missing), batch):
-        with pool.open() as executor:
-            futures = {executor.submit(run_one, run): run for run in missing[first: first + batch]}
-            for future in as_completed(futures):
-                run, result = futures[future], future.result()
-                draft = path / f"{run.file}.part"
-                draft.write_text(json.dumps(result, ensure_ascii=False) + "\n", encoding="utf-8")
-                os.replace(draft, path / run.file)
-                found[run] = result
-                done += 1
-                progress(f"{done} of {len(missing)} runs", done / len(missing))
+    for done, (run, result) in enumerate(run_all(run_one, missing, pool), 1):
+        if result["versions"] != versions_of(run.controller):
+            raise RunFailed("the files of a worker are not those of this process")
+        draft = path / f"{run.file}.part"
+        draft.write_text(json.dumps(result, ensure_ascii=False) + "\n", encoding="utf-8")
+        os.replace(draft, path / run.file)
+        found[run] = result
+        progress(f"{done} of {len(missing)} runs", done / len(missing))
     return [found[run] for run in runs if run in found]
 
 

@@ -1,4 +1,4 @@
-"""Workers that compute the runs of a campaign: any `concurrent.futures.Executor`."""
+"""Workers that compute many runs: any `concurrent.futures.Executor`."""
 
 import multiprocessing
 import os
@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.run import run_one
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+
+Run = TypeVar("Run")
+Result = TypeVar("Result")
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that keep a worker to one core; BLAS reads them when it is loaded."""
@@ -35,28 +36,34 @@ class Pool(NamedTuple):
     """Number of runs after which all of them are replaced; never, if None."""
 
 
-def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
-            ) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yields (index, result of `run_one`) for each index once, in order of completion.
+def run_all(compute: Callable[[Run], Result], runs: Iterable[Run], pool: Pool
+            ) -> Iterator[tuple[Run, Result]]:
+    """Yields (run, result) for each run once, in order of completion.
 
-    `run_one` returns errors of a run instead of raising them, so an exception here means that a
+    `compute` returns errors of a run instead of raising them, so an exception here means that a
     worker died, or has other code. New workers then repeat the missing runs in another order: a
     run that kills its worker each time does not block the others.
+
+    Args:
+        compute: Function that a worker calls with a run; it is pickled, as are the runs.
+        runs: The runs.
+        pool: The workers.
 
     Raises:
         RunFailed: The workers die again and again.
     """
-    waiting, fruitless, first = set(indices), 0, 0
+    jobs = list(runs)
+    waiting, fruitless, first = set(range(len(jobs))), 0, 0
     while waiting:
         before, reason = len(waiting), ""
         with pool.open() as executor:
             futures: dict[Future, int] = {}
             # Submit, beginning after the run that was first in the round before.
             try:
-                order = sorted(waiting, key=lambda index: (index < first, index))
+                order = sorted(waiting, key=lambda job: (job < first, job))
                 first = order[1] if len(order) > 1 else 0
-                for index in order[: pool.runs]:
-                    futures[executor.submit(run_one, campaign, index)] = index
+                for job in order[: pool.runs]:
+                    futures[executor.submit(compute, jobs[job])] = job
             except BrokenProcessPool as error:  # A worker has died already; collect the others.
                 reason = str(error)
             # Collect the runs that came back.
@@ -67,11 +74,11 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
                     reason = str(error) or type(error).__name__
                     continue
                 waiting.discard(futures[future])
-                yield futures[future], result
+                yield jobs[futures[future]], result
         # Give up after several rounds without any.
         fruitless = fruitless + 1 if len(waiting) == before else 0
         if fruitless > RESTARTS:
-            named = ", ".join(str(index) for index in sorted(waiting)[:NAMED])
+            named = ", ".join(str(jobs[job]) for job in sorted(waiting)[:NAMED])
             raise RunFailed(f"the workers die before any run comes back (of {len(waiting)} runs: "
                             f"{named}{', ...' if len(waiting) > NAMED else ''}): {reason}")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from uvms_drake.command.files import folder, take_quiet
 from uvms_drake.command.progress import Bar, stream_of
-from uvms_drake.common.errors import require
+from uvms_drake.command.workers import check_workers, pool_of, take_workers
 from uvms_drake.common.output import output_folder
 
 JSON_FILE, TABLE_FILE, CSV_FILE = "benchmark.json", "benchmark.md", "benchmark.csv"
@@ -35,8 +35,7 @@ def add_benchmark(commands: argparse._SubParsersAction) -> None:
     benchmark.add_argument("--output", type=folder, default=Path("out/benchmark"), metavar="DIR",
                            help="folder to write to; finished runs in it are not repeated "
                                 "(default: %(default)s)")
-    benchmark.add_argument("--processes", type=int, default=1, metavar="P",
-                           help="processes of this machine (default: %(default)s)")
+    take_workers(benchmark)
     kept = benchmark.add_mutually_exclusive_group()
     kept.add_argument("--finished", action="store_true",
                       help="compute nothing: tables and figures of the runs in the folder, of "
@@ -49,14 +48,15 @@ def add_benchmark(commands: argparse._SubParsersAction) -> None:
 
 def run_benchmark(args: argparse.Namespace) -> int:
     """Computes the missing runs; writes tables, figures and data, and prints the tables."""
-    from uvms_drake.benchmark.benchmark import default_names, run_all, runs_of
+    from uvms_drake.benchmark.benchmark import completed, default_names, runs_of
     from uvms_drake.benchmark.figure import figure_name, write_figures
     from uvms_drake.benchmark.overview import OVERVIEW, write_overview
     from uvms_drake.benchmark.recorded import read_runs, write_runs
     from uvms_drake.benchmark.table import format_benchmark, summarise
     from uvms_drake.common.jsonable import jsonable
 
-    require(args.processes >= 1, "--processes", args.processes, "at least 1")
+    check_workers(args)
+    pool = pool_of(args)
     controllers, robots, cases = (given or known for given, known in zip(
         (args.controllers, args.robots, args.cases), default_names(), strict=True))
     runs = runs_of(controllers, robots, cases, args.runs, args.seed)
@@ -66,8 +66,8 @@ def run_benchmark(args: argparse.Namespace) -> int:
     try:
         with output_folder(args.output, own) as output:
             with closing(Bar("running", stream_of(args))) as progress:
-                results = recorded or run_all(
-                    runs, args.output, args.processes, progress, finished=args.finished)
+                results = recorded or completed(
+                    runs, args.output, pool, progress, finished=args.finished)
             # Data, tables and figures of the results.
             summary = summarise(results)
             text = format_benchmark(summary)

@@ -16,7 +16,6 @@ from uvms_drake.certificate.certificate import (
     Certificate,
     write_certificate,
 )
-from uvms_drake.command.campaign.options import take_workers
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.paper import (
     beside_the_paper,
@@ -26,6 +25,7 @@ from uvms_drake.command.paper import (
 )
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.command.run import note
+from uvms_drake.command.workers import take_workers
 from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.output import output_folder

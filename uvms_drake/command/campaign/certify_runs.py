@@ -22,11 +22,11 @@ from uvms_drake.command.campaign.runs import (
     complete,
     drawable,
     interrupted,
-    pool_of,
     write_results,
 )
 from uvms_drake.command.progress import stream_of
 from uvms_drake.command.run import BROKEN, note
+from uvms_drake.command.workers import pool_of
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.problem import load_model

@@ -3,6 +3,7 @@
 import argparse
 
 from uvms_drake.command.files import folder, take_scenario
+from uvms_drake.command.workers import take_workers
 
 
 def add_campaign(commands: argparse._SubParsersAction) -> None:
@@ -38,15 +39,6 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
                           help="repeat a single run of the campaign in --output, and write data "
                                "and figures to its folder run-<INDEX>; the campaign determines all "
                                "other options")
-
-
-def take_workers(command: argparse.ArgumentParser) -> None:
-    """Adds the options that say where the runs are computed."""
-    where = command.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="W",
-                       help="processes of this machine (default: one for each core)")
-    where.add_argument("--scheduler", metavar="ADDRESS",
-                       help="of a running Dask cluster, whose workers have this package installed")
 
 
 def run_campaign(args: argparse.Namespace) -> int:

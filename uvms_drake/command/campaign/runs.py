@@ -2,19 +2,21 @@
 
 import argparse
 import json
-import os
 import sys
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
 from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
-from uvms_drake.campaign.pool import Pool, cluster_pool, local_pool, run_all
+from uvms_drake.campaign.pool import Pool, run_all
+from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.store import RunLog
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
 from uvms_drake.certificate.certify import check_inputs
 from uvms_drake.command.progress import Bar
+from uvms_drake.command.workers import check_workers
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario.scenario import Scenario
@@ -31,19 +33,7 @@ def check_draws_and_workers(args: argparse.Namespace) -> None:
     for override in args.overrides:
         require(override.partition("=")[0] != "seed", "--set", override,
                 "--seed N: a campaign has a seed of its own")
-    require(args.workers is None or args.workers >= 1, "--workers", args.workers, "at least 1")
-
-
-def pool_of(args: argparse.Namespace) -> Pool:
-    """Returns the workers of the options --workers and --scheduler."""
-    if args.scheduler is not None:
-        return cluster_pool(args.scheduler)
-    return local_pool(args.workers or _cores())
-
-
-def _cores() -> int:
-    """Returns the number of cores available to this process; on macOS that of the machine."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    check_workers(args)
 
 
 def drawable(scenario: Scenario) -> Scenario:
@@ -61,7 +51,7 @@ def complete(campaign: Campaign, runs: int, log: RunLog, pool: Pool, stream: Tex
     if len(missing) < runs:
         print(f"{runs - len(missing)} of {runs} runs are there already", file=stream)
     with closing(Bar("running", stream)) as progress:
-        for done, (_, run) in enumerate(run_all(campaign, missing, pool), 1):
+        for done, (_, run) in enumerate(run_all(partial(run_one, campaign), missing, pool), 1):
             log.append(run)
             progress(f"{done} of {len(missing)} runs", done / len(missing))
 
