@@ -7,11 +7,21 @@ from pydrake.systems.analysis import Simulator
 from uvms_drake.benchmark.cases import CASES, drawn_case
 from uvms_drake.benchmark.controllers import CONTROLLERS, declared_to
 from uvms_drake.control.mpc.planner import MPC_REPORT
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.station.problem import load_model
 
 
-def test_the_nominal_mpc_sends_its_plan_from_the_measured_state():
-    """The command is ζ̄̇ − f, whatever the deviation; the plan is solved and violates no limit."""
+def test_the_nominal_mpc_sends_its_plan_from_the_measured_state(monkeypatch):
+    """The command is ζ̄̇ − f, whatever the deviation; the plan is an optimum, which SNOPT keeps."""
+    found = []
+    solve = SequentialConvexSolver.solve
+
+    def recording(self, guess, *args):
+        found.append((self.ocp, solve(self, guess, *args)))
+        return found[-1][1]
+
+    monkeypatch.setattr(SequentialConvexSolver, "solve", recording)
     scenario, _ = drawn_case("girona500_arm5e", CASES["ideal"], 1, 0)
     model = load_model(scenario)
     controller = CONTROLLERS["nominal_mpc"](scenario, model)
@@ -22,6 +32,10 @@ def test_the_nominal_mpc_sends_its_plan_from_the_measured_state():
                         ("force_valid", np.zeros(6))):
         controller.GetInputPort(name).FixValue(context, value)
     simulator.Initialize()
+    ((ocp, solution),) = found
+    other = make_solver(ocp, "snopt").solve(solution.plan)
+    assert other.converged
+    assert solution.evaluation.cost == pytest.approx(other.evaluation.cost, rel=1e-6)
     planned = controller.GetOutputPort("nominal_input").Eval(context)
     assert np.max(np.abs(planned)) > 0.01
     report = dict(zip(MPC_REPORT, controller.GetOutputPort("report").Eval(context), strict=True))
