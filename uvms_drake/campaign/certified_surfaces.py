@@ -19,6 +19,7 @@ from uvms_drake.common.progress import Progress, part_of
 from uvms_drake.common.schema import load_typed
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.mission.steps import Mission
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.station.motions.motions import motion_of
@@ -103,14 +104,14 @@ def _horizontal_in(normal: np.ndarray) -> np.ndarray:
     return line / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
 
 
-def turns_freely(mpc: MpcConfig, limits: Limits) -> bool:
-    """Returns whether a turn about the vertical makes no difference to the nominal MPC either.
+def turns_freely(mpc: MpcConfig, limits: Limits, mission: Mission) -> bool:
+    """Returns whether a turn about the vertical makes no difference to task and nominal MPC.
 
-    Further limits may be along axes of Σ_I.
+    Further limits may be along axes of Σ_I, and so are the places of a mission.
     """
     weights = [mpc.weight_y] if mpc.terminal_weight is None else [mpc.weight_y, mpc.terminal_weight]
     even = all(bool(x == y) for x, y in (np.asarray(weight, dtype=float)[:2] for weight in weights))
-    return even and not limits.more
+    return even and not limits.more and not mission.steps
 
 
 def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:

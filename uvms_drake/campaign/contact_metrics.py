@@ -6,11 +6,15 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.distribution import distribution_of
+from uvms_drake.mission.law import DONE
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
+from uvms_drake.report.mission.attempts import attempts_of, has_mission
+from uvms_drake.report.mission.mission import OUTCOMES, summarise_mission
 from uvms_drake.report.signals import settling_index
 from uvms_drake.report.summary import summarise_contact
+from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
@@ -40,13 +44,28 @@ def contact_metrics(record: Record) -> dict[str, Any]:
 
     With a declared wall the press metrics as `wall`, and the force error along n in place of
     that of 𝔉: the wall's tilt and its friction exert a force normal to n, where none is desired.
+    With a mission its outcome as `mission`, see `mission_metrics`.
     """
     contact = record.scenario.contact.declared_wall()
     if contact is None:
         return {}
     wall = press_metrics(record, contact)
     return {"wall": wall, "force_error": wall["final_error"],
-            "settling_time_s": wall["settling_time_s"]}
+            "settling_time_s": wall["settling_time_s"],
+            **({"mission": mission_metrics(record)} if has_mission(record) else {})}
+
+
+def mission_metrics(record: Record) -> dict[str, Any]:
+    """Returns how the mission of a run ended.
+
+    `done` is whether every step of it is; `failures` are the attempts that failed, also of spots
+    that were retried, each by kind and reason; `over_s` is when it was over, None if it was not.
+    """
+    summary, steps = summarise_mission(record), record.scenario.mission.steps
+    return {"done": summary["outcome"] == OUTCOMES[DONE], "outcome": summary["outcome"],
+            "over_s": summary["over_s"],
+            "failures": [f"{type(steps[attempt.step]).__name__} {attempt.step}: {attempt.ended}"
+                         for attempt in attempts_of(record) if attempt.ended != "done"]}
 
 
 def press_metrics(record: Record, contact: UnknownContact) -> dict[str, Any]:
@@ -58,10 +77,15 @@ def press_metrics(record: Record, contact: UnknownContact) -> dict[str, Any]:
     after that, `lateral_error_m` the distance that the tip had to slide along the wall. `in_class`
     is whether the wall is in the class wherever it was touched, `worst_violation` the largest
     violation of a limit by a plan, in the limit's own unit.
+
+    With a mission the desired force is that of every instant, `desired` the largest of a step, and
+    losses are those of steps that need a contact; there is no `lateral_error_m`.
     """
     task, surface, summary = record.scenario.task, _surface(record), summarise_contact(record)
-    found = membership(surface, contact, *_ends(record))
-    desired = task.force_along(contact.direction)
+    found, mission = membership(surface, contact, *_ends(record)), record.scenario.mission
+    desired: Any = task.force_along(contact.direction)
+    if mission.steps:
+        desired = record.desired_force[:, :3] @ contact.direction
     error = np.abs(record.force[:, :3] @ contact.direction - desired)
     tolerance = task.force_tolerance
     settled, touch = settling_index(error, tolerance), summary["first_touch_s"]
@@ -72,7 +96,7 @@ def press_metrics(record: Record, contact: UnknownContact) -> dict[str, Any]:
         "shape": type(surface.geometry).__name__, "law": type(surface.law).__name__,
         "stiffness": None if found is None else found.stiffness,
         "angle": None if found is None else found.angle,
-        "desired": desired,
+        "desired": np.max(desired),
         "static": summary["largest_static_force"] / contact.force,
         "peak": np.max(normal_force(record)) / contact.peak(contact.force, contact.largest_advance),
         "first_touch_s": touch,
@@ -80,9 +104,10 @@ def press_metrics(record: Record, contact: UnknownContact) -> dict[str, Any]:
                       else max(record.time[settled] - touch, 0.0)),
         "settling_time_s": None if settled is None else record.time[settled],
         "error": np.mean(error[end]), "final_error": error[-1],
-        "lateral_error_m": None if touch is None else np.linalg.norm(across(
+        "lateral_error_m": None if touch is None or mission.steps else np.linalg.norm(across(
             contact.direction, record.chi[np.argmax(touching), :3] - _ends(record)[1])),
-        "losses": np.count_nonzero(np.diff(since.astype(int)) < 0),
+        "losses": (summary["losses"] if mission.steps
+                   else np.count_nonzero(np.diff(since.astype(int)) < 0)),
         "in_class": in_class(record, contact),
         "worst_violation": np.max(record.mpc_violation, initial=0.0),
     }
@@ -120,8 +145,14 @@ def _surface(record: Record) -> ShapedSurface:
 
 
 def _ends(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the start of the tip, and its desired position but for the depth (3,) [m]."""
-    return record.chi[0, :3], np.asarray(record.scenario.task.pose, dtype=float)[:3]
+    """Returns the start of the tip, and its desired position but for the depth (3,) [m].
+
+    With a mission those of `ends_of`.
+    """
+    scenario, goal = record.scenario, np.asarray(record.scenario.task.pose, dtype=float)[:3]
+    contact = scenario.contact.declared_wall()
+    assert contact is not None  # It is drawn.
+    return ends_of(scenario.mission, contact.walls, record.chi[0, :3], goal)
 
 
 def summarise_walls(results: Sequence[Result]) -> dict[str, Any]:

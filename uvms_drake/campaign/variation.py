@@ -73,7 +73,7 @@ def vary(campaign: Campaign, index: int) -> Variation:
             np.random.SeedSequence([campaign.seed, index, attempt])))
         # Surface, desired force and place.
         target = campaign.targets[rng.integers(len(campaign.targets))]
-        turns = turns_freely(base.mpc, base.limits)
+        turns = turns_freely(base.mpc, base.limits, base.mission)
         yaw = float(rng.uniform(-np.pi, np.pi)) if turns else 0.0
         shift = rng.uniform(-1.0, 1.0, 3) * SHIFT_REACH
         aimed = with_target(moved(campaign.declared(target), yaw, shift), target)

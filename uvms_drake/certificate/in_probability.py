@@ -46,6 +46,7 @@ FAILURES = {
     "no plan": "had a sample without a plan",
     "contact": "lost the contact",
     "no touch": "never touched the wall",
+    "mission": "did not complete a step of its mission",
     "linear": "left a declared line about its coupled linear loop",
     "plan": "had a plan or a start outside of the declared class",
 }
@@ -98,6 +99,8 @@ class ProbabilityCertificate:
     coupled: CoupledBudget | None = None
     """Linear budget of the coupled loop by source; None where there is none, see
     `certificate.coupled.budget`."""
+    mission: str = ""
+    """Steps of the mission that every run has, by their kinds; empty without one."""
     made_by: str = "certify"
     """The command that wrote it."""
 
@@ -111,8 +114,9 @@ class ProbabilityCertificate:
         """The bound in words."""
         if not self.holds:
             return "not certified in probability: every run failed"
+        mission = f" of the mission {self.mission}" if self.mission else ""
         return (f"certified in probability: at most {percent_above(self.probability)} per run at "
-                f"{100.0 * self.confidence:g} % confidence, for the declared distribution")
+                f"{100.0 * self.confidence:g} % confidence, for the declared distribution{mission}")
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """Returns the scenario unchanged: the tube is the declared one."""

@@ -65,7 +65,8 @@ def _planned(certificate: ProbabilityCertificate) -> list[str]:
 
 def _counted(certificate: ProbabilityCertificate) -> list[str]:
     """Returns the kinds of failure that were looked for, in words."""
-    looked = {"linear": certificate.apart, "plan": certificate.plan}
+    looked = {"linear": certificate.apart, "plan": certificate.plan,
+              "mission": certificate.mission}
     return [text for kind, text in FAILURES.items() if looked.get(kind, True)]
 
 

@@ -24,6 +24,7 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import ALARMING, events
 from uvms_drake.report.headline import headline, used
+from uvms_drake.report.mission.attempts import has_mission, losses_of
 from uvms_drake.report.mission.force_bands import format_bands, has_stood, summarise_bands
 from uvms_drake.report.mission.mission import format_mission, summarise_mission
 from uvms_drake.report.signals import (
@@ -168,15 +169,17 @@ def summarise_contact(record: Record) -> dict[str, Any]:
     """Returns when the surface was first touched, how often it was left, and the static force [N].
 
     The static force is that of the real surface at the pose, at rest: without impact and damping.
-    A loss is the end of a contact while a force is desired, once that had settled if it has.
+    A loss is the end of a contact while a force is desired, once that had settled if it has; with a
+    mission, in a step that needs a contact.
     """
     scenario, touching = record.scenario, record.penetration > 0.0
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
     settled = settling_index(error, scenario.task.force_tolerance) or 0
     surface = check_surface(true_surface(scenario))
     wanted = np.any(record.desired_force[settled + 1:], axis=1)
+    left = np.count_nonzero(wanted & (np.diff(touching[settled:].astype(int)) < 0))
     return {"first_touch_s": record.time[np.argmax(touching)] if np.any(touching) else None,
-            "losses": np.count_nonzero(wanted & (np.diff(touching[settled:].astype(int)) < 0)),
+            "losses": losses_of(record) if has_mission(record) else left,
             "largest_force": np.max(np.linalg.norm(record.force[:, :3], axis=1)),
             "largest_static_force": np.max(surface.static_force(record.chi)),
             **summarise_bands(record), **_summarise_class(record)}

@@ -12,6 +12,7 @@ from uvms_drake.campaign.variation import vary
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
 from uvms_drake.control.limits.tip_velocity import TipVelocity
+from uvms_drake.mission.steps import Approach, Mission, Retreat
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.plant.surface_error import SurfaceError
@@ -184,9 +185,10 @@ def test_one_certificate_is_that_of_all_walls(base):
 
 
 def test_limits_along_axes_do_not_turn(base):
-    assert turns_freely(base.mpc, base.limits)
+    assert turns_freely(base.mpc, base.limits, Mission())
+    assert not turns_freely(base.mpc, base.limits, Mission([Approach(), Retreat()]))
     base.limits.more.append(TipVelocity(np.full(3, 0.1)))
-    assert not turns_freely(base.mpc, base.limits)
+    assert not turns_freely(base.mpc, base.limits, Mission())
     base.limits.more.clear()
     known = load_scenario("girona500_ideal")
-    assert turns_freely(known.mpc, known.limits)
+    assert turns_freely(known.mpc, known.limits, Mission())

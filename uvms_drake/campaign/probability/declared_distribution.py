@@ -27,7 +27,7 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
            "one that is uniform within its limits; a draw without a feasible first plan is "
            "repeated")
     turned = "and turned by any angle about the vertical" if turns_freely(
-        scenario.mpc, scenario.limits) else ""
+        scenario.mpc, scenario.limits, scenario.mission) else ""
     yield f"place: all is shifted by up to {variation.SHIFT_REACH:g} m along each axis {turned}"
     yield from scenario.contact.about_drawn(scenario)
     if sizes := _sizes(scenario.unknowns):

@@ -40,6 +40,7 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "no plan": result["mpc_failures"] > 0,
         "contact": max(result["losses"], wall.get("losses", 0)) > 0,
         "no touch": bool(wall) and wall["first_touch_s"] is None,
+        "mission": not result.get("mission", {"done": True})["done"],
         **{kind: any(ratio is None or not ratio <= 1.0 for ratio in result.get(key, {}).values())
            for kind, key in RATIOS.items()}}
     return tuple(kind for kind in FAILURES if did.get(kind, False))
@@ -69,7 +70,9 @@ def certificate_in_probability(
         failed=failed, apart=_largest(results, "apart"), plan=_largest(results, "plan"),
         distribution=tuple(declared_distribution(campaign.base)),
         ranges=tuple(declared_ranges(campaign.base)),
-        seed=campaign.seed, campaign=campaign.identity, coupled=coupled, **inputs)
+        seed=campaign.seed, campaign=campaign.identity, coupled=coupled,
+        mission=", ".join(type(step).__name__.lower() for step in scenario.mission.steps),
+        **inputs)
 
 
 def _largest(results: Sequence[Mapping[str, Any]], key: str) -> dict[str, float]:

@@ -25,6 +25,8 @@ def check_linear_loop(scenario: Scenario) -> None:
     key, lines = "certificate.linear", scenario.certificate.linear
     walls = scenario.contact.linear_walls(scenario.task.force)
     require(bool(walls), key, lines, "left out without a sensed contact")
+    require(not scenario.mission.steps, key, lines, "left out with a mission: the linear loop is "
+            "at one place, pressed from the first touch on")
     require(isinstance(scenario.ancillary, TipFirst), key, lines, "left out but for !TipFirst")
     model = load_model(scenario)
     parts, free = loop_parts(scenario, model), walls[0]

@@ -1,7 +1,9 @@
 """Rows of the coupled linear loop by the plan of a run alone, over those of a declared class.
 
 The loop is that of the scenario that declares the class, at its task: in open water before the
-touch, and with the whole plan on the stiffest wall of its class, stuck, from the touch on.
+touch, and with the whole plan on the stiffest wall of its class, stuck, from the touch on. In a
+mission a contact ends when it is interrupted for longer than `mission.patience`. A slide counts by
+the accelerations of its plan.
 """
 
 from dataclasses import dataclass, replace
@@ -85,8 +87,6 @@ def plan_rows(record: Record, loops: dict[str, PlanResponses]) -> dict[str, np.n
     """Returns the largest size of each row in each stage by the plan alone (rows,)."""
     step = record.scenario.mpc.time_step
     rates = plan_accelerations(record, step)
-    touched = record.time[record.penetration > 0.0]
-    touch = touched[0] if touched.size else np.inf
     out = {}
     for name, of_stage in loops.items():
         largest = np.zeros(len(of_stage.loop.rows))
@@ -95,7 +95,20 @@ def plan_rows(record: Record, loops: dict[str, PlanResponses]) -> dict[str, np.n
             for lag in range(min(len(rates), len(h))):
                 rows[lag:] += rates[:len(rates) - lag] @ h[lag].T
             time = step * np.arange(len(rates)) - of_stage.preview + since
-            there = time < touch if name == APPROACH else time >= touch
+            there = in_contact(record, time) == (name == PRESS)
             largest = np.maximum(largest, np.max(np.abs(rows[there]), axis=0, initial=0.0))
         out[name] = largest
     return out
+
+
+def in_contact(record: Record, time: np.ndarray) -> np.ndarray:
+    """Returns whether the plan at times (m,) [s] counts as one that presses.
+
+    From the first touch on; in a mission, until `mission.patience` after the last sample on the
+    wall.
+    """
+    mission = record.scenario.mission
+    touched = np.append(-np.inf, record.time[record.penetration > 0.0])
+    last = touched[np.searchsorted(touched, time, side="right") - 1]
+    within: np.ndarray = time - last <= (mission.patience if mission.steps else np.finfo(float).max)
+    return within

@@ -18,8 +18,8 @@ def coupled_rows(budget: CoupledBudget | None) -> list[str]:
 
     left = "".join(f"{1e3 * budget.left[name]:>12.3g}" if name in budget.left else f"{'-':>12}"
                    for name in shown)
-    out = ["", "coupled loop, linear about the task's posture; its remainder is not bounded "
-           "[mm, mrad, mm/s]: it is no proof"]
+    out = ["", "coupled loop, linear about the task's posture, without a slide on the wall; its "
+           "remainder is not bounded [mm, mrad, mm/s]: it is no proof"]
     for stage in budget.stages:
         out += [f"  {stage.name:<34}" + "".join(f"{name:>12}" for name in shown),
                 *(row(f"{each.name}, worst{'' if each.counted else ', not counted'}", each.worst)

@@ -56,8 +56,6 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     path = args.output if args.output is not None else Path("out") / scenario.name
     folder, pool = path / STORE, pool_of(args)
     with reported_in(scenario_source(args.scenario, set_options(args.overrides))):
-        require(not scenario.mission.steps, "mission.steps", len(scenario.mission.steps),
-                "left out with --runs: no campaign draws a mission")
         if scenario.certificate.linear is not None:
             check_linear_loop(scenario)
         campaign = make_campaign(drawable(scenario), args.seed, None)

@@ -34,6 +34,13 @@ def progress_of(record: Record) -> dict[str, np.ndarray]:
     return dict(zip(PROGRESS, logged.T, strict=True))
 
 
+def losses_of(record: Record) -> int:
+    """Returns how often the tip left the wall during a step that needs a contact."""
+    steps, touching = record.scenario.mission.steps, (record.penetration > 0.0).astype(int)
+    return sum(int(np.count_nonzero(np.diff(touching[attempt.when]) < 0))
+               for attempt in attempts_of(record) if steps[attempt.step].touches)
+
+
 def attempts_of(record: Record) -> list[Attempt]:
     """Returns all attempts of a mission in order; between two of a step there is a retreat."""
     progress = progress_of(record)

@@ -1,7 +1,12 @@
-"""Walls and forces that a campaign draws for a sensed contact."""
+"""Walls and forces that a campaign draws for a sensed contact.
+
+A mission is the same in every run: its steps have forces of their own, and the wall is of the class
+wherever they may touch it.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,19 +16,27 @@ from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, 
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
+from uvms_drake.mission.steps import Mission
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
+from uvms_drake.station.contact.drawn_mission import (
+    ends_of,
+    in_words,
+    places_of,
+    searched,
+    seconds_of,
+)
 from uvms_drake.station.contact.drawn_surfaces import (
     AT_THE_BOUND,
     SOFTEST,
     TRANSITIONS,
     draw_wall,
 )
-from uvms_drake.station.problem import true_surface
+from uvms_drake.station.problem import task_place, true_surface
 from uvms_drake.station.step_bounds import friction_rate, largest_rate
 
 if TYPE_CHECKING:
@@ -47,17 +60,21 @@ def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "
 
     Its distance is limited so that it should be reached and pressed in time; a very soft one, or a
     long slide along it, may take longer all the same. A run lasts as long as its wall should need,
-    and no longer than the scenario.
+    and no longer than the scenario. With a mission no force is drawn, and at every place
+    the wall is beyond the class's clearance, and pressed within the search distance.
 
     Raises:
         RunFailed: No draw is in the class.
     """
     assert isinstance(ocp, TrackingOcp)  # The problem of a sensed contact.
-    contact = sensed_contact(scenario)
+    contact, mission = sensed_contact(scenario), scenario.mission
     force = float(rng.uniform(*drawn_forces(scenario)))
     steepest = steepest_friction(scenario, ocp)
     scenario = replace(scenario, task=replace(scenario.task, force=contact.wrench(force)))
     start, goal = tips(scenario, ocp)
+    places = places_of(mission, contact.walls, goal, start)
+    strongest = max((step.strongest for step in mission.steps), default=force)
+    start, goal = ends_of(mission, contact.walls, start, goal)
     # A wall of the class, at a distance that leaves time to reach it and to settle.
     for _ in range(ATTEMPTS):
         far = float(rng.uniform())
@@ -65,12 +82,17 @@ def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "
         if wall is None:
             continue
         speed, pressing = pace(scenario, ocp, wall, force)
+        if mission.steps:
+            pressing = seconds_of(
+                mission, places, partial(press_time, scenario, ocp, wall), _lag(scenario, ocp))
         remaining = scenario.mpc.hover + pressing + SETTLING
         most = min(FARTHEST, speed * (scenario.duration - remaining))
         nearest = contact.clearance + SPARE
         gap = nearest + far * max(most - nearest, 0.0)
         wall = wall.moved(np.eye(3), gap * contact.direction)
-        if wall.geometry.depth(start) > -contact.clearance:
+        depths = wall.geometry.depth(places)
+        pressed = wall.law.depth_for(strongest) - np.min(depths)
+        if np.max(depths) > -contact.clearance or pressed > searched(mission):
             continue
         # A run of whole samples, and friction no steeper than the integration step resolves.
         samples = int(np.ceil((gap / speed + remaining) / ocp.time_step))
@@ -83,20 +105,32 @@ def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "
 
 
 def drawn_forces(scenario: "Scenario") -> tuple[float, float]:
-    """Returns the smallest and the largest desired force that is drawn [N]."""
+    """Returns the smallest and the largest desired force that is drawn [N].
+
+    With a mission both are the task's, of the first plan.
+    """
+    if scenario.mission.steps:
+        own = sensed_contact(scenario).direction @ np.asarray(scenario.task.force, dtype=float)[:3]
+        return float(own), float(own)
     low, high = np.minimum(FORCES, largest_force(scenario))
     return float(low), float(high)
 
 
-def about_drawn(contact: UnknownContact, forces: tuple[float, float]) -> Iterator[str]:
-    """Yields the sentences on the desired force, from the smallest to the largest, and the wall."""
-    yield f"desired force: uniform from {forces[0]:.3g} to {forces[1]:.3g} N"
+def about_drawn(contact: UnknownContact, mission: Mission, forces: tuple[float, float]
+                ) -> Iterator[str]:
+    """Yields the sentences on the mission, or the least and largest desired force, and the wall."""
+    if mission.steps:
+        yield f"mission, the same in every run: {in_words(mission)}"
+    else:
+        yield f"desired force: uniform from {forces[0]:.3g} to {forces[1]:.3g} N"
     yield ("wall: plane, hull, pipe from inside or bumps, with a linear, hardening or bilinear "
            f"force; normal within {contact.angle:.3g} rad of the direction, stiffness from "
            f"{SOFTEST:g} of {contact.stiffness:g} N/m to all of it, friction up to "
            f"{contact.friction:g}, dissipation up to {contact.dissipation:g} s/m: each at its "
            f"bound with the probability {AT_THE_BOUND:g}, else uniform; at a distance of up to "
-           f"{FARTHEST:g} m, as far as it can be pressed in time")
+           f"{FARTHEST:g} m, as far as it can be pressed in time"
+           + (", of this class and within the search distance wherever the mission may touch it"
+              if mission.steps else ""))
 
 
 def drawn_ranges(contact: UnknownContact, forces: tuple[float, float]
@@ -122,10 +156,12 @@ def drawn_values(scenario: "Scenario", model: ContactModel) -> dict[str, float]:
         return {"task.force": force}
     surface = surface.checked()
     tip = model.task_pose(scenario.start.config)[:3]
-    depth, into = surface.geometry.depth_and_gradient(tip)
-    along = float(sensed_contact(scenario).direction @ into) / float(np.linalg.norm(into))
+    contact = sensed_contact(scenario)
+    places = places_of(scenario.mission, contact.walls, task_place(scenario), tip)
+    depths, into = surface.geometry.depth_and_gradient(places)
+    along = np.min(into @ contact.direction / np.linalg.norm(into, axis=1))
     least, most = surface.law.slopes
-    return {"task.force": force, "wall, distance": -float(depth),
+    return {"task.force": force, "wall, distance": -float(depths[0]),
             "wall, angle": float(np.arccos(np.clip(along, -1.0, 1.0))),
             "wall, smallest stiffness": least, "wall, largest stiffness": most,
             "wall, friction": surface.friction, "wall, dissipation": surface.dissipation,
@@ -159,8 +195,7 @@ def pace(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: flo
 
     plus the time of the distance F_des/κ at the largest speed. Both are conservative estimates.
     """
-    committed = committed_intervals(
-        scenario.ancillary, command_path_of(scenario.actuation, ocp.model), ocp.time_step)
+    committed = _committed(scenario, ocp)
     contact, lag = sensed_contact(scenario), ocp.following_lag(committed)
     distance = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH_DEPTH
     fastest = contact.speed - (scenario.tube.depth_speed or 0.0)
@@ -172,6 +207,22 @@ def pace(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: flo
         2.0 * np.log(force / scenario.task.force_tolerance))
     pressing = lag * slower + force / (slope * min(distance / lag, fastest))
     return PART * speed, float(pressing) / PART
+
+
+def press_time(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: float) -> float:
+    """Returns the time to press of `pace` without its safety factor [s]."""
+    return PART * pace(scenario, ocp, wall, force)[1]
+
+
+def _committed(scenario: "Scenario", ocp: TrackingOcp) -> int:
+    """Returns the number of committed intervals at the beginning of a plan."""
+    return committed_intervals(
+        scenario.ancillary, command_path_of(scenario.actuation, ocp.model), ocp.time_step)
+
+
+def _lag(scenario: "Scenario", ocp: TrackingOcp) -> float:
+    """Returns the lag of a tip behind a moving target [s]."""
+    return ocp.following_lag(_committed(scenario, ocp))
 
 
 def steepest_friction(scenario: "Scenario", ocp: Ocp) -> float:

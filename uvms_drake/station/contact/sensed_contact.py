@@ -358,7 +358,8 @@ class SensedContact(UnknownContact, Contact):
 
     def about_drawn(self, scenario: "Scenario") -> Iterator[str]:
         """Yields the sentences on the desired force and the wall."""
-        return about_drawn(sensed_contact(scenario), drawn_forces(scenario))
+        return about_drawn(
+            sensed_contact(scenario), scenario.mission, drawn_forces(scenario))
 
     def drawn_ranges(self, scenario: "Scenario") -> Iterator[tuple[str, float, float, str]]:
         """Yields the ranges of the desired force and the wall."""
