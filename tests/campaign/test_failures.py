@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from support.missions import SHORT
 
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.probability.declared_distribution import (
@@ -10,8 +11,10 @@ from uvms_drake.campaign.probability.declared_distribution import (
     declared_ranges,
 )
 from uvms_drake.campaign.probability.failures import certificate_in_probability, failures_of
+from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
+from uvms_drake.command.campaign.runs import drawable
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 
@@ -44,6 +47,9 @@ def with_wall(**changes):
     (with_wall(peak=1.01, in_class=False), ("force",)), (KEPT | {"mpc_failures": 1}, ("no plan",)),
     (with_wall(first_touch_s=None), ("no touch",)),
     (KEPT | {"losses": 1}, ("contact",)), (with_wall(losses=1), ("contact",)),
+    (KEPT | {"mission": {"done": True, "failures": ["Slide 4: time-out"]}}, ()),
+    (KEPT | {"mission": {"done": False}}, ("mission",)),
+    (with_wall(first_touch_s=None) | {"mission": {"done": False}}, ("no touch", "mission")),
     (KEPT | {"apart": {"tip": 0.4, "joints": 0.9}}, ()),
     (KEPT | {"apart": {"tip": 0.4, "joints": 1.01}}, ("linear",)),
     (KEPT | {"apart": {"tip": 0.4, "joints": None}}, ("linear",)),
@@ -95,6 +101,37 @@ def test_the_distribution_is_told_with_the_scenarios_own_sizes(scenario):
     text = "\n".join(declared_distribution(wavy))
     for part in ("waves 0.0", "joint friction 0.5 N m", "payload 0.5 kg", "full bound 0.02"):
         assert part in text, part
+
+
+def test_the_mission_of_every_run_is_a_part_of_the_distribution_and_of_the_claim():
+    scenario = load_scenario("jacket_inspection_real")
+    text = "\n".join(declared_distribution(scenario))
+    for part in ("mission, the same in every run: approach ", "at (-0.2, 0.06) m",
+                 "slide force 10 N, along (0.5, 0) m, speed 0.02 m/s", "wherever the mission may"):
+        assert part in text, part
+    assert "desired force: uniform" not in text
+    assert "turned by any angle" not in text  # Its places are along axes of the world.
+    ranges = {each.name: each for each in declared_ranges(scenario)}
+    assert (ranges["task.force"].low, ranges["task.force"].high) == (10.0, 10.0)
+    # Of four runs one did not complete it.
+    results = [KEPT | {"index": i, "mission": {"done": i != 2}} for i in range(4)]
+    found = certificate_in_probability(
+        make_campaign(scenario, 1, None), scenario, results, 0.95)
+    assert found.mission == ("approach, hold, retreat, approach, hold, retreat, approach, hold, "
+                             "slide, retreat")
+    assert (found.failed, found.kinds["mission"]) == ((2,), 1)
+    assert found.verdict.endswith(f"for the declared distribution of the mission {found.mission}")
+
+
+@pytest.mark.slow
+def test_a_drawn_mission_is_done_on_a_wall_of_the_class():
+    campaign = make_campaign(drawable(load_scenario("girona500_inspection", SHORT)), 3, None)
+    result = run_one(campaign, 0)["result"]
+    assert result["error"] is None
+    assert result["mission"]["failures"] == []
+    assert result["mission"]["over_s"] < 30.0
+    assert result["wall"]["in_class"]
+    assert failures_of(result) == ()
 
 
 @pytest.mark.slow

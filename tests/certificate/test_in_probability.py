@@ -32,6 +32,17 @@ def test_the_verdict_is_its_exact_sentence():
         "distribution")
 
 
+def test_the_verdict_of_a_mission_names_its_steps():
+    of_mission = made(mission="approach, slide, retreat")
+    assert of_mission.verdict == (
+        "certified in probability: at most 4.87 % per run at 95 % confidence, for the declared "
+        "distribution of the mission approach, slide, retreat")
+    assert "or did not complete a step of its mission." in sentences(of_mission)[-1]
+    assert "mission" not in " ".join(sentences(made()))
+    assert ProbabilityCertificate.from_data(
+        json.loads(json.dumps(of_mission.to_data()))) == of_mission
+
+
 def test_every_part_is_one_sentence_and_no_word_claims_more():
     for certificate in (made(), made((2, 7, 9), p=0.123)):
         text = format_probability(certificate)

@@ -42,10 +42,11 @@ def test_bad_input_is_one_line_and_nothing_is_written(capsys, tmp_path, args, wo
     assert not (tmp_path / "out").exists()
 
 
-def test_a_mission_is_refused_as_none_is_drawn(capsys, tmp_path):
-    command = ["certify", "jacket_inspection_real", "--runs", "2", "--output", str(tmp_path)]
+def test_no_mission_is_compared_with_the_linear_loop_of_one_place(capsys, tmp_path):
+    command = ["certify", "jacket_inspection_real", "--runs", "2", "--output", str(tmp_path),
+               "--set", "certificate.linear={}"]
     assert main(command) == 2
-    assert "mission.steps = 10: must be left out with --runs" in capsys.readouterr().err
+    assert "must be left out with a mission: the linear loop is" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,12 @@ from uvms_drake.certificate.coupled.linear_run import plan_accelerations
 from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
 from uvms_drake.certificate.coupled.plan_rows import (
     PlanResponses,
+    in_contact,
     plan_ratios,
     plan_responses,
     plan_rows,
 )
+from uvms_drake.mission.steps import Approach, Mission, Retreat
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.coupled.budget import APPROACH, PRESS
@@ -54,6 +56,17 @@ def test_a_stage_has_the_rows_of_its_own_time_and_all_accelerations(scenario):
     assert later[PRESS] == pytest.approx(0.1)
     never = plan_rows(record(scenario, rates, np.inf), {APPROACH: of_stage, PRESS: of_stage})
     assert never[PRESS] == 0.0
+
+
+def test_a_contact_ends_in_a_mission_alone_and_after_its_patience(scenario):
+    """On the wall from 2 to 3 s, briefly off it, and again until 4 s."""
+    time = np.arange(0.0, 6.0, 0.02)
+    on = ((time > 1.99) & (time < 3.01)) | ((time > 3.29) & (time < 4.01))
+    instants = np.array([0.0, 1.9, 2.0, 2.5, 3.2, 3.9, 4.4, 4.6, 5.9])
+    pressing = SimpleNamespace(scenario=scenario, time=time, penetration=np.where(on, 1e-3, -1e-3))
+    assert in_contact(pressing, instants).tolist() == [False] * 2 + [True] * 7
+    pressing.scenario = replace(scenario, mission=Mission([Approach(), Retreat()], patience=0.5))
+    assert in_contact(pressing, instants).tolist() == [False] * 2 + [True] * 5 + [False] * 2
 
 
 @pytest.mark.slow

@@ -5,52 +5,24 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
+from support.missions import OFF, TIMES, mission_record
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.command.files import write_data
 from uvms_drake.control.limits import HoldRadii
-from uvms_drake.mission.law import DONE, FORCE_LOST, RUNNING, SKIPPED
-from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+from uvms_drake.mission.law import FORCE_LOST, RUNNING, SKIPPED
 from uvms_drake.report.figure_style import STYLE
 from uvms_drake.report.figures import FIGURES, figures_of
-from uvms_drake.report.mission.attempts import attempts_of
+from uvms_drake.report.mission.attempts import attempts_of, losses_of
 from uvms_drake.report.mission.inspection import COLUMNS, inspection_table, learned_normals
-from uvms_drake.report.summary import format_summary, summarise
+from uvms_drake.report.summary import format_summary, summarise, summarise_contact
 from uvms_drake.tube.contact.hold_band import hold_band
 from uvms_drake.tube.ultimate_bounds import tip_errors
-
-MISSION = Mission(steps=[
-    Approach(), Hold(force=10.0, tolerance=1.0), Slide(along=np.array([0.0, -0.1]), speed=0.05),
-    Retreat()])
-TIMES = (0.0, 1.0, 2.0, 4.0, 5.0)  # s, when the steps begin, and the last one ends
-OFF = 0.003  # m, of the tip from the line
-
-
-def made(mission=MISSION, duration=6.0, **progress):
-    """A tip that slides along y (−t₂) from 2 s on, off by 3 mm along z, 4 mm behind."""
-    base = synthetic_sensed_record(duration)
-    time = base.time
-    step = np.searchsorted(TIMES, time + 1e-9) - 1
-    y = 0.05 * np.clip(time - 2.0, 0.0, 2.0)
-    chi = base.chi.copy()
-    chi[:, 0], chi[:, 1], chi[:, 2] = 0.02, y - 0.004 * (step == 2), OFF * (step == 2)
-    columns = {"step": np.minimum(step, len(mission.steps)),
-               "outcome": np.where(step < 4, RUNNING, DONE), "reason": 0.0 * time,
-               "failures": 0.0 * time, "tries": 0.0 * time} | progress
-    force = np.zeros((len(time), 6))
-    force[:, 0] = 10.0 + 1.5 * np.sin(2.0 * np.pi * time)
-    return replace(
-        base, scenario=replace(base.scenario, mission=mission), chi=chi, force=force,
-        signals=base.signals | {
-            "force_last_valid": force, "touched": (step > 0)[:, None].astype(float),
-            "mission_place": np.column_stack([0.0 * y, y, 0.0 * y]),
-            "mission_force": np.full((len(time), 1), 10.0),
-            "mission_progress": np.column_stack(list(columns.values()))})
 
 
 @pytest.fixture(scope="module")
 def record():
-    return made()
+    return mission_record()
 
 
 def test_the_table_has_what_every_step_reached(record):
@@ -131,7 +103,7 @@ def test_the_force_of_a_mission_is_that_of_its_steps_and_not_of_its_last_instant
 def test_a_step_that_failed_says_why_and_what_was_not_begun_is_counted():
     base = synthetic_sensed_record(6.0)
     late = base.time + 1e-9 >= 2.0  # From then on the hold has failed, and the retreat goes on.
-    record = made(step=np.where(late, 3, np.searchsorted(TIMES, base.time + 1e-9) - 1),
+    record = mission_record(step=np.where(late, 3, np.searchsorted(TIMES, base.time + 1e-9) - 1),
                   reason=FORCE_LOST * late, failures=1.0 * late,
                   outcome=np.where(base.time + 1e-9 >= 5.0, SKIPPED, RUNNING))
     assert [(each.step, each.ended) for each in attempts_of(record)] == [
@@ -141,7 +113,7 @@ def test_a_step_that_failed_says_why_and_what_was_not_begun_is_counted():
 
 
 def test_the_end_of_the_run_may_cut_a_step_off():
-    record = made(duration=3.0)
+    record = mission_record(duration=3.0)
     assert [each.ended for each in attempts_of(record)] == ["done", "done", "not over"]
     rows = summarise(record)["mission"]
     assert rows["outcome"] == "not over at the end of the run"
@@ -173,7 +145,7 @@ def test_every_reading_of_a_step_that_presses_is_a_line(record, tmp_path):
 
 
 def test_an_inspector_is_told_how_far_the_tool_is_off_the_normal():
-    record = made()
+    record = mission_record()
     chi = record.chi.copy()
     chi[:, 3:6] = [0.3, 0.06, -0.08]  # Its roll turns the tool about its own axis.
     rows = inspection_table(replace(record, chi=chi))
@@ -224,3 +196,13 @@ def test_places_are_those_of_the_navigation(record):
     shift = table(drifted) - table(record.state)
     assert shift[:, COLUMNS.index("y_m")] == pytest.approx(0.02)
     assert np.delete(shift, COLUMNS.index("y_m"), axis=1) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_contact_is_lost_only_in_a_step_that_needs_one():
+    """The hold from 1 to 2 s and the slide from 2 to 4 s do, approach and retreat do not."""
+    run = mission_record()
+    for apart, losses in (((0.4, 0.5), 0), ((1.4, 1.5), 1), ((1.9, 2.1), 1), ((4.4, 4.5), 0),
+                          ((3.9, 4.2), 1), ((4.1, 6.1), 0)):
+        off = (run.time > apart[0]) & (run.time < apart[1])
+        left = replace(run, penetration=np.where(off, -1e-3, 1e-3))
+        assert losses_of(left) == summarise_contact(left)["losses"] == losses, apart
