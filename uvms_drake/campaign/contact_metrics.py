@@ -83,6 +83,7 @@ def press_metrics(record: Record, contact: UnknownContact) -> dict[str, Any]:
     """
     task, surface, summary = record.scenario.task, _surface(record), summarise_contact(record)
     found, mission = membership(surface, contact, *_ends(record)), record.scenario.mission
+    # A mission desires a force in some of its steps, a press always the same one.
     desired: Any = task.force_along(contact.direction)
     if mission.steps:
         desired = record.desired_force[:, :3] @ contact.direction
