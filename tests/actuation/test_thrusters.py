@@ -10,12 +10,14 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 from support.thrusters import eight_thrusters
 
+from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
 from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
-from uvms_drake.actuation.thrusters import Thrusters
+from uvms_drake.actuation.thrusters import Thrusters, largest_error, with_errors
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
 
 TAU = np.array([12.0, -9.0, 7.0, 2.0, 4.0, -3.0, 1.0, 2.0, 3.0, 4.0])
@@ -126,6 +128,53 @@ def test_model_errors_are_in_the_forces_only(other, part, off):
     assert np.max(np.abs(bench.at(context, "exerted")[:6] - TAU[:6])) > 0.3
 
 
+ERRORS = np.array([0.1, -0.05, 0.08, -0.1, 0.02])
+
+
+def test_a_command_of_the_modelled_force_exerts_the_force_that_is_asked_for(model):
+    """Each thruster is off by its own error, and the law reads the modelled force."""
+    part = Thrusters(error=ERRORS)
+    known = part.known(model)
+    asked = np.append(known.B @ Allocation.to(known).forces(TAU[:6]), TAU[6:])
+    modelled = part.modelled(model, asked)
+    bench = Bench(model, part, modelled)
+    simulator = bench.simulator()
+    simulator.AdvanceTo(3.0)
+    context = simulator.get_context()
+    np.testing.assert_allclose(bench.at(context, "exerted"), asked, atol=1e-6)
+    np.testing.assert_allclose(
+        bench.at(context, "thruster_force"),
+        (1.0 + ERRORS) * known.forces_of(bench.at(context, "thruster_command")), rtol=1e-6)
+    assert np.max(np.abs(modelled - asked)) > 0.3
+    np.testing.assert_array_equal(Thrusters().modelled(model, asked), asked)
+
+
+def test_the_linear_forces_are_off_by_the_errors_with_and_without_a_force_at_the_point(model):
+    part = Thrusters(error=ERRORS)
+    for tau in (TAU, np.zeros(10)):
+        loop = LinearLoop()
+        at = OperatingPoint(model, np.append(AT, np.zeros(10)), PRESSED, tau, tau)
+        command = loop.entry("command", 10)
+        part.linear(loop, at, command, {})
+        sampled = {block.name: value.parts for block, value, *_ in loop.updates}
+        exact, real = (next(iter(sampled[f"{name}, sample 0"].values()))
+                       for name in ("modelled thrust", "thrust"))
+        np.testing.assert_allclose(real, (1.0 + ERRORS)[:, None] * exact, rtol=1e-9, atol=1e-12)
+        assert np.linalg.norm(exact) > 0.5
+
+
+def test_parts_of_the_errors_are_those_of_thrusters_alone(model):
+    clock, thrusters = SampledCommand(), Thrusters(error=np.array([0.1]))
+    shares = np.linspace(-1.0, 1.0, 5)
+    same, changed = with_errors([clock, thrusters], model, lambda count: shares[:count])
+    assert same is clock
+    np.testing.assert_allclose(changed.error, 0.1 * shares)
+    assert largest_error([clock, Thrusters(error=np.array([0.1, -0.3]))]) == 0.3
+    assert largest_error([clock]) == largest_error([clock, Thrusters()]) == 0.0
+    whole = Thrusters()
+    assert with_errors([clock, whole], model, pytest.fail) == [clock, whole]  # Nothing is drawn.
+
+
 def test_a_cloned_context_goes_on_with_the_delayed_commands(model):
     """After a step of the command, within the dead time."""
     bench = Bench(model, Thrusters(dead_time=0.05), tau=None)
@@ -209,7 +258,9 @@ def test_the_allocation_alone_commands_what_gives_the_wrench(other):
     (Thrusters(dead_time=0.012), r"^dead_time = 0\.012: must be a multiple of the period, 0\.01 s"),
     (Thrusters(dead_time=-0.01), r"^dead_time = -0\.01: must be a multiple"),
     (Thrusters(sag=np.inf), r"^sag = inf: must be a number$"),
-    (Thrusters(error=np.array([np.nan])), r"^error = \[nan\]: must be finite numbers"),
+    (Thrusters(error=np.array([np.nan])), r"^error = \[nan\]: must be numbers between -1 and 1"),
+    (Thrusters(error=np.array([0.1, -1.0])), r"^error = .*: must be numbers between -1 and 1, one"),
+    (Thrusters(error=np.array([[0.1]])), r"^error = .*: must be numbers between -1 and 1, one for"),
 ])
 def test_a_setting_without_a_meaning_is_refused(part, message):
     with pytest.raises(InvalidParameter, match=message):

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.missions import SHORT
 
 from uvms_drake.campaign.campaign import make_campaign
+from uvms_drake.campaign.model_uncertainty import as_declared, as_declared_thrusters
 from uvms_drake.campaign.probability.declared_distribution import (
     declared_distribution,
     declared_ranges,
@@ -14,9 +16,11 @@ from uvms_drake.campaign.probability.failures import certificate_in_probability,
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
+from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.command.campaign.runs import drawable
+from uvms_drake.common.errors import ScenarioError
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 
 KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
         "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "inside": True,
@@ -148,10 +152,6 @@ def test_what_is_drawn_is_in_the_declared_ranges(campaign):
 
 
 def test_waves_and_friction_are_drawn_where_they_are_declared(scenario):
-    import numpy as np
-
-    from uvms_drake.campaign.model_uncertainty import as_declared
-
     declared = load_scenario(scenario.name, [
         "waves=[{amplitude: 0.1, period: 6.0}]", "model_error.joint_friction.static=[0.5]"])
     drawn = []
@@ -173,3 +173,52 @@ def test_waves_and_friction_are_drawn_where_they_are_declared(scenario):
     plain = as_declared(scenario.unknowns, np.random.default_rng(0))
     assert plain.error.mass == drawn[0].model_error.mass
     assert plain.waves == []
+
+
+def test_errors_of_the_thrusters_are_drawn_one_by_one_where_they_are_declared(scenario):
+    declared = load_scenario(scenario.name, ["actuation.1.error=[0.1]"])
+    text = "\n".join(declared_distribution(declared))
+    assert "force of each thruster off by 0.1 of it; each of either sign" in text
+    assert "thruster" not in "\n".join(declared_distribution(scenario))
+    model = load_model(declared)
+    drawn = [as_declared_thrusters(declared.actuation, model, np.random.default_rng(seed))
+             for seed in range(60)]
+    errors = np.array([thrusters.error for _, thrusters in drawn])
+    assert errors.shape == (60, 5)
+    assert np.max(np.abs(errors)) == pytest.approx(0.1)
+    assert 0.15 < np.mean(np.abs(errors) > 0.1 - 1e-12) < 0.35  # A quarter is of the full size.
+    assert np.all(np.abs(np.mean(errors, axis=0)) < 0.03)
+    assert np.all(np.abs(np.corrcoef(errors.T) - np.eye(5)) < 0.5)
+    # Each is in the declared range, and of the same certificate.
+    (entry,) = (each for each in declared_ranges(declared) if each.name == "thrusters.error")
+    assert (entry.low, entry.high) == (0.0, 0.1)
+    for actuation in drawn[:3]:
+        each = replace(declared, actuation=actuation)
+        assert outside_ranges([entry], drawn_values(each, model)) == []
+        assert (ProbabilityCertificate.inputs_of(each)["inputs"]
+                == ProbabilityCertificate.inputs_of(declared)["inputs"])
+    larger = load_scenario(scenario.name, ["actuation.1.error=[0.1, 0.0, -0.11, 0.0, 0.0]"])
+    assert outside_ranges([entry], drawn_values(larger, model)) == [
+        "thrusters.error is 0.11, declared from 0 to 0.1"]
+    # Without them no number is drawn.
+    rng = np.random.default_rng(1)
+    assert as_declared_thrusters(scenario.actuation, model, rng) == scenario.actuation
+    assert rng.uniform() == np.random.default_rng(1).uniform()
+
+
+def test_drawn_errors_of_the_thrusters_leave_every_other_draw_as_it_is(scenario, campaign):
+    other = load_scenario(scenario.name, ["actuation.1.error=[0.1]"])
+    plain, wrong = (vary(each, 0).scenario for each in (campaign, make_campaign(other, 1, None)))
+    assert np.max(np.abs(wrong.actuation[1].error)) > 0.0
+    assert len(set(wrong.actuation[1].error)) == 5 or 0.1 in np.abs(wrong.actuation[1].error)
+    wrong.actuation[1].error = np.zeros(1)
+    assert dump_scenario(wrong) == dump_scenario(plain)
+
+
+@pytest.mark.parametrize(("override", "said"), [
+    ("actuation.1.error=[1.5]", "actuation[1].error = [1.5]: must be numbers between -1 and 1"),
+    ("actuation.1.error=0.1", "actuation[1].error = 0.1: must be a list")])
+def test_an_error_of_the_thrusters_without_a_meaning_is_one_line(scenario, override, said):
+    with pytest.raises(ScenarioError) as refused:
+        load_scenario(scenario.name, [override])
+    assert said in str(refused.value) and "\n" not in str(refused.value)

@@ -15,6 +15,7 @@ the joints pass. The controller's model is the same without sag and error. At th
 thrusters hover: they hold the robot at rest, as far as they can.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -56,7 +57,8 @@ class Thrusters(Actuator):
     sag: float = 0.0
     """Voltage drop below the voltage in the controller's model [V]."""
     error: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    """Relative error of each thruster's force to the controller's model (m,), or (1,) for all."""
+    """Relative error of each thruster's force to the controller's model (m,), or (1,) for all. A
+    campaign draws that of each thruster, of either sign and up to this size."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -66,8 +68,8 @@ class Thrusters(Actuator):
         require(np.isfinite(self.sag), "sag", self.sag, "a number")
         if self.dead_time is not None:
             self._steps(self.dead_time)
-        require(bool(np.all(np.isfinite(self.error))) and np.ndim(self.error) == 1, "error",
-                self.error, "finite numbers, one for all or one each")
+        require(np.ndim(self.error) == 1 and bool(np.all(np.abs(self.error) < 1.0)), "error",
+                self.error, "numbers between -1 and 1, one for all or one each")
 
     def assumption(self) -> str:
         """Returns the assumption that it breaks."""
@@ -152,10 +154,7 @@ class Thrusters(Actuator):
         """
         size = at.model.size
         known, true = self.known(at.model), self.true(at.model)
-        allocation = Allocation.to(known)
-        at_point = allocation.forces(at.tau[:6])
-        real = true.forces_of(known.commands_of(at_point))
-        wanted = allocation.matrix @ signal[:6]
+        wanted = Allocation.to(known).matrix @ signal[:6]
 
         def forces(name: str, thrusters: ThrusterModel, slope: np.ndarray) -> Signal:
             sample = slope[:, None] * np.eye(len(slope)) @ wanted
@@ -166,10 +165,53 @@ class Thrusters(Actuator):
             loop.flow(force, np.diag(1.0 / thrusters.lag) @ (sample - force))
             return force
 
-        slope = np.divide(real, at_point, out=np.ones(known.size), where=np.abs(at_point) > SMALL)
+        _, slope = self._at_rest(at.model, at.tau)
         modelled = forces("modelled thrust", known, np.ones(known.size))
         same = np.array_equal(slope, np.ones(known.size)) and np.array_equal(known.lag, true.lag)
         exerted = modelled if same else forces("thrust", true, slope)
         signals["thruster_force"] = exerted
         signals[VEHICLE_WRENCH] = known.B @ modelled
         return np.eye(size, 6) @ (known.B @ exerted) + np.diag(np.arange(size) >= 6) @ signal
+
+    def modelled(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
+        """Returns the force by the controller's model while τ is exerted at rest; see `Actuator`.
+
+        It is off by the secants of the real curves.
+        """
+        if self.sag == 0.0 and not np.any(self.error):
+            return tau
+        forces, slope = self._at_rest(model, tau)
+        out = np.array(tau)
+        out[:6] += self.known(model).B @ (forces / slope - forces)
+        return out
+
+    def _at_rest(self, model: UvmsModel, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns forces that exert τ (6+n,), and of the real ones the secants over them (m,)."""
+        known = self.known(model)
+        forces = Allocation.to(known).forces(tau[:6])
+        real = self.true(model).forces_of(known.commands_of(forces))
+        return forces, np.divide(real, forces, out=1.0 + known.each(self.error),
+                                 where=np.abs(forces) > SMALL)
+
+
+def largest_error(actuation: Sequence[Actuator]) -> float:
+    """Returns the largest relative error of a thruster's force; zero without thrusters."""
+    return max((float(np.max(np.abs(part.error), initial=0.0)) for part in actuation
+                if isinstance(part, Thrusters)), default=0.0)
+
+
+def with_errors(actuation: Sequence[Actuator], model: UvmsModel,
+                shares: Callable[[int], np.ndarray]) -> list[Actuator]:
+    """Returns the actuation with other errors of its thrusters, if they are declared.
+
+    Args:
+        actuation: The parts, with the largest errors.
+        model: The controller's model.
+        shares: Returns the errors of m thrusters over the largest (m,).
+    """
+    def changed(part: Thrusters) -> Thrusters:
+        errors = part.known(model).each(part.error)
+        return replace(part, error=shares(len(errors)) * errors)
+
+    return [changed(part) if isinstance(part, Thrusters) and np.any(part.error) else part
+            for part in actuation]

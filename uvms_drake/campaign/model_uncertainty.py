@@ -7,15 +7,20 @@ does not count as one inside of the bounds if it was too much. Where d̃ is zero
 then the scenario's own errors are the largest that are drawn, and every run counts.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.actuation.thrusters import with_errors
 from uvms_drake.campaign.induced_disturbance import predicted_disturbance
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.model.signals.sensor_actuator import Actuator
+from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.model_error import FACTORS, ModelError
 from uvms_drake.plant.unknowns import Unknowns
@@ -153,9 +158,7 @@ def as_declared(declared: Unknowns, rng: np.random.Generator) -> Unknowns:
         declared: The largest unknowns.
         rng: Source of the draws.
     """
-    def part() -> float:
-        size = 1.0 if rng.uniform() < AT_FULL_SIZE else rng.uniform()
-        return float(rng.choice([-1.0, 1.0]) * size)
+    part = partial(_part, rng)
 
     def heading() -> float:
         return float(rng.uniform(-np.pi, np.pi))
@@ -178,3 +181,16 @@ def as_declared(declared: Unknowns, rng: np.random.Generator) -> Unknowns:
     error = replace(known, **relative, buoyancy_shift=shift, payload=payload,
                     joint_friction=friction)
     return Unknowns(error, water, waves)
+
+
+def as_declared_thrusters(actuation: Sequence[Actuator], model: UvmsModel, rng: np.random.Generator
+                          ) -> list[Actuator]:
+    """Returns the actuation with the error of each thruster drawn as `as_declared` draws."""
+    return with_errors(actuation, model,
+                       lambda count: np.array([_part(rng) for _ in range(count)]))
+
+
+def _part(rng: np.random.Generator) -> float:
+    """Returns a drawn error over its declared size, of either sign."""
+    size = 1.0 if rng.uniform() < AT_FULL_SIZE else rng.uniform()
+    return float(rng.choice([-1.0, 1.0]) * size)

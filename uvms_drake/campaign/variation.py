@@ -14,7 +14,11 @@ import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, with_target
 from uvms_drake.campaign.certified_surfaces import moved, turns_freely
-from uvms_drake.campaign.model_uncertainty import as_declared, with_unknowns
+from uvms_drake.campaign.model_uncertainty import (
+    as_declared,
+    as_declared_thrusters,
+    with_unknowns,
+)
 from uvms_drake.campaign.outside_assumptions import kinds_outside, step_outside
 from uvms_drake.certificate.certify import first_plan
 from uvms_drake.common.errors import InvalidParameter, RunFailed
@@ -101,6 +105,8 @@ def vary(campaign: Campaign, index: int) -> Variation:
         else:
             scenario = replace(scenario, faults=[*scenario.faults, *_faults(rng)])
             scenario = _shared(scenario, ocp, plan, campaign.model_error, rng)
+            scenario = replace(scenario, actuation=as_declared_thrusters(
+                scenario.actuation, model, rng))
         return Variation(scenario, outside)
     raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uvms_drake.actuation.thrusters import Thrusters, largest_error
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.plant.waves import largest_speed
@@ -45,7 +46,8 @@ def drawn_values(scenario: Scenario, model: ContactModel) -> dict[str, float]:
     out |= {"model_error.buoyancy_shift": float(np.linalg.norm(error.buoyancy_shift)),
             "model_error.payload.mass": error.payload.mass,
             "model_error.payload.displaced": error.payload.displaced,
-            "model_error.joint_friction": error.joint_friction.largest}
+            "model_error.joint_friction": error.joint_friction.largest,
+            "thrusters.error": largest_error(scenario.actuation)}
     return out | scenario.contact.drawn_values(scenario, model)
 
 
@@ -70,4 +72,6 @@ def without_drawn(scenario: Scenario) -> Scenario:
         model_error=replace(
             error, **dict.fromkeys(FACTORS, 1.0), buoyancy_shift=np.zeros(3),
             payload=replace(error.payload, mass=0.0, displaced=0.0),
-            joint_friction=replace(error.joint_friction, coulomb=zero, static=zero))))
+            joint_friction=replace(error.joint_friction, coulomb=zero, static=zero)),
+        actuation=[replace(part, error=zero) if isinstance(part, Thrusters) else part
+                   for part in scenario.actuation]))

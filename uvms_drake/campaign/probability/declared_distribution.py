@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from uvms_drake.actuation.thrusters import largest_error
 from uvms_drake.campaign import variation
 from uvms_drake.campaign.certified_surfaces import turns_freely
 from uvms_drake.campaign.model_uncertainty import AT_FULL_SIZE
@@ -30,7 +31,7 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
         scenario.mpc, scenario.limits, scenario.mission) else ""
     yield f"place: all is shifted by up to {variation.SHIFT_REACH:g} m along each axis {turned}"
     yield from scenario.contact.about_drawn(scenario)
-    if sizes := _sizes(scenario.unknowns):
+    if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
         yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
                f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")
     if scenario.disturbance.bound > 0.0:
@@ -42,7 +43,7 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
            f"or are dropped, each with a probability that is uniform from {low:g} to {high:g}")
 
 
-def _sizes(unknowns: Unknowns) -> list[str]:
+def _sizes(unknowns: Unknowns, of_thrusters: float) -> list[str]:
     """Returns the sizes of the declared unknowns, with their names."""
     error, current = unknowns.error, unknowns.current
     sizes = [f"{name.replace('_', ' ')} {abs(getattr(error, name) - 1.0):.3g}" for name in FACTORS
@@ -58,6 +59,8 @@ def _sizes(unknowns: Unknowns) -> list[str]:
                      f"{abs(current[2]):.3g} m/s up or down")
     if unknowns.waves:
         sizes.append(f"waves {largest_speed(unknowns.waves):.3g} m/s of any heading and phase")
+    if of_thrusters > 0.0:
+        sizes.append(f"force of each thruster off by {of_thrusters:.3g} of it")
     return sizes
 
 
@@ -83,5 +86,6 @@ def declared_ranges(scenario: Scenario) -> Iterator[DrawnRange]:
             ("payload.displaced", error.payload.displaced, "kg"),
             ("joint_friction", error.joint_friction.largest, "N m")):
         yield DrawnRange(f"model_error.{name}", 0.0, most, unit)
+    yield DrawnRange("thrusters.error", 0.0, largest_error(scenario.actuation), "")
     for drawn in scenario.contact.drawn_ranges(scenario):
         yield DrawnRange(*drawn)

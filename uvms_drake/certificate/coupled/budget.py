@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.actuation.sampled_command import SampledCommand
-from uvms_drake.actuation.thrusters import Thrusters
+from uvms_drake.actuation.thrusters import Thrusters, largest_error, with_errors
 from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.tip_first import BlockGains, TipFirst
@@ -60,7 +60,10 @@ FARTHEST, HALVINGS = 4.0, 4
 SAME = 1e-6
 """Part of a period by which a delay may be shorter."""
 FRICTION, START = "friction as any force", "start"
+THRUST = "thrusters off by other signs"
 """Names of the sources that are neither a sensor's nor the plan's."""
+SIGNS = 4
+"""Number of patterns of signs of the thrusters' errors at which the sums are computed."""
 
 
 def has_coupled_budget(law: AncillaryLaw, walls: Sequence[Wall], path: CommandPath) -> bool:
@@ -90,7 +93,8 @@ def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget | N
     lower, upper = joint_limits(limits, model.q_lower, model.q_upper)
     at_drawn = [_loops(parts, walls, np.concatenate(
         [np.zeros(5), config[5:6], rng.uniform(lower, upper)])) for _ in range(STABLE_AT)]
-    decay = min(loop.system.decay[0] for each in (loops, *at_drawn) for loop in each)
+    signed = [_loops(other, walls, config) for other in _other_thrusters(parts, rng)]
+    decay = min(loop.system.decay[0] for each in (loops, *at_drawn, *signed) for loop in each)
 
     # The sources of each stage: sensors and friction, the plan, the start.
     rows = loops[0].rows
@@ -102,6 +106,8 @@ def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget | N
             others = (*_planned(scenario.certificate.plans, name), Source(
                 START, start_rows(loops[of_stage], starts, scenario.mpc.hover), np.zeros(len(rows)),
                 random=False))
+            if signed:
+                others += (_other_signs(loops[of_stage], [each[of_stage] for each in signed], q),)
             sensed = sources_of([(loop.system, [*loop.channels, _friction(friction, loop)])
                                  for loop in loops[of_stage]], q, (FRICTION,))
             sensed_there = [sources_of([(loop.system, loop.channels) for loop in each[of_stage]],
@@ -127,11 +133,43 @@ def _planned(plans: PlanClass | None, stage: str) -> tuple[Source, ...]:
     return (Source(PLANNED, rows, np.zeros(len(rows)), random=False),)
 
 
+def _other_thrusters(parts: LoopParts, rng: np.random.Generator) -> list[LoopParts]:
+    """Returns the loop with other signs of the thrusters' errors: all turned, and drawn ones.
+
+    It is empty without errors, and then draws nothing.
+    """
+    if largest_error(parts.actuation) == 0.0:
+        return []
+
+    def drawn(count: int) -> np.ndarray:
+        return rng.choice([-1.0, 1.0], count)
+
+    return [replace(parts, actuation=with_errors(parts.actuation, parts.model, shares))
+            for shares in (lambda count: -np.ones(count), *[drawn] * (SIGNS - 1))]
+
+
+def _other_signs(loops: Sequence[CoupledLoop], signed: Sequence[Sequence[CoupledLoop]], q: float
+                 ) -> Source:
+    """Returns the increase of the sensors' sums by chance by other signs of thrusters' errors.
+
+    Args:
+        loops: Loops of a stage, on each wall.
+        signed: The same with other signs.
+        q: q.
+    """
+    declared, *other = (
+        by_chance(sources_of([(loop.system, loop.channels) for loop in each], q, phases=1), q)
+        for each in (loops, *signed))
+    more = np.maximum(np.max(other, axis=0) - declared, 0.0)
+    return Source(THRUST, more, np.zeros_like(more), random=False)
+
+
 def _starts(scenario: Scenario, model: ContactModel, loop: CoupledLoop) -> dict[Block, np.ndarray]:
     """Returns the largest size of each component of the blocks that a run does not begin at zero.
 
     Those of the observers are of masses and currents of the declared sizes and either sign, a
-    current from four headings; axes that nothing drives are off their equilibrium.
+    current from four headings; thrusters' errors, whose effects add up, are of any signs; axes
+    that nothing drives are off their equilibrium.
     """
     error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
     free = scenario.contact.linear_walls(scenario.task.force)[0]
@@ -143,14 +181,31 @@ def _starts(scenario: Scenario, model: ContactModel, loop: CoupledLoop) -> dict[
             parts = loop_parts(replace(
                 scenario, current=np.array([turned.real, turned.imag, current[2]]),
                 model_error=replace(error, mass=1.0 + sign * (error.mass - 1.0))), model)
-            other = coupled_loop(parts, operating_point(parts, config, free), free)
-            for block, value in other.loop.starts.items():
-                found.setdefault(block, []).append(np.abs(value))
+            for block, value in _largest_starts(parts, config, free).items():
+                found.setdefault(block, []).append(value)
     out = {block: np.max(values, axis=0) for block, values in found.items()}
     plans, robot = scenario.certificate.plans, loop.robot
     off = np.zeros(robot.size)
     off[loop.undriven] = 0.0 if plans is None else plans.start
     return out | {robot: off}
+
+
+def _largest_starts(parts: LoopParts, config: np.ndarray, wall: Wall) -> dict[Block, np.ndarray]:
+    """Returns the largest size of each component of the blocks that do not begin at zero.
+
+    That is with errors of the thrusters of any signs: each adds its own part.
+    """
+    def starts(shares: np.ndarray) -> dict[Block, np.ndarray]:
+        other = replace(parts, actuation=with_errors(
+            parts.actuation, parts.model, lambda count: shares))
+        return coupled_loop(other, operating_point(other, config, wall), wall).loop.starts
+
+    each = np.eye(len(parts.command_path.thruster_error) * (largest_error(parts.actuation) > 0.0))
+    known = starts(np.zeros(len(each)))
+    wrong = [(starts(one), starts(-one)) for one in each]
+    return {block: np.abs(value) + sum(
+        np.maximum(*(np.abs(other[block] - value) for other in both)) for both in wrong)
+        for block, value in known.items()}
 
 
 def start_rows(loops: Iterable[CoupledLoop], starts: dict[Block, np.ndarray], begin: float

@@ -2,7 +2,8 @@
 
 The law's own command is differentiated by measured and nominal motion, force, wrench and estimate,
 so that any law whose command is analytic has its linear model here. At the point δ̂ is that of the
-outputs' disturbance δ = −(Gτ + c), which keeps the robot at rest.
+outputs' disturbance δ = −(Gτ + c), which keeps the robot at rest, with τ by the controller's model
+of the actuation.
 """
 
 from typing import NamedTuple
@@ -58,7 +59,7 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
     if observed is not None:
         _, c, G = prediction(
             model, observed, pair_of(model, at.state, at.state)._replace(contact=contact))
-        estimate = np.where(observed.rates > 0.0, -(G @ at.tau + c), 0.0)
+        estimate = np.where(observed.rates > 0.0, -(G @ at.modelled + c), 0.0)
 
     def command(x: np.ndarray) -> np.ndarray:
         """Returns τ by the measured and nominal state, ζ̄̇, 𝔉_s, τ_v and δ̂."""
@@ -73,7 +74,7 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
         return model.mass_matrix(now.kinematics.at(0)) @ found
 
     # The command by all that it depends on.
-    parts = at.state, at.state, at_rest, at.contact, at.tau[:6], estimate
+    parts = at.state, at.state, at_rest, at.contact, at.modelled[:6], estimate
     ends = np.cumsum([len(part) for part in parts])[:-1]
     by_each = complex_step_jacobian(command, np.concatenate(parts) + 0j)
     delta = loop.state("estimate", size)
@@ -90,7 +91,7 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
         state, force = np.split(x, [2 * size])
         rate, c, G = prediction(model, observed, pair_of(model, state, at.state)._replace(
             contact=None if measured.force is None else force))
-        return np.concatenate([rate, G @ at.tau + c])
+        return np.concatenate([rate, G @ at.modelled + c])
 
     by_motion = complex_step_jacobian(predicted, np.concatenate([at.state, at.contact]) + 0j)
     motion = by_motion @ stacked([measured.state, measured.force or none])

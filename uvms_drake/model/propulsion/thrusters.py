@@ -174,11 +174,15 @@ class ThrusterModel:
 
     def off_by(self, error: np.ndarray | float) -> "ThrusterModel":
         """Returns the thrusters with forces larger by relative errors (), (1,) or (m,)."""
-        shares = np.asarray(error, dtype=float)
-        if shares.size == 1:
-            shares = np.full(self.size, shares.item())
-        shares = vector("error", shares, self.size)
+        shares = self.each(error)
         require(bool(np.all(shares > -1.0)), "error", shares, "above -1")
         return replace(self, curves=tuple(
             replace(curve, force=(1.0 + share) * curve.force)
             for curve, share in zip(self.curves, shares, strict=True)))
+
+    def each(self, error: np.ndarray | float) -> np.ndarray:
+        """Returns relative errors (), (1,) or (m,) as those of each thruster (m,)."""
+        shares = np.asarray(error, dtype=float)
+        if shares.size == 1:
+            shares = np.full(self.size, shares.item())
+        return vector("error", shares, self.size)

@@ -34,6 +34,8 @@ class OperatingPoint:
     """𝔉 on the surface (6,) [N, N m]."""
     tau: np.ndarray
     """Generalised force that acts (6+n,) [N, N m]."""
+    modelled: np.ndarray
+    """The same by the controller's model of the actuation (6+n,) [N, N m]."""
 
 
 @dataclass(frozen=True)

@@ -167,6 +167,15 @@ class Sensor(Part):
 class Actuator(Part):
     """Part between the controller's command and the robot, of the list `actuation`."""
 
+    def modelled(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
+        """Returns the force by the controller's model while τ is exerted at rest; default: τ.
+
+        Args:
+            model: The controller's model.
+            tau: τ behind it (6+n,) [N, N m].
+        """
+        return tau
+
 
 class Fault(Component):
     """Fault in a run."""

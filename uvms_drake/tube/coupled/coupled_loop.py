@@ -38,6 +38,7 @@ from uvms_drake.model.signals.linear import (
 from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
     VEHICLE_WRENCH,
+    Actuator,
     Part,
 )
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
@@ -91,7 +92,7 @@ class LoopParts:
     """The simulated robot's."""
     law: AncillaryLaw
     sensing: Sequence[Part] = ()
-    actuation: Sequence[Part] = ()
+    actuation: Sequence[Actuator] = ()
     filtered: Callable[[LinearLoop, Signal], Signal] | None = None
     """Adds the filter between the force's sensor and the law; None if there is none."""
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -175,7 +176,11 @@ def operating_point(parts: LoopParts, config: np.ndarray, wall: Wall) -> Operati
     for _ in range(NEWTON if undriven.size else 0):
         gradient = complex_step_jacobian(tau, config + 0j)[np.ix_(undriven, undriven)]
         config[undriven] -= np.linalg.solve(gradient, tau(config)[undriven])
-    return OperatingPoint(parts.model, np.append(config, np.zeros(size)), wall.wrench, tau(config))
+    exerted = known = tau(config)
+    for part in reversed(parts.actuation):
+        known = part.modelled(parts.model, known)
+    return OperatingPoint(
+        parts.model, np.append(config, np.zeros(size)), wall.wrench, exerted, known)
 
 
 def coupled_loop(parts: LoopParts, at: OperatingPoint, wall: Wall, *, planned: bool = False
