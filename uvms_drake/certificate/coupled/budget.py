@@ -15,7 +15,7 @@ from uvms_drake.control.limits import Limits, TubeRadii, joint_limits, resolved_
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.linear import Block, ErrorChannel
-from uvms_drake.model.signals.sensor_actuator import Part
+from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.bounds import depth_left, pressing_force, sensed_contact
@@ -314,7 +314,7 @@ def _age_of_joints(parts: LoopParts) -> float:
                for part in parts.sensing if isinstance(part, Navigation))
 
 
-def _later(part: Part, by: float, parts: LoopParts) -> Part:
+def _later(part: Actuator, by: float, parts: LoopParts) -> Actuator:
     """Returns a clock, or thrusters, with a longer delay, in whole periods of thrusters."""
     if isinstance(part, Thrusters):
         now = part.known(parts.model).dead_time
