@@ -249,7 +249,8 @@ PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
     "benchmark": benchmark, "probability": probability,
     "each_unknown": each_unknown}
-IMPORT, PRINTED = "robot_import", ("holds", "unknowns", "adversaries", "solvers")
+IMPORT = "robot_import"
+PRINTED = "holds", "unknowns", "adversaries", "solvers", "bluerov2_real_loop"
 """Pages with a script of their own; those of the second kind print it."""
 SPEED = "speed"
 """Page beside an older checkout, which `--old` names; without it that page stays as it is."""
