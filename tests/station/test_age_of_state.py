@@ -1,0 +1,38 @@
+"""The law of a worst-case certificate reads the present state, as its theory says; no older one."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.step_size import with_step
+
+TICK = 2.0**-8
+"""Period of the command of `girona500_sampled` [s]."""
+
+
+@pytest.mark.parametrize("name", ["girona500_tip_first", "girona500_sampled", "girona500_lag"])
+def test_the_law_reads_the_present_state_and_a_held_command_is_that_of_its_tick(name):
+    scenario = with_step(load_scenario(name))
+    station = make_station(scenario)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    root = simulator.get_context()
+
+    def value(system: str, port: str) -> np.ndarray:
+        """Returns the present value of a port of a subsystem."""
+        part = station.GetSubsystemByName(system)
+        return part.GetOutputPort(port).Eval(part.GetMyContextFromRoot(root)).copy()
+
+    controller = station.GetSubsystemByName("tube_mpc")
+    for tick in (35, 69):  # Just after a plan, and on the way.
+        simulator.AdvanceTo(tick * TICK)
+        read = controller.GetInputPort("state").Eval(controller.GetMyContextFromRoot(root))
+        assert np.any(read[len(read) // 2:]), "it moves"
+        assert np.array_equal(read, value("uvms", "state"))
+        due = value("tube_mpc", "tau")
+        simulator.AdvanceTo((tick + 0.5) * TICK)
+        assert np.max(np.abs(value("tube_mpc", "tau") - due)) > 0.01, "half a period is told apart"
+        if name == "girona500_sampled":
+            assert np.array_equal(value("actuation[0].sampled_command", "hold"), due)
