@@ -26,7 +26,7 @@ from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 FOLDER = Path(__file__).parent
 RUNS = 20
 """Runs of a campaign."""
-REAL, DRAWN = "girona500_real_loop", 60
+REAL, DRAWN = "girona500_real_loop", 300
 """Scenario and number of runs of a certificate in probability."""
 EACH = 5
 """Number of runs with each unknown; with joint friction, which is stiff, one takes ten times as
