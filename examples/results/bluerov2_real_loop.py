@@ -70,7 +70,8 @@ other columns are sums by chance, but for {chance:g} in a run, over what the lim
 the sensors at the task and the start of a run, the larger of open water and walls. **No plan is in
 them**: what is left to 1 is the plan's. Depth leaves what the class of walls does; joints are the
 norm over the distance to the nearest end. A change that is unstable at a posture has no sums. The
-start has the declared mass and current alone, from one side.
+start has the declared mass and current alone, from one side; sums are at one phase of the period.
+Margins of the gains are not computed.
 
 {rows}
 """
@@ -179,7 +180,7 @@ def reading(found: dict[str, Found]) -> str:
 * **As it is** the loop is {unstable} at some posture or delay of the table. It forbids
   the certificate: friction of a tip that slips is cancelled too late.
 * **Settings that cost nothing**, a slower filter of the force across the normal, softer gains and
-  a longer hover, make it {stable}:
+  a longer hover, make it {stable}, with more delay at {fitting.later:.3f} 1/s:
   `{settings(FITTING)}`.
   The line that leaves least to a plan is then: {most}.
 * **Not shown** are runs with these settings. A certificate in probability needs, besides, a class
