@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.missions import SHORT
+from support.missions import SHORT, TIMES, mission_record
 
 from uvms_drake.campaign.campaign import make_campaign
+from uvms_drake.campaign.contact_metrics import mission_metrics
 from uvms_drake.campaign.model_uncertainty import as_declared, as_declared_thrusters
 from uvms_drake.campaign.probability.declared_distribution import (
     declared_distribution,
@@ -19,6 +20,7 @@ from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.command.campaign.runs import drawable
 from uvms_drake.common.errors import ScenarioError
+from uvms_drake.mission.law import RUNNING, SKIPPED, TIME_OUT
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 
@@ -125,6 +127,21 @@ def test_the_mission_of_every_run_is_a_part_of_the_distribution_and_of_the_claim
                              "slide, retreat")
     assert (found.failed, found.kinds["mission"]) == ((2,), 1)
     assert found.verdict.endswith(f"for the declared distribution of the mission {found.mission}")
+
+
+def test_it_is_told_how_a_mission_ended_and_which_attempts_failed():
+    assert mission_metrics(mission_record()) == {
+        "done": True, "outcome": "done", "over_s": pytest.approx(5.0), "failures": []}
+    time = mission_record().time
+    stopped = mission_metrics(mission_record(
+        outcome=np.where(time < 5.0, RUNNING, SKIPPED), failures=1.0 * (time >= 4.0),
+        reason=np.where(time < 4.0, 0, TIME_OUT)))
+    assert (stopped["done"], stopped["outcome"]) == (False, "skipped in part")
+    assert stopped["failures"] == ["Slide 2: time-out"]
+    unfinished = mission_metrics(mission_record(
+        outcome=0.0 * time + RUNNING, step=np.searchsorted(TIMES[1:-1], time + 1e-9)))
+    assert (unfinished["done"], unfinished["over_s"]) == (False, None)
+    assert unfinished["failures"] == ["Retreat 3: not over"]
 
 
 @pytest.mark.slow
