@@ -28,6 +28,8 @@ RUNS = 20
 """Runs of a campaign."""
 REAL, DRAWN = "girona500_real_loop", 300
 """Scenario and number of runs of a certificate in probability."""
+MISSION, MISSIONS = "jacket_inspection_real", 2
+"""Scenario and number of runs of a certificate in probability of a mission."""
 EACH, EACH_SEED = 5, 2
 """Number of runs with each unknown, and their seed: not that of the runs by which classes of plans
 were chosen. With joint friction, which is stiff, a run takes ten times as long."""
@@ -162,6 +164,27 @@ def probability() -> str:
         f"`uvms-drake {' '.join(command)}`", f"```\n{text}\n```"))
 
 
+def missions() -> str:
+    """Returns the page of a mission in probability; its runs are kept in out/missions."""
+    print("missions", file=sys.stderr)
+    command = ["certify", MISSION, "--runs", str(MISSIONS), "--seed", "1", "--workers", "1",
+               "--full", "--output", "out/missions"]
+    text = uvms_drake(*command).strip()
+    found = json.loads(Path("out/missions/runs/campaign.json").read_text("utf-8"))["results"]
+    ended = "\n".join(
+        f"| {run['index']} | {run['error'] or run['mission']['outcome']} | "
+        + (f"{run['mission']['over_s'] or 0.0:.1f} | {run['ratio_set']:.2f} |"
+           if run["error"] is None else "– | – |")
+        for run in found)
+    return "\n\n".join((
+        "# Certificate in probability of a mission with its slide",
+        "So few runs tell whether the mission is done at all: the bound is as wide as it says. "
+        "[Missions in probability](../../uvms_drake/mission#in-probability).",
+        f"`uvms-drake {' '.join(command)}`", f"```\n{text}\n```",
+        "| run | mission | over after [s] | part of the tube used |\n| --- | --- | --- | --- |\n"
+        + ended))
+
+
 def each_unknown() -> str:
     """Returns the page of each unknown alone; the runs are kept in out/each_unknown."""
     head = ["alone", "failed", "probability of a failure, at 95 %",
@@ -254,7 +277,7 @@ and force in a run as the chosen step is halved."""
 """Text above the table of speeds."""
 PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
-    "benchmark": benchmark, "probability": probability,
+    "benchmark": benchmark, "probability": probability, "missions": missions,
     "each_unknown": each_unknown}
 IMPORT = "robot_import"
 PRINTED = "holds", "unknowns", "adversaries", "solvers", "bluerov2_real_loop"
