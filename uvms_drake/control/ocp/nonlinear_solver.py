@@ -1,9 +1,9 @@
 """Solver of the FHOCP by a nonlinear solver of Drake's: the whole program at once.
 
 It is slow and independent of `scp`: all limits at once and nonlinear, no convex program, no working
-set, no line search of ours. Its first point is the guess, so the last plan is its warm start. A
-guess that is not sound, as the first one of a run, may be far from every optimum, of which there
-are several; then `first` may find the point to start from.
+set, no line search of ours. Its first point is the guess, so the last plan is its warm start, or
+the plan that `first` finds from there: a program has several optima, and from a guess that is not
+near one SNOPT takes minutes.
 """
 
 from collections.abc import Callable
@@ -19,6 +19,9 @@ from uvms_drake.control.plan.plan import P
 FEASIBILITY, OPTIMALITY = 1e-8, 1e-7
 """Violation of the constraints at which SNOPT and IPOPT stop, and of the conditions of optimality:
 IPOPT at ten times that, because it has no second derivatives."""
+ITERATIONS = 200
+"""Largest number of SNOPT's major iterations. Near some optima of an unknown wall it does not come to
+its tolerance, while the cost changes by less than 1e-6 of itself."""
 
 
 def tight_options() -> SolverOptions:
@@ -26,6 +29,7 @@ def tight_options() -> SolverOptions:
     options = SolverOptions()
     options.SetOption(SnoptSolver.id(), "Major feasibility tolerance", FEASIBILITY)
     options.SetOption(SnoptSolver.id(), "Major optimality tolerance", OPTIMALITY)
+    options.SetOption(SnoptSolver.id(), "Major iterations limit", ITERATIONS)
     options.SetOption(IpoptSolver.id(), "constr_viol_tol", FEASIBILITY)
     options.SetOption(IpoptSolver.id(), "tol", 10.0 * OPTIMALITY)
     return options
@@ -40,7 +44,7 @@ class NonlinearSolver(Solver[P]):
         options: The solver's own; `tight_options` if None.
         extend: Called with each program before it is solved, for costs and constraints of one's
             own. A plan that is continued need not keep these.
-        first: Finds a plan to start from where a guess is not sound; None: the guess.
+        first: Finds the plan to start from; None: the guess.
     """
 
     def __init__(self, ocp: Ocp[P], solver: SolverInterface,
@@ -67,7 +71,7 @@ class NonlinearSolver(Solver[P]):
             iterations: Of `first`; the program itself is solved to the end.
             tolerance: Not used: `options` have it.
         """
-        if self._first is not None and not self.ocp.is_sound(self.ocp.evaluate(guess)):
+        if self._first is not None:
             guess = self._first.solve(guess, iterations).plan or guess
         program = OcpProgram(self.ocp, guess)
         if self._extend is not None:
