@@ -20,8 +20,8 @@ FEASIBILITY, OPTIMALITY = 1e-8, 1e-7
 """Violation of the constraints at which SNOPT and IPOPT stop, and of the conditions of optimality:
 IPOPT at ten times that, because it has no second derivatives."""
 ITERATIONS = 200
-"""Largest number of SNOPT's major iterations. Near some optima of an unknown wall it does not come to
-its tolerance, while the cost changes by less than 1e-6 of itself."""
+"""Largest number of SNOPT's major iterations. Near some optima of an unknown wall it does not come
+to its tolerance, while the cost changes by less than 1e-6 of itself."""
 
 
 def tight_options() -> SolverOptions:
