@@ -63,8 +63,9 @@ class NonlinearSolver(Solver[P]):
     def solve(self, guess: P, iterations: int = 1, tolerance: float = OPTIMALITY) -> Solution[P]:
         """Returns the solution of the program that starts at the guess's first knot.
 
-        The guess in its place if that is better, and the last point of a solver that stops early if
-        it is sound and better; neither if the program has more than the problem.
+        The guess, or the plan that `first` found from it, in its place if that is better; of a
+        solver that stops early the last point if it is sound and better, else that plan of `first`.
+        Neither if the program has more than the problem.
 
         Args:
             guess: Plan to start from.
@@ -85,7 +86,8 @@ class NonlinearSolver(Solver[P]):
         converged, before = bool(result.is_success()), self.ocp.evaluate(guess)
         better = self._extend is None and self.ocp.improves(value, before)
         if not converged and not (better and self.ocp.is_sound(value)):
-            return Solution(None, None, 1, converged=False)
+            kept = self._first is not None and self._extend is None and self.ocp.is_sound(before)
+            return Solution(*((guess, before) if kept else (None, None)), 1, converged=False)
         if not better and self._extend is None:
             return Solution(guess, before, 1, converged)
         return Solution(plan, value, 1, converged)
