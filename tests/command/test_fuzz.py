@@ -228,7 +228,7 @@ def test_any_command_line_is_refused_in_one_line_or_goes_on(
                  "uvms_drake.papers.nikou2018.errata.all_errata",
                  "uvms_drake.station.simulation.simulate", "uvms_drake.studies.bench.bench.measure",
                  "uvms_drake.command.campaign.campaign.certified_once",
-                 "uvms_drake.command.campaign.runs.local_pool"):
+                 "uvms_drake.campaign.pool.local_pool"):
         monkeypatch.setattr(what, begin)
     failures = []
     for number in range(FIRST, FIRST + CASES // 3):
