@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.solvers import SnoptSolver
+from pydrake.solvers import SnoptSolver, SolverOptions
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
@@ -77,6 +77,19 @@ def test_a_nonlinear_solver_starts_from_the_plan_of_another(short_ocp):
     assert asked == [7]
     assert solver.solve(short_ocp.continued(plan), 1).converged
     assert asked == [7, 1]
+
+
+def test_a_solver_that_does_not_better_the_first_plan_keeps_it(short_ocp):
+    """A solver without iterations has no success; alone, it has no plan either."""
+    config = short_ocp.model.configuration(short_ocp.y_des - 0.05 * np.eye(10)[0])
+    guess = short_ocp.resting_plan(0.0, np.concatenate([config, np.zeros(10)]))
+    options = SolverOptions()
+    options.SetOption(SnoptSolver.id(), "Major iterations limit", 0)
+    first = SequentialConvexSolver(short_ocp)
+    kept = NonlinearSolver(short_ocp, SnoptSolver(), options, first=first).solve(guess, 1)
+    assert not kept.converged
+    assert kept.evaluation.cost == first.solve(guess, 1).evaluation.cost
+    assert NonlinearSolver(short_ocp, SnoptSolver(), options).solve(guess).plan is None
 
 
 @pytest.mark.parametrize(("name", "reason"), [

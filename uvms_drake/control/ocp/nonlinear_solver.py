@@ -86,8 +86,9 @@ class NonlinearSolver(Solver[P]):
         converged, before = bool(result.is_success()), self.ocp.evaluate(guess)
         better = self._extend is None and self.ocp.improves(value, before)
         if not converged and not (better and self.ocp.is_sound(value)):
-            kept = self._first is not None and self._extend is None and self.ocp.is_sound(before)
-            return Solution(*((guess, before) if kept else (None, None)), 1, converged=False)
+            if self._first is not None and self._extend is None and self.ocp.is_sound(before):
+                return Solution(guess, before, 1, converged=False)
+            return Solution(None, None, 1, converged=False)
         if not better and self._extend is None:
             return Solution(guess, before, 1, converged)
         return Solution(plan, value, 1, converged)
