@@ -11,17 +11,20 @@ import argparse
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partialmethod
 
 import numpy as np
 from make_all import provenance
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 import uvms_drake as uv
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
 
 DURATIONS = {"girona500_ideal": 6.0, "girona500_contact": 9.0}
 """Scenarios and simulated time [s]: beyond touch and settling, as SNOPT takes seconds a step."""
-TO_THE_END = 30
-"""Iterations after which the structured solver has converged."""
+TO_THE_END, TOLERANCE = 30, 1e-9
+"""Iterations within which the structured solver converges to a tolerance, which is tighter than its
+own: with that of 1e-6 the force is off by 0.13 %."""
 SOLVERS = {1: ("structured", "clarabel"), TO_THE_END: ("structured", "snopt")}
 """Values of `mpc.solver` by `mpc.iterations`; a second is compared with the first beside it."""
 HEAD = ("scenario", "`mpc.iterations`", "`mpc.solver`", "samples", "without a new plan",
@@ -49,7 +52,10 @@ def rows_of(name: str, duration: float) -> Iterator[tuple[str, ...]]:
     if not certificate.certified:
         raise SystemExit(f"{name}: {certificate.failed}")
     scenario, desired = certificate.applied_to(scenario), np.linalg.norm(scenario.task.force)
+    usual = SequentialConvexSolver.solve
     for iterations, solvers in SOLVERS.items():
+        if iterations == TO_THE_END:
+            SequentialConvexSolver.solve = partialmethod(usual, tolerance=TOLERANCE)
         first: dict[str, np.ndarray] = {}
         for solver in solvers:
             logs = run(scenario, solver, iterations)
@@ -62,6 +68,7 @@ def rows_of(name: str, duration: float) -> Iterator[tuple[str, ...]]:
                    f"{np.linalg.norm(logs['force'][-1, :3]):.3f}", f"{apart:.1e}",
                    f"{apart / desired:.1e}", f"{np.median(steps):.1f}", f"{np.max(steps):.1f}",
                    f"{np.median(steps) / np.median(before):.1f}")
+    SequentialConvexSolver.solve = usual
 
 
 def main() -> None:
