@@ -31,18 +31,17 @@ def test_the_linear_loop_has_the_errors_of_a_run():
 
 
 @pytest.mark.long
+@pytest.mark.xfail(strict=True, reason="with the present gains the depth is off by 0.44 of its "
+                   "largest error: the bound is that of the former ones")
 def test_the_linear_loop_has_the_errors_of_a_press():
-    """From the touch on, too; the run begins turned by a part of a radian and far from the task.
-
-    The depth is off by 0.44 of its largest error.
-    """
+    """From the touch on, too; the run begins turned by a part of a radian and far from the task."""
     record = simulate(load_scenario("girona500_real_loop", [
         "duration=17.5", "surface.geometry.point=[-0.2, 0.0, 0.0]",
         "start.eta=[-1.40, -0.03, -0.12, 0.03, 0.04, -0.05]"]))
     run, touched = linear_run(record), record.penetration > 0.0
     assert np.count_nonzero(touched) > 100
     apart, of_record = (run.of_record - run.values)[touched], run.of_record[touched]
-    for name, share in {"depth": 0.5, "tip y": 0.2, "tip z": 0.4, "q2": 0.6, "q3": 0.6}.items():
+    for name, share in {"depth": 0.4, "tip y": 0.2, "tip z": 0.4, "q2": 0.6, "q3": 0.6}.items():
         i = run.rows.index(name)
         assert np.max(np.abs(apart[:, i])) < share * np.max(np.abs(of_record[:, i])), name
 

@@ -156,14 +156,13 @@ def test_a_step_of_a_force_moves_the_diagram_as_the_linear_loop(loop, entry, com
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("component", "size", "most"), [
-    (0, 0.02, 0.03), *(long(*each) for each in (
-        (1, 0.02, 0.03), (5, 0.02, 0.03), (6, 0.05, 0.04), (8, 0.05, 0.03)))])
-def test_a_plan_that_accelerates_moves_the_diagram_as_the_linear_loop(loop, component, size, most):
-    """It goes there and back from the sixth knot on, so that the wall is pressed on.
-
-    By the plan of the first joint the joints are off by 3.7 % at any small size.
-    """
+@pytest.mark.parametrize(("component", "size"), [
+    (0, 0.02), *(long(*each) for each in ((1, 0.02), (5, 0.02), (8, 0.05))),
+    pytest.param(6, 0.05, marks=[pytest.mark.long, pytest.mark.xfail(
+        strict=True, reason="second and third joint are off by 3.5 % of the first, with the "
+        "current alone, at any size: the cause is open")])])
+def test_a_plan_that_accelerates_moves_the_diagram_as_the_linear_loop(loop, component, size):
+    """It goes there and back from the sixth knot on, so that the wall is pressed on."""
     n = loop.model.size
     knots = np.zeros((20, n))
     knots[5:9, component] = size * np.array([1.0, -1.0, -1.0, 1.0])
@@ -173,7 +172,7 @@ def test_a_plan_that_accelerates_moves_the_diagram_as_the_linear_loop(loop, comp
     _, moved = loop.diagram(plan=plan)
     found = loop.of_state(moved - loop.settled()[1])
     expected = loop.linear(PLAN, lambda time: knots[round((time + preview) / step)], planned=True)
-    assert max(deviation(found, expected).values()) < most
+    assert max(deviation(found, expected).values()) < 0.03
 
 
 def broken(loop, monkeypatch, stepped, fault):
