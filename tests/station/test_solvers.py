@@ -77,6 +77,13 @@ def test_a_nonlinear_solver_starts_from_the_plan_of_another(short_ocp):
     assert asked == [7]
     assert solver.solve(short_ocp.continued(plan), 1).converged
     assert asked == [7, 1]
+    # With constraints of one's own only a guess that is not sound is left for it.
+    own = NonlinearSolver(short_ocp, SnoptSolver(), extend=lambda program: None,
+                          first=First(short_ocp))
+    assert not short_ocp.is_sound(short_ocp.evaluate(guess))
+    plan = own.solve(guess, 7).plan
+    assert own.solve(short_ocp.continued(plan), 1).converged
+    assert asked == [7, 1, 7]
 
 
 def test_a_solver_that_does_not_better_the_first_plan_keeps_it(short_ocp):

@@ -44,7 +44,8 @@ class NonlinearSolver(Solver[P]):
         options: The solver's own; `tight_options` if None.
         extend: Called with each program before it is solved, for costs and constraints of one's
             own. A plan that is continued need not keep these.
-        first: Finds the plan to start from; None: the guess.
+        first: Finds the plan to start from, with `extend` only where the guess is not sound: the
+            last plan keeps the further constraints. None: the guess.
     """
 
     def __init__(self, ocp: Ocp[P], solver: SolverInterface,
@@ -72,7 +73,8 @@ class NonlinearSolver(Solver[P]):
             iterations: Of `first`; the program itself is solved to the end.
             tolerance: Not used: `options` have it.
         """
-        if self._first is not None:
+        if self._first is not None and (
+                self._extend is None or not self.ocp.is_sound(self.ocp.evaluate(guess))):
             guess = self._first.solve(guess, iterations).plan or guess
         program = OcpProgram(self.ocp, guess)
         if self._extend is not None:

@@ -22,7 +22,12 @@ from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.command_path import command_path_of
-from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
+from uvms_drake.station.contact.bounds import (
+    largest_force,
+    pressing_force,
+    sensed_contact,
+    sensing_of,
+)
 from uvms_drake.station.contact.drawn_mission import (
     ends_of,
     in_words,
@@ -110,8 +115,8 @@ def drawn_forces(scenario: "Scenario") -> tuple[float, float]:
     With a mission both are the task's, of the first plan.
     """
     if scenario.mission.steps:
-        own = sensed_contact(scenario).direction @ np.asarray(scenario.task.force, dtype=float)[:3]
-        return float(own), float(own)
+        own = pressing_force(scenario)
+        return own, own
     low, high = np.minimum(FORCES, largest_force(scenario))
     return float(low), float(high)
 
