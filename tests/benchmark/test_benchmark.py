@@ -2,6 +2,8 @@
 
 import json
 from concurrent.futures import Future
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from uvms_drake.campaign.pool import Pool
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 
+RESULTS = Path(__file__).parents[2] / "examples" / "results"
 OWN = '''
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -182,6 +185,17 @@ def test_a_recorded_benchmark_has_the_same_tables(tmp_path, capsys):
     assert "| tube_mpc" not in capsys.readouterr().out
     again = read_runs(tmp_path / "out" / "benchmark.csv")
     assert [run["controller"] for run in again] == ["impedance"] * 3
+
+
+def test_the_published_page_has_the_tables_and_the_counts_of_its_runs(monkeypatch):
+    monkeypatch.syspath_prepend(RESULTS)
+    import make_all
+    runs = read_runs(RESULTS / "benchmark.csv")
+    page = (RESULTS / "benchmark.md").read_text(encoding="utf-8")
+    assert format_benchmark(summarise(runs)) in page
+    assert make_all.reading(runs) in page
+    assert {(run["controller"], run["case"], run["index"]) for run in runs} == set(
+        product(make_all.COMPARED, make_all.TRIED, range(make_all.DRAWS)))
 
 
 def test_a_file_that_records_no_benchmark_is_refused(tmp_path, capsys):
