@@ -21,13 +21,14 @@ from uvms_drake.certificate.coupled.budget import (
     STABLE_AT,
     STAGES,
     START,
+    drawn_postures,
+    later_part,
     limits_left,
     start_rows,
 )
 from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
-from uvms_drake.control.limits import joint_limits
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Part
+from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.station.contact.bounds import depth_left
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
@@ -117,22 +118,15 @@ def slowest(loops: Sequence[CoupledLoop]) -> float:
 
 def postures(scenario: Scenario, model: ContactModel, config: np.ndarray) -> list[np.ndarray]:
     """Returns the drawn postures of the certificate's coupled budget."""
-    rng = np.random.default_rng(scenario.certificate.seed)
-    lower, upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
-    return [np.concatenate([np.zeros(5), config[5:6], rng.uniform(lower, upper)])
-            for _ in range(STABLE_AT)]
+    return drawn_postures(scenario.limits, model, config,
+                          np.random.default_rng(scenario.certificate.seed))
 
 
-def delayed(parts: LoopParts) -> list[Part]:
+def delayed(parts: LoopParts) -> list[Actuator]:
     """Returns the actuation with `MARGIN` times the mean delay of the thrusters."""
     mean, _ = parts.command_path.mean_delays
-    out: list[Part] = []
-    for part in parts.actuation:
-        if isinstance(part, Thrusters):
-            later = part.known(parts.model).dead_time + (MARGIN - 1.0) * mean
-            part = replace(part, dead_time=part.period * np.ceil(later / part.period))
-        out.append(part)
-    return out
+    return [later_part(part, (MARGIN - 1.0) * mean, parts) if isinstance(part, Thrusters) else part
+            for part in parts.actuation]
 
 
 def sums(scenario: Scenario, model: ContactModel, loops: Sequence[CoupledLoop]

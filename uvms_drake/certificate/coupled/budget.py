@@ -90,9 +90,7 @@ def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget | N
     config = press_configuration(scenario.task, model)
     loops = _loops(parts, walls, config)
     rng = np.random.default_rng(scenario.certificate.seed)
-    lower, upper = joint_limits(limits, model.q_lower, model.q_upper)
-    at_drawn = [_loops(parts, walls, np.concatenate(
-        [np.zeros(5), config[5:6], rng.uniform(lower, upper)])) for _ in range(STABLE_AT)]
+    at_drawn = [_loops(parts, walls, each) for each in drawn_postures(limits, model, config, rng)]
     signed = [_loops(other, walls, config) for other in _other_thrusters(parts, rng)]
     decay = min(loop.system.decay[0] for each in (loops, *at_drawn, *signed) for loop in each)
 
@@ -119,6 +117,14 @@ def coupled_budget(scenario: Scenario, model: ContactModel) -> CoupledBudget | N
         limits_left(limits, depth_left(scenario), scenario.task.posture, model),
         _declared(scenario.tube, loops[0].own), tuple(stability(parts, sticking, config)),
         float(decay), loops[0].own)
+
+
+def drawn_postures(limits: Limits, model: ContactModel, config: np.ndarray,
+                   rng: np.random.Generator) -> list[np.ndarray]:
+    """Returns configurations (6+n,) with the yaw of one, and joints uniform within their limits."""
+    lower, upper = joint_limits(limits, model.q_lower, model.q_upper)
+    return [np.concatenate([np.zeros(5), config[5:6], rng.uniform(lower, upper)])
+            for _ in range(STABLE_AT)]
 
 
 def _loops(parts: LoopParts, walls: Iterable[Wall], config: np.ndarray) -> list[CoupledLoop]:
@@ -301,7 +307,7 @@ def stability(parts: LoopParts, walls: Sequence[Wall], config: np.ndarray) -> li
                           (Thrusters, of_vehicle)):
         def later(by: float, delayed: type = delayed, mean: float = mean) -> LoopParts:
             return replace(parts, actuation=[
-                _later(part, (by - 1.0) * mean, parts) if isinstance(part, delayed) else part
+                later_part(part, (by - 1.0) * mean, parts) if isinstance(part, delayed) else part
                 for part in parts.actuation])
 
         out.append(Stability(f"delay of {delayed.__name__}", "delay", margin(later)))
@@ -314,7 +320,7 @@ def _age_of_joints(parts: LoopParts) -> float:
                for part in parts.sensing if isinstance(part, Navigation))
 
 
-def _later(part: Actuator, by: float, parts: LoopParts) -> Actuator:
+def later_part(part: Actuator, by: float, parts: LoopParts) -> Actuator:
     """Returns a clock, or thrusters, with a longer delay, in whole periods of thrusters."""
     if isinstance(part, Thrusters):
         now = part.known(parts.model).dead_time
