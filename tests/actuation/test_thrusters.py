@@ -149,6 +149,18 @@ def test_a_command_of_the_modelled_force_exerts_the_force_that_is_asked_for(mode
     np.testing.assert_array_equal(Thrusters().modelled(model, asked), asked)
 
 
+def test_the_axes_that_nothing_drives_get_what_comes_with_the_others(model):
+    """The lateral thruster is off the origin, so that a sway rolls the vehicle."""
+    part = Thrusters()
+    wanted = part.exerted(model, np.append([0.0, 8.0, 0.0, 0.3, 0.0, 0.0], TAU[6:]))
+    bench = Bench(model, part, wanted)
+    simulator = bench.simulator()
+    simulator.AdvanceTo(3.0)
+    np.testing.assert_allclose(bench.at(simulator.get_context(), "exerted"), wanted, atol=1e-6)
+    np.testing.assert_allclose(wanted[:6], [0.0, 8.0, 0.0, 8.0 * 0.021, 0.0, 0.0], atol=1e-3)
+    np.testing.assert_array_equal(wanted[6:], TAU[6:])
+
+
 def test_the_linear_forces_are_off_by_the_errors_with_and_without_a_force_at_the_point(model):
     part = Thrusters(error=ERRORS)
     for tau in (TAU, np.zeros(10)):

@@ -7,6 +7,8 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
+from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
+from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.wiring import output_of
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
@@ -16,9 +18,11 @@ from uvms_drake.control.feedback.feedforward_preview import (
     previewed_forces,
 )
 from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH, Signals
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion
+from uvms_drake.sensing.force_sensor import WristSensor
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.parts import keyed
 from uvms_drake.station.series_connection import add_chain
@@ -61,6 +65,24 @@ class Push(LeafSystem):
                   {state.ticket(), tau.ticket(), self.time_ticket()})
         output_of(self, "whole_force", 6, lambda c: of_surface.Eval(c) + np.append(
             force(c.get_time()), np.zeros(3)), {of_surface.ticket(), self.time_ticket()})
+
+
+def _settle(diagram, root, actuation, at):
+    """Lets thrusters and force sensor begin at the point, so that nothing swings."""
+    for part in actuation:
+        if isinstance(part, Thrusters):
+            forces = Allocation.to(part.known(at.model)).forces(at.modelled[:6])
+    first = Simulator(diagram)
+    first.AdvanceTo(1e-3)
+    for system in diagram.GetSystems():
+        context = system.GetMyMutableContextFromRoot(root)
+        if isinstance(system, ThrusterDynamics):
+            context.SetContinuousState(forces)
+            context.SetDiscreteState(0, [1.0])
+            samples = context.get_discrete_state(1).size() // len(forces)
+            context.SetDiscreteState(1, np.tile(forces, samples))
+        elif isinstance(system, WristSensor):
+            context.SetStateAndParametersFrom(system.GetMyContextFromRoot(first.get_context()))
 
 
 def run(scenario, parts, at, wall, surface, *, duration: float, plan: DynamicPlan | None = None,
@@ -134,6 +156,7 @@ def run(scenario, parts, at, wall, surface, *, duration: float, plan: DynamicPla
     if estimate is not None:
         observer.GetMyMutableContextFromRoot(
             simulator.get_mutable_context()).SetDiscreteState(0, estimate)
+    _settle(diagram, simulator.get_mutable_context(), scenario.actuation, at)
     simulator.Initialize()
     simulator.AdvanceTo(duration)
     context = simulator.get_context()

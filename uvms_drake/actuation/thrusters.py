@@ -185,6 +185,13 @@ class Thrusters(Actuator):
         out[:6] += self.known(model).B @ (forces / slope - forces)
         return out
 
+    def exerted(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
+        """Returns τ with the thrusters' force on the axes that they do not drive; see `Actuator`."""
+        known = self.known(model)
+        out = np.array(tau)
+        out[:6][known.undriven] = (known.B @ Allocation.to(known).forces(tau[:6]))[known.undriven]
+        return out
+
     def _at_rest(self, model: UvmsModel, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns forces that exert τ (6+n,), and of the real ones the secants over them (m,)."""
         known = self.known(model)

@@ -9,6 +9,7 @@ is a search for a counterexample that finds none, not a proof.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram, SnoptSolver
@@ -239,15 +240,29 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
     if not best.holds:
         return 0.0, best
     while upper - lower > tolerance * upper:
-        check = check_radius(loop, radius, states)
+        # Samples alone decide first: a counterexample in a set is one in every larger set.
+        passed = None
+        while upper - lower > tolerance * upper:
+            sampled = _Sampled.at(loop, radius, states)
+            if sampled.check.holds:
+                lower, passed = radius, sampled
+            else:
+                upper, states = radius, _with_failures(sampled.check, states)
+            radius = 0.5 * (lower + upper)
+        if passed is None:
+            break
+        check = passed.refined(loop)
         if check.holds:
-            lower, best = radius, check
-        else:
-            upper = radius
-            failed = [check.worst[name] / radius for name in check.failures if name in check.worst]
-            states = np.concatenate([states, np.reshape(failed, (-1, len(loop.P)))])
-        radius = 0.5 * (lower + upper)
+            return lower, check
+        upper, lower = lower, best.radius
+        radius, states = 0.5 * (lower + upper), _with_failures(check, states)
     return lower, best
+
+
+def _with_failures(check: TerminalCheck, states: np.ndarray) -> np.ndarray:
+    """Returns states (m, size), and the directions in which a check fails."""
+    failed = [check.worst[name] / check.radius for name in check.failures if name in check.worst]
+    return np.concatenate([states, np.reshape(failed, (-1, states.shape[1]))])
 
 
 def unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
@@ -261,24 +276,42 @@ def unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
 
 def check_radius(loop: TerminalLoop, radius: float, states: np.ndarray) -> TerminalCheck:
     """Returns the check of ε = `radius` from states (m, 2(6+n)) with ‖ξ‖_P ≤ 1."""
-    xi = radius * states
-    found = loop.margins(xi)
-    rank = np.argsort(found, axis=0)
-    worst = {name: xi[rank[0, j]] for j, name in enumerate(loop.names)}
-    margins = {name: float(found[rank[0, j], j]) for j, name in enumerate(loop.names)}
-    margins[AT_REST] = loop.margin_at_rest()
-    for name, (free, reach, size) in loop.closed_form_limits().items():
-        margins[name] = float((free - radius * reach) / size)
-    refinements = 0
-    if all(margin >= 0.0 for margin in margins.values()):  # Else it is decided already.
-        for j, name in enumerate(loop.names):
-            starts = STARTS if name == DECREASE else int(margins[name] <= NEAR)
-            for start in xi[rank[:starts, j]]:
-                refinements += 1
-                state, margin = _refine(loop, radius, j, start)
-                if margin < margins[name]:
-                    worst[name], margins[name] = state, margin
-    return TerminalCheck(radius, margins, worst, len(states), refinements)
+    return _Sampled.at(loop, radius, states).refined(loop)
+
+
+class _Sampled(NamedTuple):
+    """Check of a terminal set at samples, and those at which each condition is worst."""
+
+    check: TerminalCheck
+    starts: dict[str, np.ndarray]
+
+    @staticmethod
+    def at(loop: TerminalLoop, radius: float, states: np.ndarray) -> "_Sampled":
+        """Returns the check of ε = `radius` at states (m, 2(6+n)) with ‖ξ‖_P ≤ 1."""
+        xi = radius * states
+        found = loop.margins(xi)
+        rank = np.argsort(found, axis=0)
+        starts = {name: xi[rank[:STARTS, j]] for j, name in enumerate(loop.names)}
+        margins = {name: float(found[rank[0, j], j]) for j, name in enumerate(loop.names)}
+        margins[AT_REST] = loop.margin_at_rest()
+        for name, (free, reach, size) in loop.closed_form_limits().items():
+            margins[name] = float((free - radius * reach) / size)
+        worst = {name: each[0] for name, each in starts.items()}
+        return _Sampled(TerminalCheck(radius, margins, worst, len(states), 0), starts)
+
+    def refined(self, loop: TerminalLoop) -> TerminalCheck:
+        """Returns the check with the local minima from the worst samples, unless it has failed."""
+        check, refinements = self.check, 0
+        worst, margins = dict(check.worst), dict(check.margins)
+        if check.holds:
+            for j, name in enumerate(loop.names):
+                count = STARTS if name == DECREASE else int(margins[name] <= NEAR)
+                for start in self.starts[name][:count]:
+                    refinements += 1
+                    state, margin = _refine(loop, check.radius, j, start)
+                    if margin < margins[name]:
+                        worst[name], margins[name] = state, margin
+        return TerminalCheck(check.radius, margins, worst, check.samples, refinements)
 
 
 def _refine(loop: TerminalLoop, radius: float, column: int, start: np.ndarray

@@ -62,19 +62,19 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
         estimate = np.where(observed.rates > 0.0, -(G @ at.modelled + c), 0.0)
 
     def command(x: np.ndarray) -> np.ndarray:
-        """Returns τ by the measured and nominal state, ζ̄̇, 𝔉_s, τ_v and δ̂."""
-        state, nominal, acceleration, force, wrench, delta = np.split(x, ends)
+        """Returns τ by the measured and nominal state, ζ̄̇, 𝔉_s, τ_v, δ̂ and preview."""
+        state, nominal, acceleration, force, wrench, delta, preview = np.split(x, ends)
         now = pair_of(model, state, nominal)._replace(
             contact=None if measured.force is None else force,
             wrench=None if measured.wrench is None else wrench,
-            estimate=None if observed is None else delta)
+            estimate=None if observed is None else delta, preview=preview)
         found = law.command(model, now, lambda: acceleration, lambda: at_rest)
         if isinstance(found, Command):
             return found.tau
         return model.mass_matrix(now.kinematics.at(0)) @ found
 
     # The command by all that it depends on.
-    parts = at.state, at.state, at_rest, at.contact, at.modelled[:6], estimate
+    parts = at.state, at.state, at_rest, at.contact, at.modelled[:6], estimate, at_rest
     ends = np.cumsum([len(part) for part in parts])[:-1]
     by_each = complex_step_jacobian(command, np.concatenate(parts) + 0j)
     delta = loop.state("estimate", size)
@@ -82,9 +82,9 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
     none = Signal(6, {})
     tau = by_each @ stacked([
         measured.state, plan.state, plan.acceleration, measured.force or none,
-        measured.wrench or none, delta])
+        measured.wrench or none, delta, plan.preview])
     if observed is None:
-        return tau + plan.preview
+        return tau
 
     def predicted(x: np.ndarray) -> np.ndarray:
         """Returns ẏ and Gτ + c at the τ of the point by state and force."""
@@ -97,4 +97,4 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
     motion = by_motion @ stacked([measured.state, measured.force or none])
     add_linear_observer(loop, model, observed, motion[size:], motion[:size], G,
                         measured.applied, delta)
-    return tau + plan.preview
+    return tau

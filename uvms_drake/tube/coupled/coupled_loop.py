@@ -162,7 +162,8 @@ class CoupledLoop:
 def operating_point(parts: LoopParts, config: np.ndarray, wall: Wall) -> OperatingPoint:
     """Returns the equilibrium at rest near 𝔮 (6+n,).
 
-    Axes that the law leaves undriven move to their own equilibrium.
+    Axes that the law leaves undriven move to their own equilibrium, under the force that the
+    actuators exert there along with that on the others.
     """
     config, size = np.array(config, dtype=float), parts.true.size
     undriven = _undriven(parts.law)
@@ -173,9 +174,16 @@ def operating_point(parts: LoopParts, config: np.ndarray, wall: Wall) -> Operati
         return parts.true.inverse_dynamics(
             parts.true.kinematics(config), still, np.zeros_like(still), wall.wrench)
 
+    def exerted(tau: np.ndarray) -> np.ndarray:
+        for part in reversed(parts.actuation):
+            tau = part.exerted(parts.model, tau)
+        return tau
+
     for _ in range(NEWTON if undriven.size else 0):
         gradient = complex_step_jacobian(tau, config + 0j)[np.ix_(undriven, undriven)]
-        config[undriven] -= np.linalg.solve(gradient, tau(config)[undriven])
+        needed = tau(config)
+        given = exerted(np.where(np.isin(np.arange(size), undriven), 0.0, needed))
+        config[undriven] -= np.linalg.solve(gradient, (needed - given)[undriven])
     exerted = known = tau(config)
     for part in reversed(parts.actuation):
         known = part.modelled(parts.model, known)
