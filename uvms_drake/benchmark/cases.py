@@ -53,7 +53,7 @@ ROBOTS = {
     "girona500_arm5e": BenchRobot(
         "girona500_real_loop", "girona500_tip_first", (-1.10, -1.10), 16.0, 0.15, 1.0, 0.23),
     "bluerov2_alpha5": BenchRobot(
-        "bluerov2_real_loop", "bluerov2_contact", (-0.58, -0.61), 24.0, 0.25, 0.25, 0.045),
+        "bluerov2_real_loop", "bluerov2_contact", (-0.58, -0.61), 32.0, 0.25, 0.25, 0.045),
 }
 """Robots of the benchmark."""
 
