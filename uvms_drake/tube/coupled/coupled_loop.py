@@ -174,15 +174,12 @@ def operating_point(parts: LoopParts, config: np.ndarray, wall: Wall) -> Operati
         return parts.true.inverse_dynamics(
             parts.true.kinematics(config), still, np.zeros_like(still), wall.wrench)
 
-    def exerted(tau: np.ndarray) -> np.ndarray:
-        for part in reversed(parts.actuation):
-            tau = part.exerted(parts.model, tau)
-        return tau
-
     for _ in range(NEWTON if undriven.size else 0):
         gradient = complex_step_jacobian(tau, config + 0j)[np.ix_(undriven, undriven)]
         needed = tau(config)
-        given = exerted(np.where(np.isin(np.arange(size), undriven), 0.0, needed))
+        given = np.where(np.isin(np.arange(size), undriven), 0.0, needed)
+        for part in reversed(parts.actuation):
+            given = part.exerted(parts.model, given)
         config[undriven] -= np.linalg.solve(gradient, (needed - given)[undriven])
     exerted = known = tau(config)
     for part in reversed(parts.actuation):
