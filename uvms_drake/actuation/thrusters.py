@@ -186,7 +186,7 @@ class Thrusters(Actuator):
         return out
 
     def exerted(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
-        """Returns τ with their force on the axes that they do not drive; see `Actuator`."""
+        """Returns τ with the thrusters' force on undriven axes; see `Actuator`."""
         known = self.known(model)
         out = np.array(tau)
         out[:6][known.undriven] = (known.B @ Allocation.to(known).forces(tau[:6]))[known.undriven]

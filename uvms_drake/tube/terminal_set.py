@@ -63,6 +63,11 @@ class TerminalCheck:
         """Name of the condition with the smallest margin."""
         return min(self.margins, key=lambda name: self.margins[name])
 
+    def nearest(self, P: np.ndarray) -> float:
+        """Returns the smallest ‖ξ‖_P of the states that break a condition; inf without any."""
+        return min((float(np.sqrt(_square(self.worst[name], P))) for name in self.failures
+                    if name in self.worst), default=np.inf)
+
 
 class TerminalLoop:
     """The nominal system about its equilibrium, under a terminal controller, valued by a P.
@@ -223,8 +228,10 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
                    ) -> tuple[float, TerminalCheck]:
     """Returns the largest ε that passes the check, by bisection, and its check.
 
-    The direction in which a radius fails is checked again at every other radius. If not even a
-    small set passes, ε is zero, and the check is that of the small set.
+    Samples decide the bisection, and local minima are searched for at the largest radius that they
+    pass: a state that breaks a condition is in every larger set. Where one is found there, each
+    radius below is searched likewise. No set with a state that is known to break a condition
+    passes. If not even a small set passes, ε is zero, and the check is that of the small set.
 
     Args:
         ocp: The problem.
@@ -239,30 +246,30 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
     best = check_radius(loop, lower, states)
     if not best.holds:
         return 0.0, best
+    nearest, thorough = np.inf, False
     while upper - lower > tolerance * upper:
-        # Samples alone decide first: a counterexample in a set is one in every larger set.
         passed = None
         while upper - lower > tolerance * upper:
             sampled = _Sampled.at(loop, radius, states)
-            if sampled.check.holds:
+            check = sampled.refined(loop) if thorough else sampled.check
+            if radius < nearest and check.holds:
                 lower, passed = radius, sampled
+                best = check if thorough else best
             else:
-                upper, states = radius, _with_failures(sampled.check, states)
+                upper, nearest = radius, min(nearest, check.nearest(loop.P))
             radius = 0.5 * (lower + upper)
-        if passed is None:
+        if thorough or passed is None:
             break
         check = passed.refined(loop)
         if check.holds:
             return lower, check
-        upper, lower = lower, best.radius
-        radius, states = 0.5 * (lower + upper), _with_failures(check, states)
+        # Samples do not show all: back to the small set, and every radius is refined.
+        failed = [check.worst[name] / lower for name in check.failures if name in check.worst]
+        states = np.concatenate([states, np.reshape(failed, (-1, len(loop.P)))])
+        upper, nearest, thorough = lower, min(nearest, check.nearest(loop.P)), True
+        lower = best.radius
+        radius = 0.5 * (lower + upper)
     return lower, best
-
-
-def _with_failures(check: TerminalCheck, states: np.ndarray) -> np.ndarray:
-    """Returns states (m, size), and the directions in which a check fails."""
-    failed = [check.worst[name] / check.radius for name in check.failures if name in check.worst]
-    return np.concatenate([states, np.reshape(failed, (-1, states.shape[1]))])
 
 
 def unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
@@ -283,7 +290,9 @@ class _Sampled(NamedTuple):
     """Check of a terminal set at samples, and those at which each condition is worst."""
 
     check: TerminalCheck
+    """Check without a search for local minima."""
     starts: dict[str, np.ndarray]
+    """The worst samples (`STARTS`, size) of each condition, the very worst first."""
 
     @staticmethod
     def at(loop: TerminalLoop, radius: float, states: np.ndarray) -> "_Sampled":

@@ -1,8 +1,8 @@
 """Linear model of an ancillary law and of its observer about a point, by complex steps.
 
-The law's own command is differentiated by measured and nominal motion, force, wrench and estimate,
-so that any law whose command is analytic has its linear model here. At the point δ̂ is that of the
-outputs' disturbance δ = −(Gτ + c), which keeps the robot at rest, with τ by the controller's model
+The law's own command is differentiated by measured and nominal motion, force, wrench, estimate and
+preview, so that any law whose command is analytic has its linear model here. At the point δ̂ is that
+of the outputs' disturbance δ = −(Gτ + c), which keeps the robot at rest, with τ by the controller's model
 of the actuation.
 """
 
@@ -67,7 +67,8 @@ def add_linear_feedback(loop: LinearLoop, law: AncillaryLaw, at: OperatingPoint,
         now = pair_of(model, state, nominal)._replace(
             contact=None if measured.force is None else force,
             wrench=None if measured.wrench is None else wrench,
-            estimate=None if observed is None else delta, preview=preview)
+            estimate=None if observed is None else delta,
+            preview=preview if law.takes_wrench else None)
         found = law.command(model, now, lambda: acceleration, lambda: at_rest)
         if isinstance(found, Command):
             return found.tau

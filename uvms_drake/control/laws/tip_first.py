@@ -12,8 +12,9 @@ If the thrusters give τ_v, the joints' torques are those of
 
 with which the tip's rows obey the same equation whatever τ_v is. (A) is solvable where the
 generalised Jacobian is regular, (L) where J_sq is; at a singular posture the law refuses. An axis
-without thrusters, such as a roll, gets no torque and is not fed back: in (L) its row of the
-dynamics takes the place of its row of η. Proof: control/laws/theory.md#law-tip-first.
+without thrusters, such as a roll, is commanded no torque and is not fed back: in (L) its row of the
+dynamics, with the present torque, takes the place of its row of η. Proof:
+control/laws/theory.md#law-tip-first.
 """
 
 from collections.abc import Callable
@@ -117,7 +118,7 @@ class TipFirst(AncillaryLaw):
             A[axes], right[axes] = M[axes], given[axes] - b[axes]
             return M @ _solve(A, right, now.y[0, 6:]) + b
 
-        # Undriven axes get no torque; the joints compensate the wrench that the thrusters give.
+        # Undriven axes are commanded no torque; the joints compensate the thrusters' wrench.
         undriven = self.undriven_rows
         tau = torques(undriven)
         if now.wrench is not None:

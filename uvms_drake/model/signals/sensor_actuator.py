@@ -177,10 +177,10 @@ class Actuator(Part):
         return tau
 
     def exerted(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
-        """Returns the force at rest (6+n,) with that of τ on the driven axes; default: τ.
+        """Returns τ (6+n,) with the force that driven axes bring to undriven ones; default: τ.
 
-        An axis that nothing drives gets the force that comes with the others', such as the roll of
-        a lateral thruster off the origin. The arguments are those of `modelled`.
+        An example is the roll moment of a lateral thruster off the origin. The arguments are those
+        of `modelled`.
         """
         return tau
 

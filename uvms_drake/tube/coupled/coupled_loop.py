@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.control.feedback.linear_feedback import (
     Measured,
     PlanSignals,
@@ -44,8 +44,9 @@ from uvms_drake.model.signals.sensor_actuator import (
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 from uvms_drake.tube.coupled.periodic import PeriodicSystem, compiled
 
-NEWTON = 20
-"""Steps to the undriven axes' equilibrium."""
+NEWTON, AT_REST = 20, 1e-9
+"""Steps to the undriven axes' equilibrium, and the largest last one [rad]: the gradient is that of
+the robot alone, without that of the thrusters' forces."""
 ROBOT = "robot"
 """Name of the block of the robot's motion."""
 PLAN = "plan"
@@ -164,6 +165,9 @@ def operating_point(parts: LoopParts, config: np.ndarray, wall: Wall) -> Operati
 
     Axes that the law leaves undriven move to their own equilibrium, under the force that the
     actuators exert there along with that on the others.
+
+    Raises:
+        InvalidParameter: They have none.
     """
     config, size = np.array(config, dtype=float), parts.true.size
     undriven = _undriven(parts.law)
@@ -174,13 +178,17 @@ def operating_point(parts: LoopParts, config: np.ndarray, wall: Wall) -> Operati
         return parts.true.inverse_dynamics(
             parts.true.kinematics(config), still, np.zeros_like(still), wall.wrench)
 
+    step = np.zeros(len(undriven))
     for _ in range(NEWTON if undriven.size else 0):
         gradient = complex_step_jacobian(tau, config + 0j)[np.ix_(undriven, undriven)]
         needed = tau(config)
         given = np.where(np.isin(np.arange(size), undriven), 0.0, needed)
-        for part in reversed(parts.actuation):
+        for part in parts.actuation:
             given = part.exerted(parts.model, given)
-        config[undriven] -= np.linalg.solve(gradient, (needed - given)[undriven])
+        step = np.linalg.solve(gradient, (needed - given)[undriven])
+        config[undriven] -= step
+    require(bool(np.all(np.abs(step) < AT_REST)), "ancillary.undriven", undriven.tolist(),
+            "axes with an equilibrium at the task")
     exerted = known = tau(config)
     for part in reversed(parts.actuation):
         known = part.modelled(parts.model, known)
