@@ -1,7 +1,8 @@
 """Measured results: runs every shipped scenario, small campaigns and the benchmark; writes tables.
 
 `python examples/results/make_all.py` makes all pages of this folder again, with commit, date and
-machine; `--only scenarios` makes one of them. It takes an hour on two cores.
+machine; `--only scenarios` makes one of them. The benchmark takes two hours on two cores, the
+certificates in probability half an hour each, all others together an hour.
 """
 
 import argparse
@@ -33,6 +34,10 @@ REAL, DRAWN = "girona500_real_loop", 300
 BLUE, DRAWN_BLUE, BLUE_SEED = "bluerov2_real_loop", 60, 2
 """Scenarios and numbers of runs of certificates in probability, and a seed that is not that of the
 runs by which a class of plans was chosen."""
+ATTEMPT = (" It is the second attempt: with a narrower class of plans 3 of 60 runs of seed 1 were "
+           "outside of that class alone, and by them it was widened. A run that does not settle in "
+           "time is no failure.")
+"""Sentences on the certificate of `BLUE`."""
 MISSION, MISSIONS = "jacket_inspection_real", 2
 """Scenario and number of runs of a certificate in probability of a mission."""
 EACH, EACH_SEED = 5, 2
@@ -167,11 +172,13 @@ def reading(runs: Sequence[dict[str, Any]]) -> str:
     """Returns the reading of the page of the benchmark, with the counts of its runs."""
     errors = {(run["controller"], run["case"], run["index"]): run.get("force_rms", np.inf)
               for run in runs if run["robot"] == "girona500_arm5e"}
-    pairs = [(error, errors["tube_mpc", case, index])
-             for (controller, case, index), error in errors.items()
-             if controller == "impedance" and case not in (IDEAL, *OUTSIDE)]
-    return READING.format(smaller=sum(one < other for one, other in pairs),
-                          pairs=len(pairs)).strip()
+    smaller = {case: [error < errors["tube_mpc", case, index]
+                      for (controller, tried, index), error in errors.items()
+                      if controller == "impedance" and tried == case]
+               for case in TRIED if case not in (IDEAL, *OUTSIDE)}
+    counts = {case: f"{sum(each)} of {len(each)}" for case, each in smaller.items()}
+    return READING.format(smaller=sum(map(sum, smaller.values())),
+                          pairs=sum(map(len, smaller.values())), **counts).strip()
 
 
 def own_controller() -> str:
@@ -180,7 +187,7 @@ def own_controller() -> str:
     return text.split("## A controller of one's own")[1].split("\n## ")[0].strip()
 
 
-def probability(scenario: str, runs: int, folder: str, seed: int = 1) -> str:
+def probability(scenario: str, runs: int, folder: str, seed: int = 1, note: str = "") -> str:
     """Returns the page of a certificate in probability; its runs are kept in out/`folder`."""
     print(folder, file=sys.stderr)
     command = ["certify", scenario, "--runs", str(runs), "--seed", str(seed), "--full",
@@ -189,7 +196,8 @@ def probability(scenario: str, runs: int, folder: str, seed: int = 1) -> str:
     return "\n\n".join((
         "# Certificate in probability of the loop with thrusters and navigation",
         "No worst-case certificate holds for this loop. The runs are drawn from the distribution "
-        "that the scenario declares: [certificate](../../uvms_drake/certificate#in-probability).",
+        "that the scenario declares: [certificate](../../uvms_drake/certificate#in-probability)."
+        + note,
         f"`uvms-drake {' '.join(command)}`", f"```\n{text}\n```"))
 
 
@@ -277,31 +285,36 @@ and gains of the papers could not be read, so a row is no verdict on the papers.
 A difference of a quarter between two medians may be chance: resampled, half of those of the
 force's error stay within 14 % and three quarters within 25 %, in 95 of 100 samples. Reading:
 
-* **Tube MPC**: on walls of its class, that is, in all cases but `stiff` and `very_stiff`, it breaks
-  no limit on either robot; each of the others does. There it has the smallest lateral error but in
-  the slide, which its plan follows from behind, and a median peak at most a tenth above the desired
-  force but for a biased sensor on the BlueROV2. On the BlueROV2 its force error is the smallest
-  except with a biased sensor and in the slide, in which it does not settle. It touches last, and
-  needs a model, the class of the wall, and some ten milliseconds of a processor for a step. On
-  walls five and twenty times stiffer, outside of its class, it presses far too hard, and on the
-  BlueROV2 it loses control there. Its gains on the BlueROV2 are those of the scenario then, faster
-  and with a shorter hover than today's, with which the loop is certified in probability.
+* **Tube MPC**: on walls of its class, that is, in all cases but `stiff` and `very_stiff`, it
+  breaks no limit on either robot; each of the others does. There it has the smallest lateral error
+  but in the slide, which its plan follows from behind, and a median peak at most a tenth above the
+  desired force but for a biased sensor on the BlueROV2, on which its force error is the smallest
+  except with a biased sensor and in the slide; in these two it does not settle there. It touches
+  last, and needs a model, the class of the wall, and five to seven milliseconds of a processor for
+  a step, some thirty for the longest. On walls five and twenty times stiffer, outside of its
+  class, it presses far too hard, and on the BlueROV2 it loses control.
 * **Impedance with an integral of the force**: on the Girona 500 behind thrusters nearly as good as
   the tube MPC where limits do not matter. Its error is smaller in {smaller} of the {pairs} runs of
-  such cases: in 19 of 20 as the place slides and in 14 of 20 with a heavier arm, but in 4 of 20
-  with an exact navigation. It settles soonest in most cases, and a step takes less than a twentieth
-  of the time. On a soft wall and in the ideal loop the arm leaves its limits in every run, of which
-  it knows nothing; so it does in every case on the BlueROV2, whose arm is heavy along the normal.
-* **Coupled sliding mode**: small errors on all walls of the Girona 500, with a peak a quarter above
-  the desired force; weight that the model lacks makes it unstable. On the BlueROV2 it is slow and
-  off by about a fifth of the force, on stiff walls with low peaks.
-* **Prescribed performance**, told the weight but no inertia: it presses on most walls with an error
-  of a fifth of the force, and leaves its funnels some dozens of times a run.
-* **Nominal MPC with an observer**: with thrusters near the tube MPC on the BlueROV2, where it fails
-  on a soft wall; with a heavier arm it breaks limits in every run on both robots. Without feedback
-  between its plans a faster disturbance, the sinusoid of the ideal loop or friction, stays in the
-  force, and on the Girona 500 with the five slowest of the drawn thrusters, 0.131 s and more, the
-  force does not settle at all, where the tube MPC takes 1.5 to 2.5 s.
+  such cases: in {slide} as the place slides and in {gravity} with a heavier arm, but in
+  {navigation} with an exact navigation, {bias} with a biased sensor and {soft} on a soft wall. It
+  settles soonest in most cases, and a step takes less than a twentieth of the time. On a soft wall
+  and in the ideal loop the arm leaves its limits in every run, of which it knows nothing; so it
+  does in every case on the BlueROV2, whose arm is heavy along the normal.
+* **Coupled sliding mode**: small errors on all walls of the Girona 500, with a peak a quarter to a
+  third above the desired force; weight that the model lacks makes it unstable. On the BlueROV2 it
+  is slow and off by a fifth of the force behind thrusters, by three quarters in the ideal loop and
+  with a heavier arm, on stiff walls with low peaks.
+* **Prescribed performance**, told the weight but no inertia: behind thrusters it presses with an
+  error of about a fifth of the force, and leaves its funnels some dozens of times a run.
+* **Nominal MPC with an observer**: behind thrusters on the BlueROV2 its median error is 1.3 to 2.1
+  times that of the tube MPC, and some runs miss the whole force; with a heavier arm it breaks
+  limits in every run on both robots. Without feedback between its plans a faster disturbance stays
+  in the force, the sinusoid of the ideal loop, and on the Girona 500 friction; there it does not
+  settle at all with the five slowest of the drawn thrusters, 0.131 s and more, with which the tube
+  MPC takes 1.5 to 2.5 s.
+
+The BlueROV2's runs are of the scenario of the commit below: gains, filter, horizon, hover and tube
+have changed since.
 """
 """Reading of the page of the benchmark."""
 SPEED_NOTE = """Processor time on one core, old and new in turns, each measurement a process of its
@@ -314,7 +327,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "benchmark": benchmark, "missions": missions,
     "probability": partial(probability, REAL, DRAWN, "probability"),
     "probability_bluerov2": partial(
-        probability, BLUE, DRAWN_BLUE, "probability_bluerov2", BLUE_SEED),
+        probability, BLUE, DRAWN_BLUE, "probability_bluerov2", BLUE_SEED, ATTEMPT),
     "each_unknown": each_unknown}
 IMPORT = "robot_import"
 PRINTED = "holds", "unknowns", "adversaries", "solvers", "bluerov2_real_loop"

@@ -1,9 +1,9 @@
 """Linear model of an ancillary law and of its observer about a point, by complex steps.
 
 The law's own command is differentiated by measured and nominal motion, force, wrench, estimate and
-preview, so that any law whose command is analytic has its linear model here. At the point δ̂ is that
-of the outputs' disturbance δ = −(Gτ + c), which keeps the robot at rest, with τ by the controller's model
-of the actuation.
+preview, so that any law whose command is analytic has its linear model here. At the point δ̂ is
+that of the outputs' disturbance δ = −(Gτ + c), which keeps the robot at rest, with τ by the
+controller's model of the actuation.
 """
 
 from typing import NamedTuple
