@@ -38,7 +38,7 @@ ATTEMPT = (" It is the second attempt: with a narrower class of plans 3 of 60 ru
            "outside of that class alone, and by them it was widened. A run that does not settle in "
            "time is no failure.")
 """Sentences on the certificate of `BLUE`."""
-MISSION, MISSIONS = "jacket_inspection_real", 2
+MISSION, MISSIONS = "jacket_inspection_real", 10
 """Scenario and number of runs of a certificate in probability of a mission."""
 EACH, EACH_SEED = 5, 2
 """Number of runs with each unknown, and their seed: not that of the runs by which classes of plans
