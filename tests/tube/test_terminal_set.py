@@ -26,6 +26,7 @@ from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.tube import terminal_set
 from uvms_drake.tube.terminal_set import (
     TerminalCheck,
     TerminalLoop,
@@ -318,6 +319,42 @@ def test_a_linear_input_limit_is_found_to_the_tolerance(toy):
     assert check.limiting.startswith("u[")
 
 
+def test_a_minimum_that_the_samples_miss_bounds_the_set(toy, monkeypatch):
+    """A state that breaks a condition is known to the search alone, at a third of the radius."""
+    whole, searched = linear_radius(TerminalLoop(toy)), []
+    broken = whole / 3.0 * boundary_samples(toy.terminal.P, 1, np.random.default_rng(6))[0]
+
+    def search(loop, radius, column, start):
+        searched.append(radius)
+        return (broken, -0.1) if radius >= whole / 3.0 else (start, np.inf)
+
+    monkeypatch.setattr(terminal_set, "_refine", search)
+    radius, check = largest_radius(toy, samples=100)
+    assert check.holds and 0.99 * whole / 3.0 < radius < whole / 3.0
+    assert check.radius == radius and radius in searched
+
+
+def test_no_set_passes_with_a_state_that_is_known_to_break_a_condition(toy, monkeypatch):
+    """It lies inside of the first set, where samples of a smaller one could miss it."""
+    at = TerminalLoop.margins
+    inner = 0.5 * linear_radius(TerminalLoop(toy))
+    hidden = []
+
+    def margins(loop, xi):
+        found = at(loop, xi)
+        if not hidden:  # The first set with a state inside of it.
+            norms = np.sqrt(np.sum(xi @ loop.P * xi, axis=1))
+            if np.max(norms) > 1.9 * inner:
+                i = int(np.argmin(np.abs(norms - 0.6 * inner)))
+                hidden.append(norms[i])
+                found[i] = -0.1
+        return found
+
+    monkeypatch.setattr(TerminalLoop, "margins", margins)
+    radius, _ = largest_radius(toy, samples=400)
+    assert hidden and 0.98 * hidden[0] < radius < hidden[0]
+
+
 def test_samples_are_on_the_boundary_and_in_all_directions():
     rng = np.random.default_rng(6)
     root = rng.normal(size=(5, 5))
@@ -395,7 +432,7 @@ def test_in_that_set_the_continued_plan_keeps_front_and_inputs(tracking, found_a
             0.0, one.time_step, *np.split(start, 2), (one.terminal.gain @ xi)[None])), a=a)
         value = one.evaluate(plan)
         assert max(value.violation, value.terminal_slack) <= 1e-9
-        knots, _ = one.points(plan)
+        knots = one.points(plan).knots
         for limit in one.limits.values():
             assert limit.about == "input" or np.all(limit.excess(knots) <= 1e-9)
 

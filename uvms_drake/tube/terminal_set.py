@@ -9,7 +9,6 @@ is a search for a counterexample that finds none, not a proof.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram, SnoptSolver
@@ -240,36 +239,36 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
         tolerance: Relative tolerance of ε.
     """
     loop = TerminalLoop(ocp)
-    states = unit_states(loop, samples, seed)
-    radius = upper = linear_radius(loop)
-    lower = SMALLEST * (upper if upper > 0.0 else 1.0)
-    best = check_radius(loop, lower, states)
-    if not best.holds:
-        return 0.0, best
-    nearest, thorough = np.inf, False
-    while upper - lower > tolerance * upper:
-        passed = None
-        while upper - lower > tolerance * upper:
-            sampled = _Sampled.at(loop, radius, states)
-            check = sampled.refined(loop) if thorough else sampled.check
-            if radius < nearest and check.holds:
-                lower, passed = radius, sampled
-                best = check if thorough else best
-            else:
-                upper, nearest = radius, min(nearest, check.nearest(loop.P))
-            radius = 0.5 * (lower + upper)
-        if thorough or passed is None:
-            break
-        check = passed.refined(loop)
-        if check.holds:
-            return lower, check
-        # Samples do not show all: back to the small set, and every radius is refined.
-        failed = [check.worst[name] / lower for name in check.failures if name in check.worst]
-        states = np.concatenate([states, np.reshape(failed, (-1, len(loop.P)))])
-        upper, nearest, thorough = lower, min(nearest, check.nearest(loop.P)), True
-        lower = best.radius
-        radius = 0.5 * (lower + upper)
-    return lower, best
+    states, upper = unit_states(loop, samples, seed), linear_radius(loop)
+    small = check_radius(loop, SMALLEST * (upper if upper > 0.0 else 1.0), states)
+    if not small.holds:
+        return 0.0, small
+    best = _bisected(loop, states, small, upper, tolerance, search=False)
+    if best is not small:
+        check = check_radius(loop, best.radius, states)
+        if not check.holds:  # Samples do not show all: below, every radius is searched.
+            failed = [check.worst[name] / check.radius for name in check.failures]
+            states = np.concatenate([states, failed])
+            check = _bisected(loop, states, small, check.radius, tolerance, search=True)
+        best = check
+    return best.radius, best
+
+
+def _bisected(loop: TerminalLoop, states: np.ndarray, passed: TerminalCheck, upper: float,
+              tolerance: float, *, search: bool) -> TerminalCheck:
+    """Returns the check of the largest ε up to `upper` that passes, from one that does.
+
+    The other arguments are those of `check_radius` and `largest_radius`.
+    """
+    radius, nearest = upper, np.inf
+    while upper - passed.radius > tolerance * upper:
+        check = check_radius(loop, radius, states, search=search)
+        if radius < nearest and check.holds:
+            passed = check
+        else:
+            upper, nearest = radius, min(nearest, check.nearest(loop.P))
+        radius = 0.5 * (passed.radius + upper)
+    return passed
 
 
 def unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
@@ -281,46 +280,34 @@ def unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
     return np.concatenate([boundary, rng.permutation(shells)[:, None] * inside])
 
 
-def check_radius(loop: TerminalLoop, radius: float, states: np.ndarray) -> TerminalCheck:
-    """Returns the check of ε = `radius` from states (m, 2(6+n)) with ‖ξ‖_P ≤ 1."""
-    return _Sampled.at(loop, radius, states).refined(loop)
+def check_radius(loop: TerminalLoop, radius: float, states: np.ndarray, *, search: bool = True
+                 ) -> TerminalCheck:
+    """Returns the check of ε = `radius` from states (m, 2(6+n)) with ‖ξ‖_P ≤ 1.
 
-
-class _Sampled(NamedTuple):
-    """Check of a terminal set at samples, and those at which each condition is worst."""
-
-    check: TerminalCheck
-    """Check without a search for local minima."""
-    starts: dict[str, np.ndarray]
-    """The worst samples (`STARTS`, size) of each condition, the very worst first."""
-
-    @staticmethod
-    def at(loop: TerminalLoop, radius: float, states: np.ndarray) -> "_Sampled":
-        """Returns the check of ε = `radius` at states (m, 2(6+n)) with ‖ξ‖_P ≤ 1."""
-        xi = radius * states
-        found = loop.margins(xi)
-        rank = np.argsort(found, axis=0)
-        starts = {name: xi[rank[:STARTS, j]] for j, name in enumerate(loop.names)}
-        margins = {name: float(found[rank[0, j], j]) for j, name in enumerate(loop.names)}
-        margins[AT_REST] = loop.margin_at_rest()
-        for name, (free, reach, size) in loop.closed_form_limits().items():
-            margins[name] = float((free - radius * reach) / size)
-        worst = {name: each[0] for name, each in starts.items()}
-        return _Sampled(TerminalCheck(radius, margins, worst, len(states), 0), starts)
-
-    def refined(self, loop: TerminalLoop) -> TerminalCheck:
-        """Returns the check with the local minima from the worst samples, unless it has failed."""
-        check, refinements = self.check, 0
-        worst, margins = dict(check.worst), dict(check.margins)
-        if check.holds:
-            for j, name in enumerate(loop.names):
-                count = STARTS if name == DECREASE else int(margins[name] <= NEAR)
-                for start in self.starts[name][:count]:
-                    refinements += 1
-                    state, margin = _refine(loop, check.radius, j, start)
-                    if margin < margins[name]:
-                        worst[name], margins[name] = state, margin
-        return TerminalCheck(check.radius, margins, worst, check.samples, refinements)
+    Args:
+        loop: The loop.
+        radius: ε.
+        states: The states.
+        search: Whether local minima are searched for, too, from the worst of the states.
+    """
+    xi = radius * states
+    found = loop.margins(xi)
+    rank = np.argsort(found, axis=0)
+    worst = {name: xi[rank[0, j]] for j, name in enumerate(loop.names)}
+    margins = {name: float(found[rank[0, j], j]) for j, name in enumerate(loop.names)}
+    margins[AT_REST] = loop.margin_at_rest()
+    for name, (free, reach, size) in loop.closed_form_limits().items():
+        margins[name] = float((free - radius * reach) / size)
+    refinements = 0
+    if search and all(margin >= 0.0 for margin in margins.values()):  # Else it is decided already.
+        for j, name in enumerate(loop.names):
+            starts = STARTS if name == DECREASE else int(margins[name] <= NEAR)
+            for start in xi[rank[:starts, j]]:
+                refinements += 1
+                state, margin = _refine(loop, radius, j, start)
+                if margin < margins[name]:
+                    worst[name], margins[name] = state, margin
+    return TerminalCheck(radius, margins, worst, len(states), refinements)
 
 
 def _refine(loop: TerminalLoop, radius: float, column: int, start: np.ndarray
