@@ -73,6 +73,17 @@ class Kinematics(NamedTuple):
         return Kinematics(*(item[index] for item in self))
 
 
+class TipKinematics(NamedTuple):
+    """Geometry of the end-effector at a configuration, without that of the other links."""
+
+    chi: np.ndarray
+    """(..., 6) χ, as of `Kinematics`."""
+    A_E: np.ndarray
+    """(..., 6, 6) A(𝔬), likewise."""
+    J_chi: np.ndarray
+    """(..., 6, 6+n) J(𝔮), likewise."""
+
+
 class UvmsModel:
     """Kinematics and dynamics of a UVMS in still water.
 
@@ -118,14 +129,31 @@ class UvmsModel:
         R_WB, R_WE, chi = self._tip(config, X_BL[..., -1, :3, :])
         A_E = pose_rate_matrix(R_WE, chi[..., 3:])
         R_BL, p_BL = X_BL[..., :3, :3], X_BL[..., :3, 3]
+        axis, anchor, screw = self._screws(X_BL)
+        J_links = self._link_jacobians(R_BL, p_BL, screw, self._moves)
+        J_chi = A_E @ J_links[..., -1, :, :]
+        return Kinematics(R_WB, chi, A_E, R_BL, p_BL, axis, anchor, screw, J_links, J_chi)
+
+    def tip_kinematics(self, config: np.ndarray) -> TipKinematics:
+        """Returns the geometry of the end-effector alone at 𝔮 (..., 6+n), equal to `kinematics`.
+
+        It is half the work on a large stack.
+        """
+        X_BL = self._chain(config[..., 6:])
+        _, R_WE, chi = self._tip(config, X_BL[..., -1, :3, :])
+        A_E = pose_rate_matrix(R_WE, chi[..., 3:])
+        tip, (_, _, screw) = X_BL[..., -1:, :3, :], self._screws(X_BL)
+        J_E = self._link_jacobians(tip[..., :3], tip[..., 3], screw, self._moves[-1:])
+        return TipKinematics(chi, A_E, A_E @ J_E[..., 0, :, :])
+
+    def _screws(self, X_BL: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns axes, anchors (..., n, 3) and screws (..., n, 6) of the joints in B."""
         joints = X_BL[..., :-1, :, :] @ self.links.joint_axis
         axis, anchor = joints[..., :3, 0], joints[..., :3, 1]
         screw = np.concatenate([cross(anchor, axis), axis], axis=-1)
         for j in self._sliding:
             screw[..., j, :3], screw[..., j, 3:] = axis[..., j, :], 0.0
-        J_links = self._link_jacobians(R_BL, p_BL, screw)
-        J_chi = A_E @ J_links[..., -1, :, :]
-        return Kinematics(R_WB, chi, A_E, R_BL, p_BL, axis, anchor, screw, J_links, J_chi)
+        return axis, anchor, screw
 
     def _chain(self, angles: np.ndarray) -> np.ndarray:
         """Returns the links' poses X_BL (..., n+1, 4, 4) at the joints' q (..., n)."""
@@ -150,15 +178,18 @@ class UvmsModel:
         return R_WB, X[..., :3], chi
 
     def _link_jacobians(
-        self, R_BL: np.ndarray, p_BL: np.ndarray, screw: np.ndarray
+        self, R_BL: np.ndarray, p_BL: np.ndarray, screw: np.ndarray, moves: np.ndarray
     ) -> np.ndarray:
-        """Returns Jₖ = Xₖ [I, s₁ … sₖ, 0] (..., n+1, 6, 6+n), Xₖ = [R_LB −R_LB S(p_BL); 0 R_LB]."""
+        """Returns Jₖ = Xₖ [I, s₁ … sₖ, 0] (..., links, 6, 6+n), Xₖ = [R_LB −R_LB S(p_BL); 0 R_LB].
+
+        `moves` (links, n) is 1 where joint j moves link k.
+        """
         R_LB = R_BL.swapaxes(-1, -2)
         J = np.zeros((*p_BL.shape[:-1], 6, self.size), dtype=R_BL.dtype)
         J[..., :3, :3] = J[..., 3:, 3:6] = R_LB
         J[..., :3, 3:6] = cross(p_BL[..., None, :], R_LB)
         J[..., 6:] = (J[..., :6] @ screw.swapaxes(-1, -2)[..., None, :, :]
-                      ) * self._moves[:, None, :]
+                      ) * moves[:, None, :]
         return J
 
     def task_pose(self, config: np.ndarray) -> np.ndarray:
@@ -168,7 +199,7 @@ class UvmsModel:
 
     def task_jacobian(self, config: np.ndarray) -> np.ndarray:
         """Returns J_x (..., 6+n, 6+n) = [J(𝔮); 0 I] with ẏ = J_x ζ."""
-        return self.extended(self.kinematics(config).J_chi)
+        return self.extended(self.tip_kinematics(config).J_chi)
 
     def extended(self, J_chi: np.ndarray) -> np.ndarray:
         """Returns J_x (..., 6+n, 6+n) = [J; 0 I] of J (..., 6, 6+n)."""

@@ -23,6 +23,7 @@ from uvms_drake.tube.actuation.zoh_command_rates import (
 )
 from uvms_drake.tube.rows.remainders import output_bias, output_jacobian, tip_first_remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.nominal_motion import nominal_motion
 
 BOUNDS = ConstraintSet(
     q_lower=np.array([-0.2, 1.0, 0.2, -0.3]), q_upper=np.array([0.2, 1.2, 0.45, 0.3]), roll=0.1,
@@ -134,7 +135,8 @@ def test_errors_make_of_a_plan_what_the_robot_does_where_they_put_it(problem):
     error = 0.02 * rng.normal(size=46)
     by_x, by_rate, moved, off, wrench = np.split(error, [10, 20, 30, 40])
     u = zeta_dot - model.drift(config_bar, zeta_bar)
-    rest = tip_first_remainders(model, rows, config_bar, zeta_bar, u, by_x, by_rate)
+    rest = tip_first_remainders(
+        model, rows, nominal_motion(model, config_bar, zeta_bar), u, by_x, by_rate)
     zeta, config = zeta_bar + rest[:10], config_bar + np.append(by_x[:6], rest[10:14])
     kinematics = model.kinematics(config)
     J = output_jacobian(model, config, kinematics, rows)

@@ -25,6 +25,7 @@ from uvms_drake.tube.rows.disturbance_gains import DisturbanceInputs, in_joints,
 from uvms_drake.tube.rows.image import arm_of
 from uvms_drake.tube.rows.remainders import configuration_of, output_jacobian, tip_first_remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.nominal_motion import nominal_motion
 from uvms_drake.tube.settings import CertificateSettings
 
 BOUNDS = ConstraintSet(
@@ -45,7 +46,8 @@ def states(model, seed: int) -> tuple[np.ndarray, ...]:
 def test_the_rests_are_what_the_law_does_beyond_its_linear_part(model, seed):
     config, zeta, u, x, x_dot = states(model, seed)
     law, rows = TipFirst(BlockGains(3.0, 2.0), BlockGains(20.0, 10.0)), tip_rows(model)
-    found = tip_first_remainders(model, rows, config, zeta, u, x, x_dot)
+    found = tip_first_remainders(
+        model, rows, nominal_motion(model, config, zeta), u, x, x_dot)
     # The real state by the errors of the outputs, and the law in it.
     real_config = configuration_of(model, rows, config, model.kinematics(config), x)
     kinematics = model.kinematics(real_config)
@@ -74,8 +76,9 @@ def test_the_rests_have_derivatives_by_complex_steps(model, derivative):
     rows, along = tip_rows(model), np.random.default_rng(1).normal(size=(5, 10))
 
     def moved(step):
-        return tip_first_remainders(model, rows, *(each + step * way for each, way in zip(
-            (config, zeta, u, x, x_dot), along, strict=True)))
+        here, rate, *others = (each + step * way for each, way in zip(
+            (config, zeta, u, x, x_dot), along, strict=True))
+        return tip_first_remainders(model, rows, nominal_motion(model, here, rate), *others)
 
     found = moved(1e-30j).imag / 1e-30
     np.testing.assert_allclose(found, derivative(moved), atol=1e-4 * np.max(np.abs(found)))

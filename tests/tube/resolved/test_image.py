@@ -8,6 +8,7 @@ from uvms_drake.control.laws.law import pair_of
 from uvms_drake.tube.resolved.image import input_gain, tube_image
 from uvms_drake.tube.resolved.remainders import remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.nominal_motion import nominal_motion
 
 K, SIGMA, D = 20.0, 5.0, 0.1
 WEIGHTS = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 1.0, 0.5, 0.8, 1.0])
@@ -54,8 +55,9 @@ def test_without_errors_nothing_deviates(model, small_set):
     config, zeta = small_set.sample(model, 20, np.random.default_rng(0))
     u = 0.5 * U_LIMITS * np.ones((20, 1))
     zero = np.zeros_like(zeta)
+    nominal = nominal_motion(model, config, zeta)
     np.testing.assert_allclose(
-        remainders(model, config, zeta, u, zero, zero, K, SIGMA), 0.0, atol=1e-5)
+        remainders(model, nominal, u, zero, zero, K, SIGMA), 0.0, atol=1e-5)
 
 
 def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
@@ -80,7 +82,8 @@ def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
         expected = np.concatenate([
             z - z_bar - r + SIGMA * p, (q - q_bar)[3:5], u - u_bar - linear,
             M @ u - tau_bar - M @ linear])
-        found = remainders(model, q_bar, z_bar, u_bar, e, r, K, SIGMA)
+        found = remainders(
+            model, nominal_motion(model, q_bar, z_bar), u_bar, e, r, K, SIGMA)
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=2e-5)
 
 
@@ -93,7 +96,7 @@ def test_no_disturbance_drives_the_cascade_beyond_the_image(model, small_set, im
     image, weights = images[which], (np.ones(10), WEIGHTS)[which]
     rng = np.random.default_rng(2)
     config, zeta = small_set.sample(model, 60, rng)
-    u = U_LIMITS * rng.uniform(-1.0, 1.0, zeta.shape)
+    u, nominal = U_LIMITS * rng.uniform(-1.0, 1.0, zeta.shape), nominal_motion(model, config, zeta)
     direction = rng.normal(size=zeta.shape)
     direction[:10] = np.eye(10)
     direction *= weights / np.linalg.norm(direction, axis=1)[:, None]
@@ -106,7 +109,7 @@ def test_no_disturbance_drives_the_cascade_beyond_the_image(model, small_set, im
         e = e + dt * (-SIGMA * e + (J @ r[..., None])[..., 0])
         if step % 20 == 0 or step * dt > 3.0 - switch:
             p = np.linalg.solve(J, e[..., None])[..., 0]
-            du = remainders(model, config, zeta, u, e, r, K, SIGMA)[:, 12:22]
+            du = remainders(model, nominal, u, e, r, K, SIGMA)[:, 12:22]
             du = du - (K + SIGMA) * r + SIGMA**2 * p
             worst = np.maximum(worst, np.max(np.abs(du) / image.u, axis=0))
     assert np.max(worst) <= 1.0

@@ -118,8 +118,8 @@ class ZohCommandProblem(SearchProblem):
         """Returns 𝔮̄, ζ̄ and ζ̄̇ of motions."""
         pose, zeta, share = np.split(x, 3, axis=-1)
         config = self.config(pose)
-        u = input_within(self.model, config, zeta, share, self.u_limits, self.largest_rate)
-        return config, zeta, u + self.model.drift(config, zeta)
+        f = self.model.drift(config, zeta)
+        return config, zeta, f + input_within(f, share, self.u_limits, self.largest_rate)
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns the values (..., 6 + 2n)."""

@@ -102,14 +102,14 @@ def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarr
     tilted = np.sin(off)[..., None] * across
     forward = np.broadcast_to(np.cos(off)[..., None], (*tilted.shape[:-1], 1))
     n_E = np.concatenate([forward, tilted], axis=-1)
-    n = times(model.kinematics(config).A_E[..., :3, :3], n_E)
+    n = times(model.tip_kinematics(config).A_E[..., :3, :3], n_E)
 
     def speed(time: float) -> np.ndarray:
         """Returns n·𝔭̇ (m,) a little later, 𝔮 by the midpoint rule."""
         middle = zeta + 0.5 * time * rate
         at = config + 0.5 * time * configuration_rate(config, zeta)
         moved = config + time * configuration_rate(at, middle)
-        J = model.kinematics(moved).J_chi[..., :3, :]
+        J = model.tip_kinematics(moved).J_chi[..., :3, :]
         return np.sum(n * times(J, zeta + time * rate), axis=-1)
 
     jerk: np.ndarray = (

@@ -11,6 +11,7 @@ error δ = F̂ − F of a measurement F̂ with a first-order lag T, under a zero
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,7 @@ def moments(k: float, sigma: float) -> Gains:
         (k**2 / span, -sigma**2 / span), (1.0, 0.0))))
 
 
+@lru_cache(maxsize=128)
 def lagged_gains(k: float, sigma: float, lag: float, period: float, growth: float = 0.0) -> Gains:
     """Returns the gains from a force by the error of its measurement; see `PeriodicLoop`.
 

@@ -6,11 +6,11 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.frames.spatial import cross, cross_motion, times
 from uvms_drake.model.uvms_model import Kinematics
+from uvms_drake.tube.search.nominal_motion import NominalMotion, drift_and_inertia
 
 
-def remainders(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
-               nominal_u: np.ndarray, e_y: np.ndarray, r: np.ndarray, k: float, sigma: float
-               ) -> np.ndarray:
+def remainders(model: ContactModel, nominal: NominalMotion, nominal_u: np.ndarray, e_y: np.ndarray,
+               r: np.ndarray, k: float, sigma: float) -> np.ndarray:
     """Returns the remainders of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).
 
     In the order ζ, (φ, θ), u, τ. The remainder of τ is τ − τ̄ − M(𝔮)[−(k + σ)𝔯 + σ²𝔭]. Any argument
@@ -18,22 +18,19 @@ def remainders(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np
 
     Args:
         model: The prediction model.
-        nominal_config: 𝔮̄ (..., 6+n).
-        nominal_zeta: ζ̄ (..., 6+n).
+        nominal: The nominal motion.
         nominal_u: ū (..., 6+n).
         e_y: 𝔢_y (..., 6+n).
         r: 𝔯 (..., 6+n).
         k: Velocity gain [1/s].
         sigma: σ [1/s].
     """
-    # The nominal motion and its input.
-    nominal = model.kinematics(nominal_config)
-    J_bar = model.extended(nominal.J_chi)
-    f_bar, M_bar = drift_and_inertia(model, nominal, nominal_zeta)
-    y_bar = np.concatenate([nominal.chi, nominal_config[..., 6:]], axis=-1)
-    y_dot = times(J_bar, nominal_zeta)
-    y_ddot = jacobian_rate_times(nominal, nominal_zeta, nominal_zeta) + times(
-        J_bar, nominal_u + f_bar)
+    # The nominal motion in y.
+    J_bar = model.extended(nominal.kinematics.J_chi)
+    y_bar = np.concatenate([nominal.kinematics.chi, nominal.config[..., 6:]], axis=-1)
+    y_dot = times(J_bar, nominal.zeta)
+    y_ddot = jacobian_rate_times(nominal.kinematics, nominal.zeta, nominal.zeta) + times(
+        J_bar, nominal_u + nominal.drift)
 
     # The real state, and the input of the law in it.
     config = model.configuration(y_bar + e_y)
@@ -49,9 +46,10 @@ def remainders(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np
     f, M = drift_and_inertia(model, real, zeta)
     u_remainder = zeta_ref_dot - f + sigma * r - sigma**2 * p - nominal_u
     # Less the linear parts of (1).
-    attitude = wrap_angle(config[..., 3:5] - nominal_config[..., 3:5])
-    return np.concatenate([seen - nominal_zeta, attitude, u_remainder,
-                           times(M, u_remainder + nominal_u) - times(M_bar, nominal_u)], axis=-1)
+    attitude = wrap_angle(config[..., 3:5] - nominal.config[..., 3:5])
+    return np.concatenate([
+        seen - nominal.zeta, attitude, u_remainder,
+        times(M, u_remainder + nominal_u) - times(nominal.M, nominal_u)], axis=-1)
 
 
 def jacobian_rate_times(kinematics: Kinematics, zeta: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -82,11 +80,3 @@ def _rate_of_inverse(rpy: np.ndarray, rate: np.ndarray, w: np.ndarray) -> np.nda
     about = rate[..., 0] * w[..., 2] * ct
     return np.stack([-rate[..., 1] * w[..., 2] * ct, cf * about - sf * across,
                      -sf * about - cf * across], axis=-1)
-
-
-def drift_and_inertia(model: ContactModel, kinematics: Kinematics, zeta: np.ndarray
-                      ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns f and M."""
-    M = model.mass_matrix(kinematics)
-    bias = model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))
-    return -np.linalg.solve(M, bias[..., None])[..., 0], M

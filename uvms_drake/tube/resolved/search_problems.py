@@ -8,6 +8,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.tube.resolved.remainders import jacobian_rate_times, remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.nominal_motion import nominal_motion
 from uvms_drake.tube.search.search_problem import SearchProblem, input_within
 
 
@@ -37,14 +38,15 @@ class RemainderProblem(SearchProblem):
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns the remainders (..., 3(6+n) + 2)."""
         pose, zeta, share = np.split(x, 3, axis=-1)
-        config = self.config(pose)
-        u = input_within(self.model, config, zeta, share, self.u_limits, self.largest_rate)
+        nominal = nominal_motion(self.model, self.config(pose), zeta)
+        u = input_within(nominal.drift, share, self.u_limits, self.largest_rate)
         e_y, r = error[..., : self.size], error[..., self.size:]
         if self.preimage:  # J_x at the real configuration, to second order.
-            y, J = self.model.task_pose(config), self.model.task_jacobian(config)
-            real = self.model.configuration(y + times(J, e_y))
+            at = nominal.kinematics
+            y = np.concatenate([at.chi, nominal.config[..., 6:]], axis=-1)
+            real = self.model.configuration(y + times(self.model.extended(at.J_chi), e_y))
             e_y = times(self.model.task_jacobian(real), e_y)
-        return remainders(self.model, config, zeta, u, e_y, r, self.k, self.sigma)
+        return remainders(self.model, nominal, u, e_y, r, self.k, self.sigma)
 
 
 @dataclass(frozen=True)

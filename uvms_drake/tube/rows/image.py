@@ -23,6 +23,7 @@ from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, Estimate, largest_of, no_estimates, together
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
+from uvms_drake.tube.search.nominal_motion import nominal_motion
 from uvms_drake.tube.search.search_memo import once
 from uvms_drake.tube.search.search_problem import Part, SearchProblem, input_within
 from uvms_drake.tube.search.second_search import second_search
@@ -57,10 +58,9 @@ class TipFirstProblem(SearchProblem):
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns the remainders (..., 4(6+n) − 3)."""
         pose, zeta, share = np.split(x, 3, axis=-1)
-        config = self.config(pose)
-        u = input_within(
-            self.model, config, zeta, share, self.u_limits, self.largest_rate)
-        return tip_first_remainders(self.model, self.rows, config, zeta, u, error[..., : self.size],
+        nominal = nominal_motion(self.model, self.config(pose), zeta)
+        u = input_within(nominal.drift, share, self.u_limits, self.largest_rate)
+        return tip_first_remainders(self.model, self.rows, nominal, u, error[..., : self.size],
                                     error[..., self.size:])
 
 

@@ -7,15 +7,15 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import Kinematics, configuration_rate_matrix
-from uvms_drake.tube.resolved.remainders import drift_and_inertia, jacobian_rate_times
+from uvms_drake.tube.resolved.remainders import jacobian_rate_times
+from uvms_drake.tube.search.nominal_motion import NominalMotion, drift_and_inertia
 
 ITERATIONS = 6
 """Number of Newton's steps to the joint angles of outputs."""
 
 
-def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal_config: np.ndarray,
-                         nominal_zeta: np.ndarray, nominal_u: np.ndarray, x: np.ndarray,
-                         x_dot: np.ndarray) -> np.ndarray:
+def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal: NominalMotion,
+                         nominal_u: np.ndarray, x: np.ndarray, x_dot: np.ndarray) -> np.ndarray:
     """Returns the remainders by errors of the outputs y = (η, s) (..., 4(6+n) − 3).
 
     The errors are e = (x_η, J_sq x_q) and ė = (x_η', J_sq x_q'), J_sq that of the real robot: those
@@ -27,22 +27,20 @@ def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal_config: 
     Args:
         model: The prediction model.
         rows: The tip's task in (χ, q) (n,).
-        nominal_config: 𝔮̄ (..., 6+n).
-        nominal_zeta: ζ̄ (..., 6+n).
+        nominal: The nominal motion.
         nominal_u: ū (..., 6+n).
         x: (x_η, x_q) (..., 6+n).
         x_dot: (x_η', x_q') (..., 6+n).
     """
-    # The nominal motion and its input.
-    nominal = model.kinematics(nominal_config)
-    f_bar, M_bar = drift_and_inertia(model, nominal, nominal_zeta)
-    J_bar = output_jacobian(model, nominal_config, nominal, rows)
-    y_dot = times(J_bar, nominal_zeta)
-    y_ddot = (times(J_bar, nominal_u + f_bar)
-              + output_bias(nominal_config, nominal, nominal_zeta, rows))
+    # The nominal motion in y.
+    config_bar, zeta_bar, at = nominal.config, nominal.zeta, nominal.kinematics
+    J_bar = output_jacobian(model, config_bar, at, rows)
+    y_dot = times(J_bar, zeta_bar)
+    y_ddot = (times(J_bar, nominal_u + nominal.drift)
+              + output_bias(config_bar, at, zeta_bar, rows))
 
     # The real state, and the acceleration of the law in it but for w.
-    config = configuration_of(model, rows, nominal_config, nominal, x)
+    config = configuration_of(model, rows, config_bar, at, x)
     real = model.kinematics(config)
     J = output_jacobian(model, config, real, rows)
     inverse = np.linalg.inv(J)
@@ -52,10 +50,10 @@ def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal_config: 
     zeta_dot = times(inverse, y_ddot - output_bias(config, real, zeta, rows))
     f, M = drift_and_inertia(model, real, zeta)
     u_remainder = zeta_dot - f - nominal_u
-    turned = pose_difference(real.chi, nominal.chi + 0.0 * real.chi)[..., 3:]
+    turned = pose_difference(real.chi, at.chi + 0.0 * real.chi)[..., 3:]
     return np.concatenate([
-        zeta - nominal_zeta, config[..., 6:] - nominal_config[..., 6:], turned, u_remainder,
-        times(M, u_remainder + nominal_u) - times(M_bar, nominal_u)], axis=-1)
+        zeta - zeta_bar, config[..., 6:] - config_bar[..., 6:], turned, u_remainder,
+        times(M, u_remainder + nominal_u) - times(nominal.M, nominal_u)], axis=-1)
 
 
 def output_jacobian(model: ContactModel, config: np.ndarray, kinematics: Kinematics,
@@ -79,7 +77,7 @@ def configuration_of(model: ContactModel, rows: np.ndarray, nominal_config: np.n
     config = nominal_config + 0.0 * x
     config[..., :6] += x[..., :6]
     for _ in range(ITERATIONS):
-        kinematics = model.kinematics(config)
+        kinematics = model.tip_kinematics(config)
         y = np.concatenate([kinematics.chi, config[..., 6:]], axis=-1)
         whole = y + 0.0
         whole[..., rows] = s_bar

@@ -91,7 +91,7 @@ class ConstraintSet:
         Tip pitch over its bound; `Surface.contact_measure`; ‖ν₁‖², ‖ν₂‖², ‖q̇‖² over the squares of
         theirs.
         """
-        chi = model.kinematics(config).chi
+        chi = model.task_pose(config)[:, :6]
         return np.stack([
             chi[:, TIP_PITCH] / self.tip_pitch,
             model.surface.contact_measure(chi, self.force_max),
@@ -161,7 +161,7 @@ class ConstraintSet:
 
     def _pitch_is_kept(self, model: ContactModel, x: np.ndarray) -> np.ndarray:
         config = np.concatenate([np.zeros((len(x), 3)), x], axis=1)
-        return np.abs(model.kinematics(config).chi[:, TIP_PITCH]) <= self.tip_pitch
+        return np.abs(model.task_pose(config)[:, TIP_PITCH]) <= self.tip_pitch
 
     def _positions(self, model: ContactModel, config: np.ndarray,
                    rng: np.random.Generator) -> np.ndarray:

@@ -84,20 +84,25 @@ NEAREST_TO_A_JUMP = 0.9
 """Largest attitude over the angle at which a contact's law jumps."""
 
 
-def input_within(model: ContactModel, config: np.ndarray, zeta: np.ndarray, share: np.ndarray,
-                 u_limits: np.ndarray, largest_rate: np.ndarray | float) -> np.ndarray:
+def input_within(drift: np.ndarray, share: np.ndarray, u_limits: np.ndarray,
+                 largest_rate: np.ndarray | float) -> np.ndarray:
     """Returns ū by a share of the tighter one of its two bounds, |ūᵢ| and |ζ̄̇ᵢ|, within both.
 
     A share of the looser one alone, cut to the tighter, is the same set; but for light joints,
     whose ζ̄̇ is cut long before, a search would have no slope.
+
+    Args:
+        drift: f(𝔮̄, ζ̄) (..., 6+n): ζ̄̇ = f + ū [m/s², rad/s²].
+        share: Share of the bound (..., 6+n), in [−1, 1].
+        u_limits: Bounds of |ūᵢ| (6+n,).
+        largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,), or one for all.
     """
-    rates = largest_rate * np.ones(model.size)
+    rates = largest_rate * np.ones(len(u_limits))
     slow = rates < u_limits
     u = u_limits * share
     if np.any(slow):
-        f = model.drift(config, zeta)
-        u = _within(np.where(slow, np.where(slow, rates, 0.0) * share - f, u), u_limits)
-        u = _within(u + f, rates) - f
+        u = _within(np.where(slow, np.where(slow, rates, 0.0) * share - drift, u), u_limits)
+        u = _within(u + drift, rates) - drift
     return u
 
 
