@@ -17,7 +17,12 @@ import numpy as np
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.signals.sensor_actuator import ForceReading
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.tube.contact.sensor_gains import OperatorNorms, Suprema, tip_jacobian_and_gain
+from uvms_drake.tube.contact.sensor_gains import (
+    OperatorNorms,
+    Suprema,
+    norm,
+    tip_jacobian_and_gain,
+)
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
 from uvms_drake.tube.loops.row_gains import Gains, instant_gains, lagged_gains
 from uvms_drake.tube.resolved.sensor_effect import SensorEffect
@@ -274,7 +279,7 @@ def contact_input_remainder(
             return force * turned
         moved = q[:, None, :] + 1j * COMPLEX_STEP * np.eye(n)
         slopes = rows(moved).imag / COMPLEX_STEP  # (m, n, 2(6+n), 3)
-        by_joints = np.linalg.norm(slopes.swapaxes(1, 2), 2, axis=(-2, -1))
+        by_joints = norm(slopes.swapaxes(1, 2))
         return force * (by_joints * joints + turned)
 
     return (supremum_over_joints(row_change, lower, upper, seed),

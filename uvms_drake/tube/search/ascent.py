@@ -197,10 +197,11 @@ class Climb:
             value = problem.values(x, error) * mask
             moved = problem.values(x + 0j, error + 1j * COMPLEX_STEP * np.eye(problem.errors))
             slope = moved.imag / COMPLEX_STEP * mask
-            leading = np.linalg.svd(slope, full_matrices=False)[2][:, :1]
             length = np.linalg.norm(value, axis=-1, keepdims=True)
-            unit = np.where(np.any(error != 0.0, axis=-1, keepdims=True),
-                            value / np.maximum(length, 1e-300), leading).swapaxes(-1, -2)
+            unit = value / np.maximum(length, 1e-300)
+            still = ~np.any(error != 0.0, axis=(-2, -1))
+            unit[still] = np.linalg.svd(slope[still], full_matrices=False)[2][:, :1]
+            unit = unit.swapaxes(-1, -2)
             by_error[i: i + some] = (slope @ unit)[..., 0]
             moved = problem.values(x + 1j * COMPLEX_STEP * np.eye(3 * size), error + 0j)
             by_x[i: i + some] = (moved.imag / COMPLEX_STEP @ unit)[..., 0]
