@@ -105,11 +105,12 @@ class DynamicOcp(Ocp[DynamicPlan]):
         y, zeta = self.y_des + xi[..., : model.size], xi[..., model.size:]
         config = model.configuration(y)
         end, zeta_end = advance(config, zeta, decision, h), zeta + h * decision
-        u, u_end = decision - model.drift(config, zeta), decision - model.drift(end, zeta_end)
         error = self._error(end)
+        both = Points(model, np.stack([config, end]), np.stack([y, self.y_des + error]),
+                      np.stack([zeta, zeta_end]))
+        u, u_end = decision - both.drift
         return (np.concatenate([error, zeta_end], axis=-1), u - self.u_eq,
-                Points(model, config, y, zeta, u),
-                Points(model, end, self.y_des + error, zeta_end, u_end))
+                both.subset(0, u), both.subset(1, u_end))
 
     def state_rows(self) -> Slopes:
         """Returns the blocks of ξ."""

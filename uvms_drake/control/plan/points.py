@@ -34,7 +34,7 @@ class Points:
     """Input (..., 6+n): 𝔲 of dynamic motion, ζ of kinematic motion."""
     forces: np.ndarray = field(default_factory=lambda: UNKNOWN)
     """Generalised force τ (..., 6+n) [N, N m], if it is not M(𝔮)𝔲."""
-    whole: tuple["Points", slice | np.ndarray] | None = None
+    whole: tuple["Points", int | slice | np.ndarray] | None = None
     """Points that these were taken from, see `subset`."""
 
     @classmethod
@@ -54,7 +54,7 @@ class Points:
         vars(out)["kinematics"] = kinematics
         return out
 
-    def subset(self, index: slice | np.ndarray, u: np.ndarray = UNKNOWN) -> Self:
+    def subset(self, index: int | slice | np.ndarray, u: np.ndarray = UNKNOWN) -> Self:
         """Returns some of the points, with this input there; they share all geometry."""
         zeta = self.zeta if self.zeta is UNKNOWN else self.zeta[index]
         return type(self)(

@@ -104,14 +104,11 @@ def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarr
     n_E = np.concatenate([forward, tilted], axis=-1)
     n = times(model.tip_kinematics(config).A_E[..., :3, :3], n_E)
 
-    def speed(time: float) -> np.ndarray:
-        """Returns n·𝔭̇ (m,) a little later, 𝔮 by the midpoint rule."""
-        middle = zeta + 0.5 * time * rate
-        at = config + 0.5 * time * configuration_rate(config, zeta)
-        moved = config + time * configuration_rate(at, middle)
-        J = model.tip_kinematics(moved).J_chi[..., :3, :]
-        return np.sum(n * times(J, zeta + time * rate), axis=-1)
-
-    jerk: np.ndarray = (
-        speed(DIFFERENCE) - 2.0 * speed(0.0) + speed(-DIFFERENCE)) / DIFFERENCE**2
+    # n·𝔭̇ a little later, now and before, 𝔮 by the midpoint rule.
+    time = DIFFERENCE * np.array([1.0, 0.0, -1.0]).reshape(3, *(1,) * zeta.ndim)
+    at = config + 0.5 * time * configuration_rate(config, zeta)
+    moved = config + time * configuration_rate(at, zeta + 0.5 * time * rate)
+    J = model.tip_kinematics(moved).J_chi[..., :3, :]
+    later, now, earlier = np.sum(n * times(J, zeta + time * rate), axis=-1)
+    jerk: np.ndarray = (later - 2.0 * now + earlier) / DIFFERENCE**2
     return jerk

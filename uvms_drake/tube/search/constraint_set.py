@@ -91,14 +91,17 @@ class ConstraintSet:
         Tip pitch over its bound; `Surface.contact_measure`; ‖ν₁‖², ‖ν₂‖², ‖q̇‖² over the squares of
         theirs.
         """
-        chi = model.task_pose(config)[:, :6]
-        return np.stack([
-            chi[:, TIP_PITCH] / self.tip_pitch,
-            model.surface.contact_measure(chi, self.force_max),
+        of_tip = self.normalised_tip(model, model.task_pose(config)[:, :6])
+        return np.concatenate([of_tip, np.stack([
             np.sum(zeta[:, :3] ** 2, axis=1) / self.nu1**2,
             np.sum(zeta[:, 3:6] ** 2, axis=1) / self.nu2**2,
             np.sum(zeta[:, 6:] ** 2, axis=1) / self.qdot**2,
-        ], axis=1)
+        ], axis=1)], axis=1)
+
+    def normalised_tip(self, model: ContactModel, chi: np.ndarray) -> np.ndarray:
+        """Returns the first two of `normalised` (m, 2), those of the tip's pose χ (m, 6)."""
+        return np.stack([chi[:, TIP_PITCH] / self.tip_pitch,
+                         model.surface.contact_measure(chi, self.force_max)], axis=1)
 
     def contains(self, model: ContactModel, config: np.ndarray, zeta: np.ndarray,
                  tolerance: float = 1e-7) -> np.ndarray:

@@ -63,21 +63,26 @@ class SearchProblem(ABC):
 
     def config(self, pose: np.ndarray) -> np.ndarray:
         """Returns 𝔮 (..., 6+n) with the tip at the first three numbers of `pose`."""
-        config = pose.copy()
-        config[..., :3] = 0.0
-        config[..., :3] = pose[..., :3] - self.model.task_pose(config)[..., :3]
-        return config
+        return self._placed(pose)[0]
 
     def bounded(self, pose: np.ndarray) -> np.ndarray:
         """Returns values of poses (m, 6+n) that have to be in [−1, 1], besides their box (m, 3).
 
         Tip pitch, contact, and the attitude over that at which the contact's law jumps.
         """
-        config, still = self.config(pose), np.zeros((len(pose), self.size))
-        chi = self.model.task_pose(config)[:, :6]
+        chi = self._placed(pose)[1]
         turned = self.model.surface.turned(chi) / NEAREST_TO_A_JUMP
-        kept = self.declared.normalised(self.model, config, still)[:, :2]
-        return np.concatenate([kept, turned[:, None]], axis=1)
+        return np.concatenate(
+            [self.declared.normalised_tip(self.model, chi), turned[:, None]], axis=1)
+
+    def _placed(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns 𝔮 (..., 6+n) as of `config`, and χ (..., 6) there."""
+        config = pose.copy()
+        config[..., :3] = 0.0
+        chi = self.model.task_pose(config)[..., :6]
+        config[..., :3] = pose[..., :3] - chi[..., :3]
+        chi[..., :3] = pose[..., :3]
+        return config, chi
 
 
 NEAREST_TO_A_JUMP = 0.9
