@@ -156,15 +156,14 @@ class Climb:
         toward = self._furthest_motion(by_x), self._furthest_error(by_error)
         pose, toward_pose = self.x[:, :size], self._uphill(by_x[:, :size])
         directions = (toward_pose, toward_pose + MOMENTUM * self._last)
-        # Candidates of several lengths.
-        tried = []
-        for reach in REACHES:
-            for jump, direction in product(JUMPS, directions if reach > 0.0 else directions[:1]):
-                x = self.x + jump * (toward[0] - self.x)
-                x[:, :size] = self._kept(pose + (reach * self._reach)[:, None] * direction)
-                error = self.error + jump * (toward[1] - self.error)
-                tried.append((self._values(x, error), x, error, np.full(len(x), reach)))
-        values, motions, errors, reaches = (np.stack(each) for each in zip(*tried, strict=True))
+        # Candidates of several lengths, all in one batch.
+        tried = [(reach, jump, direction) for reach in REACHES for jump, direction in product(
+            JUMPS, directions if reach > 0.0 else directions[:1])]
+        motions = np.stack([self.x + jump * (toward[0] - self.x) for _, jump, _ in tried])
+        errors = np.stack([self.error + jump * (toward[1] - self.error) for _, jump, _ in tried])
+        motions[..., :size] = self._kept(np.stack([
+            pose + (reach * self._reach)[:, None] * direction for reach, _, direction in tried]))
+        values = self._values(motions, errors)
         # The best of them, if it is better, and the reach of the next step.
         best = np.argmax(values, axis=0), np.arange(len(self.x))
         better = values[best] > self.value
@@ -175,14 +174,17 @@ class Climb:
         self._last = moved / np.maximum(length, 1e-300)
         self.x = gone
         self.error = np.where(better[:, None], errors[best], self.error)
+        reach = np.array([reach for reach, _, _ in tried])[best[0]]
         self._reach = np.clip(self._reach * np.where(
-            better & (reaches[best] > 0.0), WIDENED * reaches[best], NARROWED), 1e-4, 1.0)
+            better & (reach > 0.0), WIDENED * reach, NARROWED), 1e-4, 1.0)
 
     def _values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns the sizes of the climbers' channels (m,)."""
+        """Returns the sizes of the climbers' channels (k, m) at k motions and errors of each."""
+        mask = np.tile(self._mask, (len(x), 1))
+        motions, errors = (each.reshape(len(mask), -1) for each in (x, error))
         return np.concatenate([np.linalg.norm(
-            self._problem.values(x[i: i + BATCH], error[i: i + BATCH]) * self._mask[i: i + BATCH],
-            axis=1) for i in range(0, len(x), BATCH)])
+            self._problem.values(motions[i: i + BATCH], errors[i: i + BATCH]) * mask[i: i + BATCH],
+            axis=1) for i in range(0, len(mask), BATCH)]).reshape(x.shape[:2])
 
     def _gradients(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the derivatives of the climbers' channels by motion and by error.
@@ -243,17 +245,18 @@ class Climb:
         return scale * up / np.maximum(np.max(np.abs(up), axis=1, keepdims=True), 1e-300)
 
     def _kept(self, pose: np.ndarray) -> np.ndarray:
-        """Returns poses (m, 6+n), pulled towards the climbers until they are inside."""
+        """Returns poses (k, m, 6+n), pulled towards the climbers until they are inside."""
         pose = np.clip(pose, *self._box)
         here = self.x[:, : self._problem.size]
-        low, high = np.zeros((len(pose), 1)), np.ones((len(pose), 1))
+        low, high = np.zeros((*pose.shape[:2], 1)), np.ones((*pose.shape[:2], 1))
         share = high
         for _ in range(PULLS):
-            inside = np.all(np.abs(self._problem.bounded(here + share * (pose - here)))
-                            <= 1.0 + EDGE, axis=1)[:, None]
-            if np.all(inside & (share == 1.0)):
-                break
+            tried = (here + share * (pose - here)).reshape(-1, pose.shape[-1])
+            inside = np.all(np.abs(self._problem.bounded(tried)) <= 1.0 + EDGE, axis=1
+                            ).reshape(share.shape)
             low, high = np.where(inside, share, low), np.where(inside, high, share)
+            if np.all(low == 1.0):
+                break
             share = np.where(low == 1.0, 1.0, 0.5 * (low + high))
         return here + low * (pose - here)
 
