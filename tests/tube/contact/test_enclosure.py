@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from uvms_drake.model.frames.spatial import cross_motion
-from uvms_drake.tube.contact.enclosure import Enclosure, crossing, inverse, sine_and_cosine
+from uvms_drake.tube.contact.enclosure import (
+    Enclosure,
+    carrying,
+    crossing,
+    inverse,
+    sine_and_cosine,
+)
 
 ROUNDING = 1e-12
 
@@ -34,10 +40,12 @@ def test_sums_products_and_cross_products_hold_those_of_all_members():
     assert_within(a + a[::-1], A + A, 0.9)
     assert_within(a - a[::-1], A - A, 0.9)
     assert_within(a.swapaxes(-1, -2), A.T, 0.9)
-    V, W = enclosure(rng, 6, 1), enclosure(rng, 6, 3)
+    assert_within(a @ B.mid, A @ B.mid, 0.5)
+    assert_within(A.mid @ b, A.mid @ B, 0.5)
+    V, W = enclosure(rng, 6), enclosure(rng, 6, 3)
     v, w = members(rng, V), members(rng, W)
-    assert_within(np.stack([cross_motion(v[..., 0], w[..., i]) for i in range(3)], axis=-1),
-                  V.cross_motion(W), 0.3)
+    assert_within(np.stack([cross_motion(v, w[..., i]) for i in range(3)], axis=-1),
+                  carrying(V) @ W, 0.3)
     P, Q = enclosure(rng, 3), enclosure(rng, 3, 1)
     p, q = members(rng, P), members(rng, Q)
     assert_within(np.cross(p, q[..., 0]), (crossing(P) @ Q)[..., 0], 0.5)

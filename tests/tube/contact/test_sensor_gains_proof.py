@@ -10,14 +10,21 @@ from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.tube.contact import sensor_gains_proof
 from uvms_drake.tube.contact.enclosure import Enclosure
-from uvms_drake.tube.contact.joint_enclosures import inertia_of, link_jacobians
-from uvms_drake.tube.contact.sensor_gains import norms_over_joints
+from uvms_drake.tube.contact.gain_expansions import expansions
+from uvms_drake.tube.contact.joint_enclosures import (
+    links_in_boxes,
+    second_of_inertia,
+    second_of_links,
+    second_of_tip,
+)
+from uvms_drake.tube.contact.sensor_gains import norms_over_joints, tip_jacobian_and_gain
 from uvms_drake.tube.contact.sensor_gains_proof import (
     PROVABLE,
     Claimed,
     bounds,
     claimed_suprema,
     corners_of_cone,
+    pieces_of,
     proof_of,
 )
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -70,29 +77,63 @@ def slopes(robot: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, second
 
 
-def test_boxes_hold_jacobians_inertia_and_two_derivatives_of_all_joints_in_them(robot):
+def test_boxes_hold_jacobians_and_two_derivatives_of_all_joints_in_them(robot):
     """In any columns T; values and first derivatives of the model's own, second ones of those."""
     rng = np.random.default_rng(1)
     centre, half = boxes_in(robot, 24, rng)
     T = np.eye(robot.size) + 0.3 * rng.normal(size=(24, robot.size, robot.size))
-    links = [*link_jacobians(robot, centre, half, T)]
-    M = inertia_of(robot, links, T)
+    J_E, links = links_in_boxes(robot, centre, half, T)
+    second = second_of_links(links)
+    in_pairs, M_second = second_of_tip(J_E), second_of_inertia(robot, links, second)
     step, T_link = 1e-5, T[:, None]
     for _ in range(15):
         q = centre + half * np.clip(rng.uniform(-2.0, 2.0, half.shape), -1.0, 1.0)
-        J_here, M_here = at(robot, q)
-        J_by, M_by = slopes(robot, q)
-        for k, link in enumerate(links):
-            assert_held(J_here[:, k] @ T, link.value)
-            assert_held(J_by[:, :, k] @ T_link, link.first)
-        assert_held(T.swapaxes(1, 2) @ M_here @ T, M.value, 1e-9)
-        assert_held(T_link.swapaxes(2, 3) @ M_by @ T_link, M.first, 1e-9)
-        for j, e in enumerate(np.eye(robot.num_joints)):
+        J_here, _ = at(robot, q)
+        J_by, _ = slopes(robot, q)
+        assert_held(J_here[:, -1], J_E)
+        for k, link in enumerate(links, start=1):
+            assert_held(J_here[:, k] @ T, link.J)
+            assert_held(J_by[:, :k, k] @ T_link, link.first)
+        for pair, (i, j) in enumerate(zip(*np.tril_indices(robot.num_joints), strict=True)):
+            e = np.eye(robot.num_joints)[j]
             ahead, behind = (slopes(robot, q + sign * step * e) for sign in (1.0, -1.0))
-            J_two, M_two = ((a - b) / (2.0 * step) for a, b in zip(ahead, behind, strict=True))
-            for k, link in enumerate(links):
-                assert_held(J_two[:, :, k] @ T_link, link.second[:, :, j], 1e-7)
-            assert_held(T_link.swapaxes(2, 3) @ M_two @ T_link, M.second[:, :, j], 1e-4)
+            J_two, M_two = ((a[:, i] - b[:, i]) / (2.0 * step)
+                            for a, b in zip(ahead, behind, strict=True))
+            assert_held(J_two[:, -1], in_pairs[:, pair], 1e-7)
+            assert_held(J_two[:, i + 1:] @ T_link, second[i][:, :, :, j], 1e-7)
+            assert_held(T.swapaxes(1, 2) @ M_two @ T, M_second[:, pair], 1e-4)
+
+
+def test_expansions_have_the_values_and_slopes_of_the_models_own(robot):
+    """S over G and its derivatives by complex steps; no second one in a box is above the largest.
+
+    Second ones of boxes: by differences, at random joints in them.
+    """
+    rng = np.random.default_rng(5)
+    centre, half = boxes_in(robot, 24, rng)
+    found = expansions(robot, centre, half)
+
+    def S_over_G(q: np.ndarray) -> np.ndarray:
+        J_E, G = tip_jacobian_and_gain(robot, q)
+        return np.concatenate([J_E @ G, G], axis=-2)
+
+    def slopes_at(q: np.ndarray) -> np.ndarray:
+        moved = q[:, None] + 1j * COMPLEX_STEP * np.eye(robot.num_joints)
+        return S_over_G(moved).imag / COMPLEX_STEP
+
+    np.testing.assert_allclose(found.gains.value, S_over_G(centre), atol=1e-12)
+    np.testing.assert_allclose(found.gains.first, slopes_at(centre), atol=1e-12)
+    np.testing.assert_allclose(found.J_E.value, tip_jacobian_and_gain(robot, centre)[0],
+                               atol=1e-12)
+    np.testing.assert_allclose(found.J_E.first, slopes(robot, centre)[0][:, :, -1], atol=1e-12)
+    step = 1e-5
+    for _ in range(15):
+        q = centre + half * rng.uniform(-1.0, 1.0, half.shape)
+        for pair, (i, j) in enumerate(zip(*np.tril_indices(robot.num_joints), strict=True)):
+            e = step * np.eye(robot.num_joints)[j]
+            two = (slopes_at(q + e)[:, i] - slopes_at(q - e)[:, i]) / (2.0 * step)
+            assert np.all(np.isnan(found.gains.second[:, pair])
+                          | (np.abs(two) <= found.gains.second[:, pair] + 1e-6))
 
 
 def assert_held(values: np.ndarray, by: Enclosure, rounding: float = 1e-12) -> None:
@@ -104,7 +145,7 @@ def assert_held(values: np.ndarray, by: Enclosure, rounding: float = 1e-12) -> N
 def test_no_joints_and_no_normal_in_a_box_have_more_than_its_bounds(robot):
     rng = np.random.default_rng(2)
     centre, half = boxes_in(robot, 24, rng)
-    found = bounds(robot, centre, half, corners_of_cone(ANGLE))
+    found = bounds(robot, centre, half, corners_of_cone(ANGLE), np.zeros(PROVABLE))
     sizes, _ = norms_over_joints(robot, set_of(*box_of(robot, 0.5)), ANGLE)
     n_is_x = np.zeros((24, 2))
     np.testing.assert_allclose(
@@ -115,6 +156,12 @@ def test_no_joints_and_no_normal_in_a_box_have_more_than_its_bounds(robot):
         n = rng.uniform([0.0, 0.0], [ANGLE, 2.0 * np.pi], (24, 2))
         value = sizes(np.concatenate([q, n], axis=1))[:, :PROVABLE]
         assert np.all(value <= found.upper * (1.0 + 1e-9) + 1e-12)
+    # Those that need not be close are larger, but not above the claims.
+    claims = 1.1 * np.max(found.value, axis=0)
+    enough = bounds(robot, centre, half, corners_of_cone(ANGLE), claims).upper
+    assert np.all(enough >= found.upper * (1.0 - 1e-12))
+    assert np.all((enough <= claims) | (enough <= found.upper * (1.0 + 1e-12)))
+    assert np.any(enough > found.upper * 1.001)
     # The smallest boxes have hardly more than their centres, but for n and derivatives.
     alone = [0, 1, 3, *range(9, PROVABLE, 4)]
     assert np.all(found.upper[:6, alone] <= 1.05 * found.value[:6, alone] + 1e-3)
@@ -130,6 +177,14 @@ def test_directions_of_a_cone_are_in_the_hull_of_its_corners():
         along = rng.normal(size=(2000, 3))
         most = np.max(along @ corners_of_cone(angle).T, axis=1)
         assert np.all(np.max(along @ n.T, axis=1) <= most + 1e-12)
+
+
+def test_boxes_are_cut_along_what_counts_most_until_little_is_left_or_eight():
+    worth = np.array([1.0, 5.0, 2.0])
+    assert np.all(pieces_of(worth, 1.0) == [1, 2, 1])  # One halving at least.
+    assert np.all(pieces_of(worth, 3.0) == [1, 2, 1])  # 3 (5.5 / 8)² is below 1.5.
+    assert np.all(pieces_of(worth, 4.0) == [1, 4, 1])  # 4 (5.5 / 8)² is not.
+    assert np.all(pieces_of(worth, np.inf) == [1, 4, 2])
 
 
 def test_what_is_true_is_proven_what_is_false_is_refuted_and_what_is_close_is_left(robot):

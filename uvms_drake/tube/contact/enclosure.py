@@ -21,6 +21,7 @@ class Enclosure:
     """Midpoints (..., r, c)."""
     rad: np.ndarray
     """Radii (..., r, c), not negative; infinite, or not a number, where nothing is known."""
+    __array_ufunc__ = None  # A matrix times an enclosure is `__rmatmul__`.
 
     def __add__(self, other: "Enclosure") -> "Enclosure":
         return Enclosure(self.mid + other.mid, self.rad + other.rad)
@@ -28,10 +29,16 @@ class Enclosure:
     def __sub__(self, other: "Enclosure") -> "Enclosure":
         return Enclosure(self.mid - other.mid, self.rad + other.rad)
 
-    def __matmul__(self, other: "Enclosure") -> "Enclosure":
+    def __matmul__(self, other: "Enclosure | np.ndarray") -> "Enclosure":
         with np.errstate(invalid="ignore", over="ignore"):  # Zero times infinity.
+            if isinstance(other, np.ndarray):
+                return Enclosure(self.mid @ other, self.rad @ np.abs(other))
             rad = np.abs(self.mid) @ other.rad + self.rad @ other.largest
         return Enclosure(self.mid @ other.mid, rad)
+
+    def __rmatmul__(self, other: np.ndarray) -> "Enclosure":
+        with np.errstate(invalid="ignore", over="ignore"):
+            return Enclosure(other @ self.mid, np.abs(other) @ self.rad)
 
     def __getitem__(self, index: Any) -> "Enclosure":
         return Enclosure(self.mid[index], self.rad[index])
@@ -50,14 +57,9 @@ class Enclosure:
         """Returns the stack with two of its axes interchanged."""
         return Enclosure(self.mid.swapaxes(first, second), self.rad.swapaxes(first, second))
 
-    def widened(self, by: np.ndarray) -> "Enclosure":
-        """Returns it with larger radii."""
-        return Enclosure(self.mid, self.rad + by)
-
-    def cross_motion(self, other: "Enclosure") -> "Enclosure":
-        """Returns V × W for every column V of this one (..., 6, 1) and all W of another."""
-        V, rad = self.mid[..., 0], self.rad[..., 0]
-        return Enclosure(motion_matrix(V), np.abs(motion_matrix(rad))) @ other
+    def reshape(self, *shape: int) -> "Enclosure":
+        """Returns the stack in another shape."""
+        return Enclosure(self.mid.reshape(shape), self.rad.reshape(shape))
 
 
 def exactly(A: np.ndarray) -> Enclosure:
@@ -68,6 +70,11 @@ def exactly(A: np.ndarray) -> Enclosure:
 def crossing(a: Enclosure) -> Enclosure:
     """Returns S(a) (..., 3, 3) of vectors a (..., 3), S(a) b = a × b."""
     return Enclosure(skew(a.mid), np.abs(skew(a.rad)))
+
+
+def carrying(V: Enclosure) -> Enclosure:
+    """Returns V× (..., 6, 6) of motion vectors V (..., 6), see `motion_matrix`."""
+    return Enclosure(motion_matrix(V.mid), np.abs(motion_matrix(V.rad)))
 
 
 def concatenated(*parts: Enclosure, axis: int) -> Enclosure:

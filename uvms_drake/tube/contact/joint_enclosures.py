@@ -1,15 +1,15 @@
-"""Enclosures of the links' Jacobians and of M, with two derivatives, over boxes of joints.
+"""Enclosures of the links' Jacobians and of M's second derivatives over boxes of joints.
 
 For columns of any matrix T in place of ζ, ζ = T z, and in axes of link k, Xₖ taking twists from
 link to link, sₖ the screw of joint k in axes of the link before, tₖ its row of T,
 
-    Jₖ = Xₖ(qₖ)(Jₖ₋₁ + sₖ tₖ),    ∂Jₖ/∂qᵢ = −cᵢ × Bᵢ,    ∂²Jₖ/∂qᵢ∂qⱼ = cᵢ × (cⱼ × Bⱼ),  j ≤ i,
+    Jₖ = Xₖ(qₖ)(Jₖ₋₁ + sₖ tₖ),    ∂Jₖ/∂qᵢ = −cᵢ × Bᵢ,    ∂²Jₖ/∂qᵢ∂qⱼ = −cᵢ × ∂Jₖ/∂qⱼ,  j ≤ i,
 
 Bᵢ = Xₖ…Xᵢ Jᵢ₋₁, cᵢ = Xₖ…Xᵢ sᵢ. Where T makes M the unit matrix at a box's centre, radii stay small.
-Proof: tube/contact/theory.md#enclosures-of-link-jacobians-and-inertia.
+Pairs (i, j), j ≤ i, are in the order of `np.tril_indices`. Proof:
+tube/contact/theory.md#enclosures-of-link-jacobians-and-inertia.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.contact.enclosure import (
     Enclosure,
+    carrying,
     concatenated,
     crossing,
     exactly,
@@ -25,24 +26,20 @@ from uvms_drake.tube.contact.enclosure import (
 )
 
 
-class Expansion(NamedTuple):
-    """A matrix over boxes, with its derivatives by the joints."""
+class Link(NamedTuple):
+    """A link beyond k joints, over m boxes of them; in its own axes."""
 
-    value: Enclosure
-    """Matrix (m, r, c)."""
+    J: Enclosure
+    """Jacobian JₖT (m, 6, 6+n)."""
+    turns: Enclosure
+    """Matrices −cᵢ× of these joints (m, k, 6, 6)."""
     first: Enclosure
-    """First derivatives ∂/∂qᵢ (m, n, r, c)."""
-    second: Enclosure
-    """Second derivatives ∂²/∂qᵢ∂qⱼ (m, n, n, r, c)."""
-
-    def part(self, rows: slice, columns: slice = slice(None)) -> "Expansion":
-        """Returns some rows and columns of it."""
-        return Expansion(*(each[..., rows, columns] for each in self))
+    """First derivatives of JₖT by them (m, k, 6, 6+n)."""
 
 
-def link_jacobians(model: UvmsModel, centre: np.ndarray, half: np.ndarray, T: np.ndarray
-                   ) -> Iterator[Expansion]:
-    """Yields JₖT (m, 6, 6+n) of every link, the tip's last.
+def links_in_boxes(model: UvmsModel, centre: np.ndarray, half: np.ndarray, T: np.ndarray
+                   ) -> tuple[Enclosure, list[Link]]:
+    """Returns J_E (m, 6, 6+n) in columns of ζ, and all links but the vehicle in those of T.
 
     Args:
         model: Any serial arm.
@@ -50,49 +47,82 @@ def link_jacobians(model: UvmsModel, centre: np.ndarray, half: np.ndarray, T: np
         half: Half-widths of the boxes (m, n) [rad, m].
         T: Columns in place of ζ (m, 6+n, 6+n).
     """
-    links, n, count = model.links, model.num_joints, len(centre)
-    J = _carry(exactly(np.tile(links.X_BV, (count, 1, 1)))) @ exactly(T[:, :6])
-    screws = exactly(np.zeros((count, 0, 6, 1)))  # cᵢ of the joints before the link
-    carried = exactly(np.zeros((count, 0, 6, model.size)))  # Bᵢ
-    for k in range(n + 1):
-        if k > 0:
-            X = _carry(_step(model, k - 1, centre, half))[:, None]
-            screw = exactly(np.tile(_screw(model, k - 1)[:, None], (count, 1, 1, 1)))
-            screws = X @ concatenated(screws, screw, axis=1)
-            carried = X @ concatenated(carried, J[:, None], axis=1)
-            J = carried[:, -1] + screws[:, -1] @ exactly(T[:, 5 + k, None, :])
-        yield Expansion(J, *_derivatives(screws, carried, n))
+    count, size = len(centre), model.size
+    vehicle = _carry(exactly(np.tile(model.links.X_BV, (count, 1, 1))))
+    J_E, J = vehicle, vehicle @ T[:, :6]
+    carried = exactly(np.zeros((count, 6, 0)))  # Bᵢ, side by side.
+    links = []
+    for k in range(model.num_joints):
+        # The columns of J_E are the vehicle's and the screws cᵢ.
+        screw = exactly(np.tile(_screw(model, k)[:, None], (count, 1, 1)))
+        moved = _carry(_step(model, k, centre, half)) @ concatenated(
+            J_E, screw, carried, J, axis=-1)
+        J_E, carried = moved[..., :7 + k], moved[..., 7 + k:]
+        J = carried[..., -size:] + J_E[..., -1:] @ T[:, 6 + k, None]
+        turns = _turns(J_E)
+        links.append(Link(J, turns, turns @ carried.reshape(count, 6, k + 1, size).swapaxes(1, 2)))
+    return J_E, links
 
 
-def inertia_of(model: UvmsModel, links: list[Expansion], T: np.ndarray) -> Expansion:
-    """Returns TᵀMT (m, 6+n, 6+n) = Σ JₖᵀIₖJₖ of all links' Jacobians, and of the motors."""
-    motors = np.concatenate([np.zeros(6), model.links.rotor_inertia])
-    value = exactly(T.swapaxes(-1, -2) @ (motors[:, None] * T))
-    first = second = exactly(np.zeros((1, 1, 1)))
-    for J, inertia in zip(links, model.links.inertia, strict=True):
-        I_J, I_J_by = exactly(inertia) @ J.value, exactly(inertia) @ J.first
-        one = J.first.T @ I_J[:, None]
-        two = J.second.T @ I_J[:, None, None]
-        mixed = J.first[:, :, None].T @ I_J_by[:, None]
-        value = value + J.value.T @ I_J
-        first = first + one + one.T
-        second = second + two + two.T + mixed + mixed.T
-    return Expansion(value, first, second)
+def second_of_tip(J_E: Enclosure) -> Enclosure:
+    """Returns ∂²J_E/∂qᵢ∂qⱼ (m, n(n+1)/2, 6, 6+n) of J_E (m, 6, 6+n)."""
+    n = J_E.mid.shape[-1] - 6
+    beyond = beyond_columns(n)
+    turns = _turns(J_E)
+    first = turns @ Enclosure(J_E.mid[:, None] * beyond, J_E.rad[:, None] * beyond)
+    i, j = np.tril_indices(n)
+    return turns[:, i] @ first[:, j]
 
 
-def _derivatives(screws: Enclosure, carried: Enclosure, n: int) -> tuple[Enclosure, Enclosure]:
-    """Returns the derivatives of a link's Jacobian by n joints, of which the first k move it."""
-    count, k = screws.mid.shape[:2]
-    rate = screws.cross_motion(carried)
-    twice = screws[:, :, None].cross_motion(rate[:, None])
-    i, j = np.indices((k, k))
-    order = (slice(None), np.maximum(i, j), np.minimum(i, j))
-    first, second = (
-        [np.zeros((count, *(n,) * axes, *carried.mid.shape[2:])) for _ in range(2)]
-        for axes in (1, 2))
-    first[0][:, :k], first[1][:, :k] = -rate.mid, rate.rad
-    second[0][:, :k, :k], second[1][:, :k, :k] = twice.mid[order], twice.rad[order]
-    return Enclosure(*first), Enclosure(*second)
+def beyond_columns(n: int) -> np.ndarray:
+    """Returns 1 where joint i carries along a column of J_E, 0 where it does not (n, 1, 6+n)."""
+    return np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=1)[:, None]
+
+
+def second_of_links(links: list[Link]) -> list[Enclosure]:
+    """Returns ∂²JₖT/∂qᵢ∂qⱼ (m, n−i, 6, i+1, 6+n) by joint i, of links beyond it and all j ≤ i."""
+    count, n, _, size = links[-1].first.mid.shape
+    out = []
+    for i in range(n):
+        turns = concatenated(*(link.turns[:, i, None] for link in links[i:]), axis=1)
+        out.append((turns @ _first(links, i)).reshape(count, n - i, 6, i + 1, size))
+    return out
+
+
+def second_of_inertia(model: UvmsModel, links: list[Link], second: list[Enclosure]) -> Enclosure:
+    """Returns ∂²TᵀMT/∂qᵢ∂qⱼ (m, n(n+1)/2, 6+n, 6+n), TᵀMT = Σ JₖᵀIₖJₖ of all links, and motors.
+
+    Args:
+        model: Any serial arm.
+        links: The links.
+        second: Their second derivatives.
+    """
+    # All links, one above the other: Jᵢⱼᵀ I J + Jⱼᵀ I Jᵢ, and the transposes.
+    count, n, _, size = links[-1].first.mid.shape
+    inertia = model.links.inertia[1:]
+    I_J = inertia @ concatenated(*(link.J[:, None] for link in links), axis=1)
+    out = []
+    for i, two in enumerate(second):
+        one = _first(links, i)
+        I_J_i = inertia[i:] @ one[..., -size:]
+        half = (two.reshape(count, 6 * (n - i), -1).T @ I_J[:, i:].reshape(count, -1, size)
+                + one.reshape(count, 6 * (n - i), -1).T @ I_J_i.reshape(count, -1, size))
+        out.append(half.reshape(count, i + 1, size, size))
+    halves = concatenated(*out, axis=1)
+    return halves + halves.T
+
+
+def _first(links: list[Link], i: int) -> Enclosure:
+    """Returns ∂JₖT/∂qⱼ of all links beyond joint i (m, n−i, 6, (i+1)(6+n)), j ≤ i side by side."""
+    count, _, _, size = links[-1].first.mid.shape
+    each = (link.first[:, :i + 1].swapaxes(1, 2)[:, None] for link in links[i:])
+    return concatenated(*each, axis=1).reshape(count, len(links) - i, 6, (i + 1) * size)
+
+
+def _turns(J_E: Enclosure) -> Enclosure:
+    """Returns −cᵢ× (m, k, 6, 6) of the screws in the columns of J_E (m, 6, 6+k)."""
+    across = carrying(J_E[..., 6:].T)
+    return Enclosure(-across.mid, across.rad)
 
 
 def _step(model: UvmsModel, j: int, centre: np.ndarray, half: np.ndarray) -> Enclosure:

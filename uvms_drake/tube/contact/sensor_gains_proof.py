@@ -1,9 +1,7 @@
 """Proof of claims on the suprema of `sensor_gains`, by branch and bound over boxes of joints.
 
-For A(q), c the centre of a box of half-widths h and δ = q − c in it, a norm of A is at most its
-largest value at the corners ε, A(c) + Σ εᵢhᵢ∂ᵢA(c), plus ½ΣΣ hᵢhⱼ‖A″ᵢⱼ‖, A″ᵢⱼ in the enclosure of
-∂ᵢ∂ⱼA over the box. A claim is proven where all boxes of a covering have such a bound that is no
-larger; others are halved. n, within an angle of the tip's x-axis, is in the convex hull of vectors.
+A claim is proven where all boxes of a covering have a bound (`norm_bounds`) that is no larger;
+others are halved. n, within an angle of the tip's x-axis, is in the convex hull of vectors.
 "Proven" is up to rounding: the arithmetic is floating-point, and `ROUNDING` is added for it. Proof:
 tube/contact/theory.md#operator-norms-over-boxes-of-joints.
 """
@@ -14,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.tube.contact.enclosure import Enclosure, concatenated, crossing, exactly, inverse
-from uvms_drake.tube.contact.joint_enclosures import Expansion, inertia_of, link_jacobians
-from uvms_drake.tube.contact.sensor_gains import ALONE, Suprema, norm, norms_over_joints, suprema_of
+from uvms_drake.tube.contact.gain_expansions import expansions
+from uvms_drake.tube.contact.norm_bounds import ROUNDING, Bounds, Columns
+from uvms_drake.tube.contact.sensor_gains import ALONE, Suprema, norms_over_joints, suprema_of
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, Estimate, largest_of
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
@@ -25,14 +23,14 @@ from uvms_drake.tube.search.search_memo import active_memo
 SLOPES_OF_J, SLOPES_OF_A = 1.3, 3.0
 """Additional factors of the claims of (Σ‖∂ᵢJ‖²)^½ and (Σ‖∂ᵢA‖²)^½: they count little, and smaller
 ones need far more boxes."""
-BATCH = 64
+BATCH = 128
 """Number of boxes evaluated at a time."""
 MOST_WORK = 6_000_000
 """Boxes times 4ⁿ, after which claims remain unproven."""
+MOST_HALVINGS, NEAR = 3, 1.5
+"""Halvings of a box at once, and excess of its pieces from which on there are no more."""
 POLYGON = 12
 """Corners of the polygon about the circle of w."""
-ROUNDING = 1e-9
-"""Relative allowance for rounding."""
 PROVABLE = ALONE + 4 * 6
 """Number of the columns of `norms_over_joints` to prove: all but those of single rows of ζ̇."""
 
@@ -114,19 +112,42 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
         taken, todo = todo[-BATCH:], todo[:-BATCH]
         centre, half = (np.array(each) for each in zip(*taken, strict=True))
         boxes += len(taken)
-        found = bounds(model, centre, half, directions)
+        found = bounds(model, centre, half, directions, claims)
         largest = max(largest, float(np.max(_over_claim(found.value, claims))))
         if largest > 1.0:
             break
-        # Boxes above a claim are halved along the coordinate that counts most.
+        # Boxes above a claim are halved along the coordinates that count most.
         over = _over_claim(found.upper, claims) * (1.0 + ROUNDING) > 1.0
         for i in np.flatnonzero(np.any(over, axis=1)):
             worth = np.max(_over_claim(found.share[i], claims)[:, over[i]], axis=1)
-            which = np.argmax(worth if np.all(np.isfinite(worth)) else half[i])
-            shift = np.zeros_like(worth)
-            shift[which] = 0.5 * half[i, which]
-            todo += [(centre[i] - shift, half[i] - shift), (centre[i] + shift, half[i] - shift)]
+            pieces = pieces_of(half[i], 0.0)
+            if np.all(np.isfinite(worth)):
+                excess = _over_claim(found.upper[i] - found.value[i], claims - found.value[i])
+                pieces = pieces_of(worth, float(np.max(excess)))
+            width = half[i] / pieces
+            todo += [(centre[i] + width * (2.0 * np.array(at) + 1.0 - pieces), width)
+                     for at in product(*map(range, pieces))]
     return Proof(not todo and largest <= 1.0, boxes, largest)
+
+
+def pieces_of(worth: np.ndarray, excess: float) -> np.ndarray:
+    """Returns the number of pieces of each coordinate (n,) of a box above a claim.
+
+    The excess is quadratic in the widths, to which the parts are proportional. Without the boxes
+    in between, which would be halved, too, there are a third fewer to evaluate.
+
+    Args:
+        worth: Part of each coordinate in the bound (n,).
+        excess: Bound less the value at the centre, over the claim less it.
+    """
+    pieces, left = np.ones(len(worth), dtype=int), worth.copy()
+    for _ in range(MOST_HALVINGS):
+        which = np.argmax(left)
+        pieces[which] *= 2
+        left[which] *= 0.5
+        if excess * (np.sum(left) / np.sum(worth)) ** 2 <= NEAR:
+            break
+    return pieces
 
 
 def _over_claim(value: np.ndarray, claims: np.ndarray) -> np.ndarray:
@@ -144,31 +165,20 @@ def corners_of_cone(angle: float) -> np.ndarray:
                            np.cos(angle) * x + np.sin(angle) * w])
 
 
-class Bounds(NamedTuple):
-    """Bounds of norms over m boxes, in the order of the columns of `norms_over_joints`."""
-
-    value: np.ndarray
-    """Values at the centres, with n the tip's x-axis (m, c)."""
-    upper: np.ndarray
-    """Bounds of all values in the boxes (m, c)."""
-    share: np.ndarray
-    """Approximate part of each coordinate in the bounds (m, n, c); the largest is worth halving."""
-
-
-def bounds(model: UvmsModel, centre: np.ndarray, half: np.ndarray, directions: np.ndarray
-           ) -> Bounds:
-    """Returns bounds over boxes; see the module.
+def bounds(model: UvmsModel, centre: np.ndarray, half: np.ndarray, directions: np.ndarray,
+           claims: np.ndarray) -> Bounds:
+    """Returns bounds over boxes, in the order of the columns of `norms_over_joints`.
 
     Args:
         model: The controller's.
         centre: Centres of the boxes (m, n) [rad].
         half: Half of their widths (m, n) [rad].
-        directions: Vectors (d, 3) in whose convex hull n is.
+        directions: Vectors (d, 3) in whose convex hull n is, the first the tip's x-axis.
+        claims: Values (c,) up to which a bound needs not be close.
     """
     size = model.size
-    J_E, in_vehicle = _tip(model, centre, half)
-    A = _gains(model, centre, half)
-    columns = _Columns(half)
+    J_E, in_vehicle, A = expansions(model, centre, half)
+    columns = Columns(half, claims)
     columns.add(J_E.part(slice(3, 6), slice(6, None)))
     columns.add(J_E.part(slice(0, 3)))
     columns.add_enclosed(*in_vehicle)
@@ -182,154 +192,4 @@ def bounds(model: UvmsModel, centre: np.ndarray, half: np.ndarray, directions: n
         columns.add(force, (left, directions))
         columns.add(torque, (left, None))
         columns.add_slope(force, (left, None))
-    return columns.bounds()
-
-
-def _tip(model: UvmsModel, centre: np.ndarray, half: np.ndarray
-         ) -> tuple[Expansion, tuple[Enclosure, Enclosure]]:
-    """Returns J_E about the centres, and ∂ᵢJ_v in axes of the vehicle there and in the boxes."""
-    def in_vehicle(J: Enclosure) -> Enclosure:
-        """By joint i the tip is moved by lᵢ, its lever's end, and the levers of joints j turn.
-
-        [0, −S(lᵢ), a_min × l_max] with a, l of the axes, of the two of i and j.
-        """
-        n = J.mid.shape[-1] - 6
-        levers, axes = J[:, :3, 6:].T, J[:, 3:, 6:].T
-        turned = crossing(axes)[:, :, None] @ levers[:, None, ..., None]
-        i, j = np.indices((n, n))
-        joints = turned[..., 0][:, np.minimum(i, j), np.maximum(i, j)].swapaxes(2, 3)
-        vehicle = crossing(levers)
-        return concatenated(exactly(np.zeros_like(vehicle.mid)), vehicle, joints, axis=-1)
-
-    unit = np.tile(np.eye(model.size), (len(centre), 1, 1))
-    here, box = ([*link_jacobians(model, centre, each, unit)][-1]
-                 for each in (np.zeros_like(half), half))
-    return here._replace(second=box.second), (in_vehicle(here.value), in_vehicle(box.value))
-
-
-def _gains(model: UvmsModel, centre: np.ndarray, half: np.ndarray) -> Expansion:
-    """Returns S over G (m, 6+6+n, 6) about the centres."""
-    T = _unit(model, centre)
-    points, boxes = ([*link_jacobians(model, centre, each, T)]
-                     for each in (np.zeros_like(half), half))
-    here, second = inertia_of(model, points, T), inertia_of(model, boxes, T).second
-    first = here.first.widened(_moved(half[:, None], second))
-    M = Expansion(here.value.widened(_moved(half, first)), first, second)
-    at, over = _over(points[-1], here, T), _over(boxes[-1], M, T)
-    return at._replace(second=over.second)
-
-
-def _over(J: Expansion, M: Expansion, T: np.ndarray) -> Expansion:
-    """Returns S over G, of JT and TᵀMT."""
-    M_inverse = inverse(M.value)
-    G = M_inverse @ J.value.T
-    one, two = G[:, None], G[:, None, None]
-    G_by = M_inverse[:, None] @ (J.first.T - M.first @ one)
-    M_G, J_G = (each.first[:, :, None] @ G_by[:, None] for each in (M, J))
-    G_two = M_inverse[:, None, None] @ (
-        J.second.T - M.second @ two - M_G - M_G.swapaxes(1, 2))
-    S_by = J.first @ one
-    S_two = J.second @ two + J_G + J_G.swapaxes(1, 2) + J.value[:, None, None] @ G_two
-    rows = exactly(T)
-    return Expansion(
-        concatenated(J.value @ G, rows @ G, axis=-2),
-        concatenated(S_by + S_by.T - one.T @ M.first @ one, rows[:, None] @ G_by, axis=-2),
-        concatenated(S_two, rows[:, None, None] @ G_two, axis=-2))
-
-
-def _unit(model: UvmsModel, q: np.ndarray) -> np.ndarray:
-    """Returns T (m, 6+n, 6+n) with TᵀMT = I at joint angles (m, n)."""
-    config = np.concatenate([np.zeros((len(q), 6)), q], axis=1)
-    root = np.linalg.cholesky(model.mass_matrix(model.kinematics(config)))
-    out: np.ndarray = np.linalg.inv(root).swapaxes(-1, -2)
-    return out
-
-
-def _moved(half: np.ndarray, by: Enclosure) -> np.ndarray:
-    """Returns the largest change by derivatives (..., n, r, c) within h (..., n)."""
-    out: np.ndarray = np.sum(half[..., None, None] * by.largest, axis=-3)
-    return out
-
-
-Sides = tuple[np.ndarray | None, np.ndarray | None]
-"""Vectors (d, 3) on the left and on the right of A, or none."""
-NEITHER: Sides = (None, None)
-
-
-class _Columns:
-    """Bounds of norms, one after the other; see `Bounds`."""
-
-    def __init__(self, half: np.ndarray):
-        self._half = half
-        self._corners = half[:, None] * np.array(list(product((-1.0, 1.0), repeat=half.shape[1])))
-        self._found: list[Bounds] = []
-
-    def add(self, A: Expansion, sides: Sides = NEITHER) -> None:
-        """Adds ‖A‖, ‖nᵀA‖, ‖A n‖ or |nᵀA n|."""
-        corners = A.value.mid[:, None] + np.einsum("mvi,mirc->mvrc", self._corners, A.first.mid)
-        bend = self._bend(A) * longest(sides)
-        self._found.append(Bounds(
-            np.max(norms(A.value.mid, first(sides)), axis=-1),
-            np.max(norms(corners, sides), axis=(1, 2)) + 0.5 * np.sum(
-                self._half * bend, axis=1),
-            self._half * (frobenius(A.first.mid) * longest(sides) + bend)))
-
-    def add_slope(self, A: Expansion, sides: Sides = NEITHER) -> None:
-        """Adds (Σ‖∂ᵢA‖²)^½ or (Σ‖nᵀ∂ᵢA‖²)^½."""
-        bend = self._bend(A) * longest(sides)
-        self._add(norms(A.first.mid, first(sides)),
-                  norms(A.first.mid, sides) + bend[..., None], self._half * bend)
-
-    def add_enclosed(self, at: Enclosure, box: Enclosure) -> None:
-        """Adds (Σ‖Aᵢ‖²)^½ of Aᵢ (m, n, r, c) at the centres and in the boxes."""
-        radius = frobenius(box.rad)
-        self._add(norms(at.mid, NEITHER), norms(box.mid, NEITHER) + radius[..., None],
-                  self._half * radius)
-
-    def _add(self, value: np.ndarray, upper: np.ndarray, share: np.ndarray) -> None:
-        value, upper = (np.max(np.linalg.norm(each, axis=1), axis=-1) for each in (value, upper))
-        self._found.append(Bounds(value, upper, share))
-
-    def _bend(self, A: Expansion) -> np.ndarray:
-        """Returns Σⱼ hⱼ‖A″ᵢⱼ‖ (m, n), the largest change of ∂ᵢA."""
-        out: np.ndarray = np.sum(self._half[:, None] * frobenius(A.second.largest), axis=2)
-        return out
-
-    def bounds(self) -> Bounds:
-        """Returns the bounds; infinite where nothing is known."""
-        value, upper, share = (
-            np.stack(each, axis=-1) for each in zip(*self._found, strict=True))
-        return Bounds(value, np.where(np.isnan(upper), np.inf, upper), share)
-
-
-def norms(A: np.ndarray, sides: Sides) -> np.ndarray:
-    """Returns the norms (..., k) of matrices (..., r, c), times all vectors on either side."""
-    left, right = sides
-    if left is not None:
-        A = left @ A
-    if right is not None:
-        A = A @ right.T
-    if left is not None and right is not None:
-        return np.abs(A).reshape(*A.shape[:-2], -1)
-    if left is None and right is None:
-        return norm(A)[..., None]
-    out: np.ndarray = np.linalg.norm(A, axis=-2 if left is None else -1)
-    return out
-
-
-def first(sides: Sides) -> Sides:
-    """Returns the first vector on either side, the tip's x-axis."""
-    left, right = (None if side is None else side[:1] for side in sides)
-    return left, right
-
-
-def longest(sides: Sides) -> float:
-    """Returns the product of the largest norms on either side."""
-    return float(np.prod([np.max(np.linalg.norm(side, axis=1)) for side in sides
-                          if side is not None]))
-
-
-def frobenius(A: np.ndarray) -> np.ndarray:
-    """Returns Frobenius norms (...), which are not below the spectral ones, of (..., r, c)."""
-    out: np.ndarray = np.sqrt(np.sum(np.square(A), axis=(-2, -1)))
-    return out
+    return columns.all()
