@@ -128,6 +128,15 @@ def test_link_jacobians_are_those_of_the_plant(model, uvms):
                 J @ zeta, np.concatenate([V.translational(), V.rotational()]), atol=1e-12)
 
 
+@pytest.mark.parametrize("robot", [turret(0.4), drill(), oblique(), telescope(1)])
+@pytest.mark.parametrize("step", [0.0, 0.3j])
+def test_the_tip_alone_has_the_geometry_of_the_whole_chain(robot, step):
+    config = np.random.default_rng(11).normal(size=(3, 2, robot.size)) * (0.4 + step)
+    whole, tip = robot.kinematics(config), robot.tip_kinematics(config)
+    for name in tip._fields:
+        np.testing.assert_allclose(getattr(tip, name), getattr(whole, name), rtol=1e-12, atol=1e-12)
+
+
 def test_the_rate_of_the_jacobian_is_its_derivative_along_the_motion(model, derivative):
     rng = np.random.default_rng(4)
     for config in dh.random_configurations(seed=4, count=10, tip_pitch=1.2):
@@ -383,6 +392,8 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
     expected = np.array([0.0, 0.0, (50.0 - 40.0) * 9.81 / (50.0 + 30.0), 0.0, 0.0, 0.0])
     np.testing.assert_allclose(bare.drift(config, np.zeros(6)), expected, atol=1e-12)
     np.testing.assert_allclose(bare.task_pose(config)[:3], [-2.4, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(
+        bare.tip_kinematics(config).J_chi, bare.kinematics(config).J_chi)
     config[0], zeta = -0.595, np.linspace(-0.2, 0.3, 6)
     _, *values = bare.drift_derivatives(config[None], zeta[None])
     for value, expected in zip(

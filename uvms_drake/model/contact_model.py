@@ -31,9 +31,13 @@ class ContactModel(UvmsModel):
 
     def contact_force(self, kinematics: Kinematics, V_E: np.ndarray) -> np.ndarray:
         """Returns 𝔉(χ, A V_E) (..., 6)."""
+        if not self.surface.exerts_force:
+            return super().contact_force(kinematics, V_E)
         return self.surface.force(kinematics.chi, times(kinematics.A_E, V_E))
 
     def contact_gradients(self, kinematics: Kinematics, V_E: np.ndarray
                           ) -> tuple[np.ndarray, np.ndarray]:
         """Returns the derivatives (..., 6, 6) of A(𝔬)ᵀ𝔉 by V_E and along motions, real."""
+        if not self.surface.exerts_force:
+            return super().contact_gradients(kinematics, V_E)
         return tip_force_gradients(self.surface, kinematics.chi, kinematics.A_E, V_E)

@@ -66,6 +66,7 @@ def test_a_model_of_it_is_free_water_and_passes_the_check_of_surfaces():
     controller_surface = UnknownSurface(CONTACT)
     surface = check_surface(controller_surface)
     chi = np.random.default_rng(4).normal(size=(5, 6))
+    assert not surface.exerts_force
     assert not surface.force(chi, chi).any()
     assert surface.stiffness_bound == CONTACT.slope
 

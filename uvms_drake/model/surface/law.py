@@ -10,7 +10,7 @@ its derivatives are taken by a complex step, which `check_surface` tests.
 """
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -83,6 +83,8 @@ class Surface(ABC):
     normal: np.ndarray | None = None
     """Unit normal into the water (3,) in Σ_I of a flat surface; None: it is not flat, and a desired
     force is a vector."""
+    exerts_force: ClassVar[bool] = True
+    """Whether 𝔉 is not zero everywhere, as it is in free water."""
 
     @property
     @abstractmethod

@@ -169,6 +169,8 @@ class UnknownSurface(Surface):
         contact: The declared contact.
     """
 
+    exerts_force = False
+
     def __init__(self, contact: UnknownContact):
         self._contact = contact.checked()
 
