@@ -195,7 +195,7 @@ def _summarise_class(record: Record) -> dict[str, object]:
         return {}
     surface = check_surface(true_surface(record.scenario))
     config, zeta = np.split(record.state, 2, axis=1)
-    velocity = times(record.model.kinematics(config).J_chi[:, :3], zeta)
+    velocity = times(record.model.tip_kinematics(config).J_chi[:, :3], zeta)
 
     def static(places: np.ndarray) -> np.ndarray:
         """Returns φ at places (m, 3), in the attitude of the start."""

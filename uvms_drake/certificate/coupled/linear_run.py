@@ -147,7 +147,7 @@ def _forces(record: Record, loop: CoupledLoop, normal: np.ndarray,
         size, i = model.size, int(np.searchsorted(record.time, touch))
         # The wall's force is zero at the touch. The linear loop begins its plan at zero, and moves
         # it as at the point: ∫ζ̄ and the difference of poses are millimetres apart.
-        J = model.kinematics(loop.at.state[:size]).J_chi[:3]
+        J = model.tip_kinematics(loop.at.state[:size]).J_chi[:3]
         moved = np.trapezoid(record.nominal_zeta[:i + 1], record.time[:i + 1], axis=0)
         out[loop.entry(NORMAL_FORCE)] = lambda time: (
             np.array([-wall.stiffness * normal @ J @ moved]) if time >= touch else np.zeros(1))

@@ -141,7 +141,7 @@ class ContactEstimator(LeafSystem):
         before, state = self._remembered(context), self._state_port.Eval(context)
         if is_finite(state):
             config, zeta = state[: self._model.size], state[self._model.size:]
-            kinematics = self._model.kinematics(config)
+            kinematics = self._model.tip_kinematics(config)
             tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)
         else:
             tip = without_reading(before)

@@ -61,7 +61,7 @@ def best_rows(model: UvmsModel) -> np.ndarray:
     config = np.zeros((POSTURES, 6 + n))
     config[:, 6:] = np.random.default_rng(0).uniform(
         *joint_range(model), (POSTURES, n))
-    by_joints = model.kinematics(config).J_chi[..., 6:]
+    by_joints = model.tip_kinematics(config).J_chi[..., 6:]
     J_q = np.concatenate([by_joints, np.broadcast_to(np.eye(n), (POSTURES, n, n))], axis=1)
 
     def quality(rows: np.ndarray) -> float:

@@ -25,7 +25,7 @@ def plan_extent(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
     E ᵀ(y_des + E a): the only bound of the safe region on a plan that is continued by the terminal
     controller is the radius at that place.
     """
-    kinematics = ocp.model.kinematics(plan.config)
+    kinematics = ocp.model.tip_kinematics(plan.config)
     knots, velocities = kinematics.chi[:, :3], times(kinematics.J_chi[:, :3], plan.zeta)
     between = between_knots(knots, velocities, plan.time_step)
     return np.concatenate([knots, between, ocp.reference(plan)[None, :3]])

@@ -73,7 +73,7 @@ def has_stood(record: Record) -> np.ndarray:
     if hold is None:
         return np.zeros(len(record.time), dtype=bool)
     walls = sensed_contact(record.scenario).walls
-    velocity = times(record.model.kinematics(record.nominal_config).J_chi[:, :3], zeta)
+    velocity = times(record.model.tip_kinematics(record.nominal_config).J_chi[:, :3], zeta)
     speeds = np.stack([np.maximum(walls.advance(velocity), walls.advance(-velocity)),
                        *(np.linalg.norm(zeta[:, part], axis=1)
                          for part in (slice(3, 6), slice(6, None)))], axis=-1)

@@ -363,7 +363,7 @@ def _outputs(parts: LoopParts, at: OperatingPoint, wall: Wall, state: Signal, pl
     J = complex_step_jacobian(lambda config: model.task_pose(config)[:3], at.state[:size] + 0j)
 
     def velocity(x: np.ndarray) -> np.ndarray:
-        return model.kinematics(x[:size]).J_chi[:3] @ x[size:]
+        return model.tip_kinematics(x[:size]).J_chi[:3] @ x[size:]
 
     rates = complex_step_jacobian(velocity, at.state + 0j)
     joints = range(1, model.num_joints + 1)
