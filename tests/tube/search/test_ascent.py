@@ -61,6 +61,19 @@ def test_climbers_stay_in_the_set_and_reach_what_they_claim(problem, declared):
     assert np.all(climb.value > 1.2 * first_order(problem, x)[:, U_1])
 
 
+def test_climbers_move_where_no_limit_of_the_pose_is_near(problem):
+    class Anywhere(RemainderProblem):
+        def bounded(self, pose):
+            return np.zeros((len(pose), 3))
+
+    problem = Anywhere(**vars(problem))
+    x = problem.draw(3, np.random.default_rng(5))
+    climb = Climb(problem, x, [problem.channels[U_1]] * 3)
+    for _ in range(3):  # The first one is to errors alone: at none, no pose is better.
+        climb.step()
+    assert np.all(np.any(climb.x[:, 3:10] != x[:, 3:10], axis=1))
+
+
 def test_two_searches_agree_where_the_maximum_is_plain(problem):
     """‖ν₁ − ν̄₁‖: one climbs along gradients, the other evolves; neither knows of the other."""
     rng = np.random.default_rng(2)
