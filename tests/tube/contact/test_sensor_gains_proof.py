@@ -17,7 +17,11 @@ from uvms_drake.tube.contact.joint_enclosures import (
     second_of_links,
     second_of_tip,
 )
-from uvms_drake.tube.contact.sensor_gains import norms_over_joints, tip_jacobian_and_gain
+from uvms_drake.tube.contact.sensor_gains import (
+    norms_over_joints,
+    tip_and_slopes,
+    tip_jacobian_and_gain,
+)
 from uvms_drake.tube.contact.sensor_gains_proof import (
     PROVABLE,
     Claimed,
@@ -126,6 +130,11 @@ def test_expansions_have_the_values_and_slopes_of_the_models_own(robot):
     np.testing.assert_allclose(found.J_E.value, tip_jacobian_and_gain(robot, centre)[0],
                                atol=1e-12)
     np.testing.assert_allclose(found.J_E.first, slopes(robot, centre)[0][:, :, -1], atol=1e-12)
+    J_E, G, J_by, G_by = tip_and_slopes(robot, centre)
+    np.testing.assert_allclose(J_E, found.J_E.value, atol=1e-12)
+    np.testing.assert_allclose(J_by, found.J_E.first, atol=1e-12)
+    np.testing.assert_allclose(G, S_over_G(centre)[:, 6:], atol=1e-12)
+    np.testing.assert_allclose(G_by, slopes_at(centre)[:, :, 6:], atol=1e-12)
     step = 1e-5
     for _ in range(15):
         q = centre + half * rng.uniform(-1.0, 1.0, half.shape)

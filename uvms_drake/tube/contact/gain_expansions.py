@@ -9,17 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.model.frames.spatial import motion_matrix
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.contact.enclosure import Enclosure, concatenated, crossing, exactly, inverse
 from uvms_drake.tube.contact.joint_enclosures import (
     Link,
-    beyond_columns,
     links_in_boxes,
     second_of_inertia,
     second_of_links,
     second_of_tip,
 )
+from uvms_drake.tube.contact.sensor_gains import tip_slopes
 
 
 class Expansion(NamedTuple):
@@ -59,7 +58,7 @@ def expansions(model: UvmsModel, centre: np.ndarray, half: np.ndarray) -> Expans
     # At the centres, in columns T in which M is the unit matrix.
     kinematics = model.kinematics(np.concatenate([np.zeros((len(centre), 6)), centre], axis=1))
     J = kinematics.J_links[:, -1]
-    J_by = _tip_slopes(J)
+    J_by = tip_slopes(J)
     root = np.linalg.cholesky(model.mass_matrix(kinematics))
     T = np.linalg.inv(root).swapaxes(-1, -2)
     T_link = T[:, None]
@@ -71,12 +70,6 @@ def expansions(model: UvmsModel, centre: np.ndarray, half: np.ndarray) -> Expans
         (_in_vehicle(exactly(J)), _in_vehicle(J_box)),
         Expansion(*_gains(J @ T, J_by @ T_link, M_by, T),
                   _second_of_gains(model, half, links, M_by, T)))
-
-
-def _tip_slopes(J_E: np.ndarray) -> np.ndarray:
-    """Returns ∂J_E/∂qᵢ (m, n, 6, 6+n) of J_E (m, 6, 6+n)."""
-    screws = J_E[..., 6:].swapaxes(-1, -2)
-    return -motion_matrix(screws) @ (J_E[:, None] * beyond_columns(screws.shape[1]))
 
 
 def _in_vehicle(J: Enclosure) -> Enclosure:

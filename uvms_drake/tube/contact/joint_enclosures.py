@@ -24,6 +24,7 @@ from uvms_drake.tube.contact.enclosure import (
     exactly,
     sine_and_cosine,
 )
+from uvms_drake.tube.contact.sensor_gains import beyond_columns
 
 
 class Link(NamedTuple):
@@ -72,11 +73,6 @@ def second_of_tip(J_E: Enclosure) -> Enclosure:
     first = turns @ Enclosure(J_E.mid[:, None] * beyond, J_E.rad[:, None] * beyond)
     i, j = np.tril_indices(n)
     return turns[:, i] @ first[:, j]
-
-
-def beyond_columns(n: int) -> np.ndarray:
-    """Returns 1 where joint i carries along a column of J_E, 0 where it does not (n, 1, 6+n)."""
-    return np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=1)[:, None]
 
 
 def second_of_links(links: list[Link]) -> list[Enclosure]:

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.signals.sensor_actuator import ForceReading
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.contact.sensor_gains import (
     OperatorNorms,
     Suprema,
     norm,
+    tip_and_slopes,
     tip_jacobian_and_gain,
 )
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
@@ -265,22 +265,16 @@ def contact_input_remainder(
         orientation: Bound of ‖𝔬 − 𝔬̄‖₂ [rad].
         seed: Seed of the search.
     """
-    n = len(lower)
-
-    def rows(q: np.ndarray) -> np.ndarray:
+    def rows(J_E: np.ndarray, gain: np.ndarray) -> np.ndarray:
         """Returns all aᵢ (..., 2(6+n), 3)."""
-        J_E, gain = tip_jacobian_and_gain(model, q)
         return np.concatenate([gain, J_E.swapaxes(-1, -2)], axis=-2)[..., :3]
 
     def row_change(q: np.ndarray) -> np.ndarray:
-        size = np.linalg.norm(rows(q), axis=-1)
-        turned: np.ndarray = np.sqrt(2.0) * orientation * size
-        if n == 0:
-            return force * turned
-        moved = q[:, None, :] + 1j * COMPLEX_STEP * np.eye(n)
-        slopes = rows(moved).imag / COMPLEX_STEP  # (m, n, 2(6+n), 3)
-        by_joints = norm(slopes.swapaxes(1, 2))
-        return force * (by_joints * joints + turned)
+        J_E, gain, *slopes = tip_and_slopes(model, q)
+        size = np.linalg.norm(rows(J_E, gain), axis=-1)
+        by_joints = norm(rows(*slopes).swapaxes(1, 2))
+        out: np.ndarray = force * (by_joints * joints + np.sqrt(2.0) * orientation * size)
+        return out
 
     return (supremum_over_joints(row_change, lower, upper, seed),
             second_over_joints(row_change, lower, upper, seed))

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.model.frames.euler import COMPLEX_STEP
-from uvms_drake.model.frames.spatial import skew
+from uvms_drake.model.frames.spatial import motion_matrix, skew
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
@@ -71,27 +70,50 @@ def tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, 
     return J_E, np.linalg.solve(model.mass_matrix(kinematics), J_E.swapaxes(-1, -2))
 
 
+def tip_and_slopes(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Returns J_E (m, 6, 6+n) and G = M⁻¹J_Eᵀ (m, 6+n, 6) at joint angles (m, n), and derivatives.
+
+    These are (m, n, ...), ∂ᵢG = M⁻¹(∂ᵢJ_Eᵀ − ∂ᵢM G).
+    """
+    kinematics = model.kinematics(np.concatenate([np.zeros((len(q), 6)), q], axis=1))
+    J_E = kinematics.J_links[:, -1]
+    J_by = tip_slopes(J_E)
+    inverse = np.linalg.inv(model.mass_matrix(kinematics))
+    G = inverse @ J_E.swapaxes(-1, -2)
+    G_by = inverse[:, None] @ (
+        J_by.swapaxes(-1, -2) - model.mass_matrix_rates(kinematics) @ G[:, None])
+    return J_E, G, J_by, G_by
+
+
+def tip_slopes(J_E: np.ndarray) -> np.ndarray:
+    """Returns ∂J_E/∂qᵢ (m, n, 6, 6+n) of J_E (m, 6, 6+n): joint i carries columns along."""
+    screws = J_E[..., 6:].swapaxes(-1, -2)
+    return -motion_matrix(screws) @ (J_E[:, None] * beyond_columns(screws.shape[1]))
+
+
+def beyond_columns(n: int) -> np.ndarray:
+    """Returns 1 where joint i carries along a column of J_E, 0 where it does not (n, 1, 6+n)."""
+    return np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=1)[:, None]
+
+
 def norms_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: float) -> tuple[
         Callable[[np.ndarray], np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Returns the norms by the joints and n in the cone about the tip's x-axis, and their box."""
     size, num_joints = model.size, model.num_joints
     blocks = (slice(0, 3), slice(3, 6), slice(6, size))
 
-    def matrices(q: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Returns J_E (..., 6, 6+n) and the matrices (..., rows, 6)."""
-        J_E, gain = tip_jacobian_and_gain(model, q)
-        at_tip = J_E @ gain
-        return J_E, [n[..., None, :] @ at_tip[..., :3, :], at_tip[..., :3, :], at_tip[..., 3:, :],
-                     *(gain[..., block, :] for block in blocks),
-                     *(gain[..., i: i + 1, :] for i in range(size))]
+    def matrices(at_tip: np.ndarray, gain: np.ndarray, n: np.ndarray) -> list[np.ndarray]:
+        """Returns the matrices (..., rows, 6)."""
+        return [n[..., None, :] @ at_tip[..., :3, :], at_tip[..., :3, :], at_tip[..., 3:, :],
+                *(gain[..., block, :] for block in blocks),
+                *(gain[..., i: i + 1, :] for i in range(size))]
 
     def sizes(at: np.ndarray) -> np.ndarray:
         q, (off, about) = at[:, :num_joints], at[:, num_joints:].T
         n = np.stack([np.cos(off), np.sin(off) * np.cos(about), np.sin(off) * np.sin(about)], -1)
-        moved = q[:, None, :] + 1j * COMPLEX_STEP * np.eye(num_joints)
-        J_E, here = matrices(q, n)
-        J_slope, slopes = matrices(moved, n[:, None])
-        J_E_by, *slopes = (each.imag / COMPLEX_STEP for each in (J_slope, *slopes))
+        J_E, gain, J_E_by, gain_by = tip_and_slopes(model, q)
+        here = matrices(J_E @ gain, gain, n)
+        slopes = matrices(J_E_by @ gain[:, None] + J_E[:, None] @ gain_by, gain_by, n[:, None])
         columns = [norm(J_E[:, 3:, 6:]), norm(J_E[:, :3]),
                    together(J_E_by[..., :3, :] + in_vehicle(J_E)),
                    norm(J_E[:, 3:]), together(J_E_by[..., 3:, :])]
