@@ -10,7 +10,7 @@ from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 from uvms_drake.control.convex import staged_solver
 from uvms_drake.control.convex.least_norm_conic import least_norm
-from uvms_drake.control.convex.regulator import motion, responses, riccati, row_gradients
+from uvms_drake.control.convex.regulator import motion, riccati
 from uvms_drake.control.convex.staged_program import (
     LinearLimits,
     NormLimit,
@@ -323,14 +323,30 @@ def test_the_program_is_the_first_order_model_of_the_problem(short_ocp, start_pl
     np.testing.assert_allclose(y[1:], np.array(z)[1:, :10], atol=1e-6)
 
 
-def test_gradients_of_rows_are_those_of_the_response_of_the_motion():
-    """By the adjoint recursion, for rows of several stages in any order."""
+def test_responses_and_gradients_of_rows_are_those_of_the_motion_under_the_law():
+    """The motion stage by stage, for one entry of r after the other; rows of stages in any order.
+
+    A later r does not change an earlier stage.
+    """
     program = random_program(5, 1.0)
     regulator, rng = riccati(program), np.random.default_rng(0)
+
+    def moved(r: np.ndarray) -> np.ndarray:
+        z = np.zeros((6, 6))
+        for k in range(5):
+            z[k, 4:] = regulator.K[k] @ z[k, :4] + regulator.k[k] + regulator.W[k] @ r[k]
+            z[k + 1, :4] = program.A[k] @ z[k, :4] + program.B[k] @ z[k, 4:]
+        return z
+
+    at_rest = moved(np.zeros((5, 2)))
+    np.testing.assert_allclose(motion(program, regulator), at_rest, atol=1e-12)
+    by_r = np.stack([moved(unit.reshape(5, 2)) - at_rest for unit in np.eye(10)], axis=-1)
+    np.testing.assert_allclose(regulator.responses, by_r, atol=1e-12)
+    r = rng.normal(size=(5, 2))
+    np.testing.assert_allclose(regulator.moved(r), moved(r) - at_rest, atol=1e-12)
     stages = np.array([3, 5, 0, 5, 1, 3])
     C = rng.normal(size=(6, 6))
     C[stages == 5, 4:] = 0.0
-    expected = np.einsum("mz,mzr->mr", C, responses(program, regulator)[stages])
-    np.testing.assert_allclose(
-        row_gradients(program, regulator, stages, C), expected, atol=1e-12)
-    assert row_gradients(program, regulator, stages[:0], C[:0]).shape == (0, 10)
+    np.testing.assert_allclose(regulator.row_gradients(stages, C),
+                               np.einsum("mz,mzr->mr", C, by_r[stages]), atol=1e-12)
+    assert regulator.row_gradients(stages[:0], C[:0]).shape == (0, 10)

@@ -11,7 +11,7 @@ step.
 
 import numpy as np
 
-from uvms_drake.control.convex.regulator import Regulator, motion, row_gradients
+from uvms_drake.control.convex.regulator import Regulator
 from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.model.frames.spatial import times
 
@@ -121,13 +121,13 @@ class Correction:
             rows = np.concatenate([excess_rows(program, active, z),
                                    np.pad(last, ((0, 0), (0, nw)))])
             stages = np.concatenate([np.nonzero(active)[0], np.full(len(last), N)])
-            F = row_gradients(program, self._regulator, stages, rows)
+            F = self._regulator.row_gradients(stages, rows)
             sizes = np.linalg.norm(F, axis=1)
             moves = sizes > 0.0
             F, residual = F[moves] / sizes[moves, None], (
                 residual + np.sum(rows * z[stages], axis=1))[moves] / sizes[moves]
             r = least_norm_solution(F, residual)
-            z = motion(program, self._regulator._replace(k=np.zeros((N, nw))), r.reshape(N, nw))
+            z = self._regulator.moved(r)
         return z[:-1, nx:]
 
 

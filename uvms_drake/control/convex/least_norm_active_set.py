@@ -23,7 +23,7 @@ import numpy as np
 
 from uvms_drake.control.convex.dual_active_set import BROKEN, NO_ROWS, multipliers
 from uvms_drake.control.convex.least_norm_conic import LeastNorm
-from uvms_drake.control.convex.regulator import Regulator, motion, row_gradients
+from uvms_drake.control.convex.regulator import Regulator
 from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.control.convex.working_set import KEPT, WorkingSet
 
@@ -71,31 +71,44 @@ class _Rows(NamedTuple):
     """Whether v relaxes a row (m,)."""
 
 
-class _Cone:
-    """Norm limit ‖c + A r‖ ≤ bound of one stage, or the terminal set.
+class _Cones:
+    """Norm limits ‖c + A r‖ ≤ bound of one stage each, or the terminal set, in one array each.
 
     Args:
-        at: Positions of A's rows among those of all cones.
-        c: Vector c.
-        value: Vector in the plan, whose direction is the first d.
-        bound: Bound of a norm limit.
+        c: Vectors c, one below the other (size of all).
+        d: Vectors in the plan, whose directions are the first d, likewise.
+        sizes: Sizes of the vectors (k,).
+        mu: Curvatures μ, the multipliers over ‖v‖ (k,); zero at first.
     """
 
-    def __init__(self, at: slice, c: np.ndarray, value: np.ndarray, bound: float = np.inf):
-        self.at, self.c, self.bound = at, c, bound
-        self.d = value / max(np.linalg.norm(value), SMALLEST)
-        """Direction d of v."""
-        self.mu = 0.0
-        """Curvature μ, the multiplier over ‖v‖."""
+    def __init__(self, c: np.ndarray, d: np.ndarray, sizes: np.ndarray, mu: np.ndarray):
+        self.c, self.d, self.sizes, self.mu = c, d, sizes, mu
+        self.which = np.repeat(np.arange(len(sizes)), sizes)
+        """Cone of each entry."""
+        self._starts = np.cumsum(sizes) - sizes
+        self.d = d / self._norms(d)[self.which]
 
-    def turn(self, change: np.ndarray, price: float) -> bool:
-        """Takes over d and μ for A r and a multiplier; returns whether this changes the program."""
-        v, before = self.c + change, self.mu
-        size = max(float(np.linalg.norm(v)), SMALLEST)
-        turned = np.linalg.norm(v / size - self.d)
-        self.d, self.mu = v / size, price / size
+    def sums(self, entries: np.ndarray) -> np.ndarray:
+        """Returns the sum over each vector (k,)."""
+        return np.add.reduceat(entries, self._starts) if len(self.sizes) else np.zeros(0)
+
+    def _norms(self, vectors: np.ndarray) -> np.ndarray:
+        return np.maximum(np.sqrt(self.sums(vectors * vectors)), SMALLEST)
+
+    def and_more(self, c: np.ndarray, d: np.ndarray, sizes: np.ndarray) -> "_Cones":
+        """Returns these cones and others."""
+        return _Cones(np.concatenate([self.c, c]), np.concatenate([self.d, d]),
+                      np.concatenate([self.sizes, sizes]),
+                      np.concatenate([self.mu, np.zeros(len(sizes))]))
+
+    def turn(self, change: np.ndarray, prices: np.ndarray) -> bool:
+        """Takes over d and μ for A r and multipliers (k,); returns whether this changes (1)."""
+        v, d, mu = self.c + change, self.d, self.mu
+        size = self._norms(v)
+        self.d, self.mu = v / size[self.which], prices / size
+        turned = np.sqrt(self.sums((self.d - d) ** 2))
         # The gradient of (1) was off by the change of μ times P v, of length ‖v‖ `turned`.
-        return bool(turned * max(self.mu, abs(self.mu - before)) > TURNED * self.mu)
+        return bool((turned * np.maximum(self.mu, np.abs(self.mu - mu)) > TURNED * self.mu).any())
 
 
 class _Search:
@@ -119,9 +132,12 @@ class _Search:
         p, q = len(terminal.T) if len(self._radius.size) else 0, len(self._radius.size)
         C = np.zeros((p + q, z.shape[1]))
         C[:p, :nx], C[p:, :nx] = terminal.T[:p], self._radius.rows
-        self._A = row_gradients(program, regulator, np.full(p + q, len(z) - 1), C)
-        self._end = _Cone(slice(p), (terminal.value + terminal.T @ end)[:p], terminal.value[:p])
-        self._norms: list[_Cone] = []
+        self._A = regulator.row_gradients(np.full(p + q, len(z) - 1), C)
+        ends = min(p, 1)
+        self._end = _Cones((terminal.value + terminal.T @ end)[:p], terminal.value[:p],
+                           np.full(ends, p), np.zeros(ends))
+        self._norms = _Cones(np.zeros(0), np.zeros(0), NO_ROWS, np.zeros(0))
+        self._norm_bounds = np.zeros(0)
         # Whether the plan is to end in the tip, and whether it may still be tried.
         self._tip = terminal.radius_bound is not None and bool(
             np.linalg.norm(terminal.value) <= AT_THE_TIP)
@@ -148,7 +164,7 @@ class _Search:
             if changed:  # Other limits are asked once the cones have settled.
                 new = None
                 continue
-            best = motion(program, regulator, r)
+            best = self._z + regulator.moved(r)
             broken = WorkingSet.broken(program, best, 0.0)
             new = broken.without(self.kept)
             self.kept = self.kept | new
@@ -161,81 +177,96 @@ class _Search:
         if new is None:
             return True
         program, regulator, z = self._program, self._regulator, self._z
-        for limit, stages in zip(program.norms, new.norms, strict=True):
-            for k in np.flatnonzero(stages):
-                count = len(self._A)
-                self._norms.append(_Cone(slice(count, count + len(limit.C)),
-                                         limit.value[k] + limit.C @ z[k], limit.value[k],
-                                         limit.bound[k]))
-                self._A = np.concatenate([self._A, row_gradients(
-                    program, regulator, np.full(len(limit.C), k), limit.C)])
-        if len(self._A) > len(self._AA):
-            self._AA, self._GA = self._A @ self._A.T, self._G @ self._A.T
+        if new.norms.any():
+            self._add_norms(new.norms)
         rows = _linear_rows(program, regulator, z, new)
-        size = np.linalg.norm(rows.G, axis=1)
+        size = np.sqrt(np.einsum("ij,ij->i", rows.G, rows.G))
         moves = size > 0.0
-        if np.any(rows.b[~moves] < -KEPT):
+        if (rows.b[~moves] < -KEPT).any():
             return False
-        if np.any(moves):
+        if moves.any():
             scale = 1.0 / size[moves]
             G = rows.G[moves] * scale[:, None]
-            mixed = self._G @ G.T
-            self._GG = np.block([[self._GG, mixed], [mixed.T, G @ G.T]])
-            self._GA = np.concatenate([self._GA, G @ self._A.T])
+            # The products with the new rows, below and beside those of the old ones.
+            old, products = len(self._G), np.empty((len(self._G) + len(G),) * 2)
             self._G = np.concatenate([self._G, G])
-            self._b = np.append(self._b, rows.b[moves] * scale)
-            self._scale = np.append(self._scale, scale)
-            self._soft = np.append(self._soft, rows.soft[moves])
+            products[:old, :old], products[old:] = self._GG, G @ self._G.T
+            products[:old, old:] = products[old:, :old].T
+            self._GG = products
+            self._GA = np.concatenate([self._GA, G @ self._A.T])
+            self._b = np.concatenate([self._b, rows.b[moves] * scale])
+            self._scale = np.concatenate([self._scale, scale])
+            self._soft = np.concatenate([self._soft, rows.soft[moves]])
         return True
+
+    def _add_norms(self, new: np.ndarray) -> None:
+        """Adds norm limits at the stages of a mask (number of norm limits, N+1)."""
+        z, norms = self._z, self._program.norms
+        at = [np.flatnonzero(stages) for stages in new]
+        counts = [len(limit.C) for limit in norms]
+        self._norms = self._norms.and_more(
+            np.concatenate([(limit.value[k] + z[k] @ limit.C.T).ravel()
+                            for limit, k in zip(norms, at, strict=True)]),
+            np.concatenate([limit.value[k].ravel() for limit, k in zip(norms, at, strict=True)]),
+            np.repeat(counts, [len(k) for k in at]))
+        self._norm_bounds = np.concatenate(
+            [self._norm_bounds, *(limit.bound[k] for limit, k in zip(norms, at, strict=True))])
+        self._A = np.concatenate([self._A, self._regulator.row_gradients(
+            np.concatenate([np.repeat(k, count) for k, count in zip(at, counts, strict=True)]),
+            np.concatenate([np.tile(limit.C, (len(k), 1))
+                            for limit, k in zip(norms, at, strict=True)]))])
+        self._AA, self._GA = self._A @ self._A.T, self._G @ self._A.T
 
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the cones' rows as combinations D of A's, and their bounds at r = 0.
 
         At the tip they are v = 0, 0 ≤ τ; else dᵀv ≤ τ, 0 ≤ τ. Those of the norms follow.
         """
-        p, q = len(self._end.c), len(self._radius.size)
+        norms, p, q = self._norms, len(self._end.c), len(self._radius.size)
         first = p if self._tip else q
-        D, b = np.zeros((first + q + len(self._norms), len(self._A))), []
+        D = np.zeros((first + q + len(norms.mu), len(self._A)))
         if self._tip:
-            D[:p, :p], b = np.eye(p), [-self._end.c]
+            D[:p, :p], b = np.eye(p), -self._end.c
         else:
             D[:q, :p], D[:q, p: p + q] = self._end.d, -np.eye(q)
-            b = [self._radius.size - self._end.d @ self._end.c]
+            b = self._radius.size - self._end.d @ self._end.c
         D[first: first + q, p: p + q] = -np.eye(q)
-        for i, cone in enumerate(self._norms, start=first + q):
-            D[i, cone.at] = cone.d
+        D[first + q + norms.which, np.arange(p + q, len(self._A))] = norms.d
         return D, np.concatenate(
-            [*b, self._radius.size, [cone.bound - cone.d @ cone.c for cone in self._norms]])
+            [b, self._radius.size, self._norm_bounds - norms.sums(norms.d * norms.c)])
 
-    def _curvature(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns N and N c of the cones."""
-        Q, c = np.zeros(self._AA.shape), np.zeros(len(self._A))
-        for cone in (self._end, *self._norms):
-            if cone.mu > 0.0:
-                Q[cone.at, cone.at] = cone.mu * (np.eye(len(cone.c)) - np.outer(cone.d, cone.d))
-                c[cone.at] = cone.c
-        used = np.flatnonzero(np.diag(Q))
-        square = np.ix_(used, used)
-        N, Q = np.zeros_like(Q), Q[square]
-        N[square] = np.linalg.solve(np.eye(len(used)) + Q @ self._AA[square], Q)
-        return N, N @ c
+    def _curvature(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the rows of A that have a curvature, and N and N c of these."""
+        end, norms = self._end, self._norms
+        none = np.zeros(len(self._radius.size))
+        mu, d, c, cone = map(np.concatenate, (
+            [end.mu[end.which], none, norms.mu[norms.which]], [end.d, none, norms.d],
+            [end.c, none, norms.c], [end.which - 1, none, norms.which]))
+        used = np.flatnonzero(mu > 0.0)
+        if not len(used):
+            return used, np.zeros((0, 0)), np.zeros(0)
+        mu, d, cone = mu[used], d[used], cone[used]
+        Q = np.diag(mu) - (cone[:, None] == cone) * ((mu * d)[:, None] * d)
+        N = np.linalg.solve(np.eye(len(used)) + Q @ self._AA[used[:, None], used], Q)
+        return used, N, N @ c[used]
 
     def _solution(self) -> tuple[np.ndarray, bool, float, float] | None:
         """Returns r (N, nw) of (1), whether it changes (1), and the multipliers of s and v."""
         D, b = self._rows()
-        by_A = np.concatenate([D @ self._AA, self._GA])
-        cones = len(D)
+        cones, by_A = len(D), np.concatenate([D @ self._AA, self._GA])
         M = np.empty((len(by_A), len(by_A)))
-        M[:cones, :cones], M[cones:, cones:] = by_A[:cones] @ D.T, self._GG
-        M[cones:, :cones] = self._GA @ D.T
+        M[:, :cones], M[cones:, cones:] = by_A @ D.T, self._GG
         M[:cones, cones:] = M[cones:, :cones].T
-        N, shift = self._curvature()
-        M -= by_A @ N @ by_A.T
-        b = np.concatenate([b, self._b]) + by_A @ shift
+        used, N, shift = self._curvature()
+        curved = by_A[:, used]
+        b = np.concatenate([b, self._b])
+        if len(used):
+            M -= curved @ N @ curved.T
+            b += curved @ shift
         # Rows of unit length, but for those that nothing changes.
-        length = np.sqrt(np.maximum(np.diag(M), 0.0))
+        length = np.sqrt(np.maximum(M.diagonal(), 0.0))
         still = length < SMALLEST
-        if np.any(b[still] < -KEPT):
+        if (b[still] < -KEPT).any():
             return None
         length[still] = 1.0
         scale = np.concatenate([np.ones(cones), self._scale])
@@ -248,7 +279,8 @@ class _Search:
         rows = found.active
         self._active = rows[rows < cones], rows[rows >= cones] - cones
         value = found.value / length
-        by_cones = N @ (value @ by_A) - value[:cones] @ D - shift
+        by_cones = -(value[:cones] @ D)
+        by_cones[used] += N @ (value @ curved) - shift
         r = by_cones @ self._A - value[cones:] @ self._G
         excess = value[cones:] * self._scale
         return (r.reshape(self._regulator.k.shape), *self._turned(r, value[:cones]),
@@ -267,24 +299,23 @@ class _Search:
         p, q, end = len(self._end.c), len(self._radius.size), self._end
         first = p if self._tip else q
         price, kept = float(np.sum(value[first: first + q])), value[:first]
-        changed = False
+        change, changed = self._A @ r, False
         if self._tip:
             # Where the tip is no optimum, its multipliers have the direction of the end.
             size = float(np.linalg.norm(kept))
             if size > (1.0 + DUAL) * price + DUAL:
-                radius = float(np.min(self._radius.size + self._A[p: p + q] @ r))
-                end.d, end.mu = kept / size, size / max(radius, SMALLEST)
+                radius = float(np.min(self._radius.size + change[p: p + q]))
+                end.d, end.mu = kept / size, np.array([size / max(radius, SMALLEST)])
                 self._switch(tip=False)
                 changed = True
         else:
             own = float(np.sum(kept))
-            changed = end.turn(self._A[end.at] @ r, own)
+            changed = end.turn(change[:p], np.full(len(end.mu), own))
             if price > 0.0 and self._untried:  # A radius of zero has a multiplier.
                 self._switch(tip=True)
                 changed = True
             price += own
-        for cone, multiplier in zip(self._norms, value[first + q:], strict=True):
-            changed |= cone.turn(self._A[cone.at] @ r, float(multiplier))
+        changed |= self._norms.turn(change[p + q:], value[first + q:])
         return changed, price
 
     def _switch(self, *, tip: bool) -> None:
@@ -292,7 +323,7 @@ class _Search:
         self._tip, self._untried = tip, False
         self._active = NO_ROWS, self._active[1]
         if tip:
-            self._end.mu = 0.0
+            self._end.mu = np.zeros(1)
 
 
 def _linear_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray, which: WorkingSet
@@ -305,5 +336,5 @@ def _linear_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray, wh
     bound = np.concatenate([linear.upper[above, upper], linear.lower[below, lower]])
     C = sign[:, None] * linear.C[stage, row]
     now = np.sum(C * z[stage], axis=1)
-    return _Rows(row_gradients(program, regulator, stage, C),
+    return _Rows(regulator.row_gradients(stage, C),
                  sign * (bound - linear.value[stage, row]) - now, linear.soft[row])

@@ -72,7 +72,7 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
     softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
     by_active_set = least_norm_active_set(program, regulator, z, kept)
     if by_active_set is not None:
-        return StagedSolution(motion(program, regulator, by_active_set[0].r)[:-1, nx:], 0.0, 0.0, 0,
+        return StagedSolution((z + regulator.moved(by_active_set[0].r))[:-1, nx:], 0.0, 0.0, 0,
                               by_active_set[1].rows(program), regulator)
     # The conic solver, until its solution violates no limit outside of the working set.
     while True:
@@ -86,7 +86,7 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
             continue
         if found is None:
             return None
-        best = motion(program, regulator, found.r)
+        best = z + regulator.moved(found.r)
         broken = WorkingSet.broken(program, best, found.excess).without(kept)
         if not broken.any():
             return StagedSolution(
