@@ -277,7 +277,7 @@ class DynamicPlan(Plan):
 
     def shifted(self, last_decision: np.ndarray) -> Self:
         """Returns the plan one interval later, with this ζ̄̇ (6+n,) at its end."""
-        last = advance(self.config[-1], self.zeta[-1], last_decision, self.time_step)
+        last = advance_one(self.config[-1], self.zeta[-1], last_decision, self.time_step)
         return replace(
             self, start_time=self.start_time + self.time_step,
             config=np.concatenate([self.config[1:], last[None]]),
