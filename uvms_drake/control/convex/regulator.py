@@ -63,21 +63,25 @@ class Regulator:
 def riccati(program: StagedProgram) -> Regulator:
     """Returns the optimal regulator of the program without its limits."""
     N, nx, nw = program.B.shape
-    # Homogeneous coordinates (x, 1, w) have Hessian and gradient in one matrix.
-    AB, H = np.zeros((N, nx + 1, nx + 1 + nw)), np.zeros((N, nx + 1 + nw, nx + 1 + nw))
-    AB[:, :nx, :nx], AB[:, :nx, nx + 1:], AB[:, nx, nx] = program.A, program.B, 1.0
-    index = np.r_[:nx, nx + 1: nx + 1 + nw]
-    H[:, index[:, None], index], H[:, nx, index], H[:, index, nx] = program.H, program.g, program.g
+    # Homogeneous coordinates (w, x, 1) have Hessian and gradient in one matrix.
+    AB, H = np.zeros((N, nx + 1, nw + nx + 1)), np.zeros((N, nw + nx + 1, nw + nx + 1))
+    AB[:, :nx, :nw], AB[:, :nx, nw:-1], AB[:, nx, -1] = program.B, program.A, 1.0
+    parts = (slice(nw), slice(nx, None)), (slice(nw, -1), slice(nx))
+    for rows, own in parts:
+        H[:, rows, -1] = H[:, -1, rows] = program.g[:, own]
+        for columns, others in parts:
+            H[:, rows, columns] = program.H[:, own, others]
     S = np.zeros((nx + 1, nx + 1))
     S[:nx, :nx], S[:nx, nx], S[nx, :nx] = program.H_end, program.g_end, program.g_end
-    roots, rows = np.empty((N, nw, nw)), np.empty((N, nw, nx + 1))
+    roots, by_rest = np.empty((N, nw, nw)), np.empty((N, nw, nx + 1))
     for i in range(N - 1, -1, -1):
-        total = H[i] + AB[i].T @ (S @ AB[i])
-        roots[i] = root = np.linalg.inv(np.linalg.cholesky(total[nx + 1:, nx + 1:]))
-        rows[i] = by = root @ total[nx + 1:, : nx + 1]
-        S = total[: nx + 1, : nx + 1] - by.T @ by
+        step = AB[i]
+        total = H[i] + step.T @ (S @ step)
+        roots[i] = root = np.linalg.inv(np.linalg.cholesky(total[:nw, :nw]))
+        by_rest[i] = by = root @ total[:nw, nw:]
+        S = total[nw:, nw:] - by.T @ by
     W = roots.swapaxes(1, 2)
-    law = -(W @ rows)
+    law = -(W @ by_rest)
     K = law[..., :nx]
     return Regulator(K, law[..., nx], W, program.A + program.B @ K, program.B @ W)
 

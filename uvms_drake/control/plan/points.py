@@ -166,6 +166,12 @@ class Points:
         return np.moveaxis(rates, (-3, -1), (-1, -3))
 
     @cached_property
+    def tip_velocity_y(self) -> np.ndarray:
+        """Derivative ∂𝔭̇/∂y (..., 3, 6+n) of 𝔭̇ = J_𝔭 ζ at a fixed ζ, of real points."""
+        rates = self.tip_jacobian_rates.swapaxes(-1, -2) @ self.zeta[..., None, :, None]
+        return rates[..., 0] @ self.config_y
+
+    @cached_property
     def kinematics(self) -> Kinematics:
         """Geometry at the points."""
         if self.whole is not None:
