@@ -9,9 +9,11 @@ from support.limits import with_limits
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 from uvms_drake.control.convex import staged_solver
+from uvms_drake.control.convex.dual_active_set import _Rows
 from uvms_drake.control.convex.least_norm_conic import least_norm
 from uvms_drake.control.convex.regulator import motion, riccati
 from uvms_drake.control.convex.staged_program import (
+    ActiveLimits,
     LinearLimits,
     NormLimit,
     RadiusBound,
@@ -249,6 +251,39 @@ def test_without_an_excess_the_price_of_one_is_the_derivative_by_it():
                 here.multiplier, rel=0.05, abs=1e-2)
             seen.append(here.multiplier)
     assert max(seen) > program.excess_penalty > min(seen)
+
+
+def test_a_solution_knows_its_active_limits_and_any_guess_of_them_leads_to_it(monkeypatch):
+    """All active ones are at their bounds; with them no row is exchanged."""
+    rounds, at, rng = [], _Rows._at, np.random.default_rng(0)
+    monkeypatch.setattr(_Rows, "_at", lambda *a: rounds.append(1) or at(*a))
+    counts = []
+    for seed in range(30):
+        program = random_program(seed, 1.0)
+        found = solve_staged(program)
+        if found is None or found.active is None:
+            continue
+        linear, z = program.linear, np.zeros((6, 6))
+        z[:-1, 4:] = found.w
+        for k in range(5):
+            z[k + 1, :4] = program.A[k] @ z[k, :4] + program.B[k] @ z[k, 4:]
+        value = linear.value + np.einsum("kij,kj->ki", linear.C, z)
+        np.testing.assert_allclose((value - linear.upper)[found.active.upper], 0.0, atol=1e-6)
+        np.testing.assert_allclose((value - linear.lower)[found.active.lower], 0.0, atol=1e-6)
+        for limit, stages in zip(program.norms, found.active.norms, strict=True):
+            norms = np.linalg.norm(limit.value + z @ limit.C.T, axis=1)
+            np.testing.assert_allclose((norms - limit.bound)[stages], 0.0, atol=1e-6)
+        wrong = ActiveLimits(*(rng.random(each.shape) < 0.3 for each in found.active))
+        made = []
+        for guess in (None, found.active, wrong):
+            rounds.clear()
+            again = solve_staged(replace(program, similar=guess))
+            np.testing.assert_allclose(again.w, found.w, atol=1e-7)
+            made.append(len(rounds))
+        counts.append(made)
+    without, same, _ = np.sum(counts, axis=0)
+    assert len(counts) > 10
+    assert same < without
 
 
 def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_plans, monkeypatch):

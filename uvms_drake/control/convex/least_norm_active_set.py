@@ -24,7 +24,7 @@ import numpy as np
 from uvms_drake.control.convex.dual_active_set import BROKEN, NO_ROWS, multipliers
 from uvms_drake.control.convex.least_norm_conic import LeastNorm
 from uvms_drake.control.convex.regulator import Regulator
-from uvms_drake.control.convex.staged_program import StagedProgram
+from uvms_drake.control.convex.staged_program import ActiveLimits, StagedProgram
 from uvms_drake.control.convex.working_set import KEPT, WorkingSet
 
 ROUNDS = 25
@@ -43,8 +43,8 @@ SMALLEST = 1e-12
 
 def least_norm_active_set(
     program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet,
-) -> tuple[LeastNorm, WorkingSet] | None:
-    """Returns the least-norm r that keeps all limits, and the limits that were added.
+) -> tuple[LeastNorm, WorkingSet, ActiveLimits] | None:
+    """Returns the least-norm r that keeps all limits, the limits added, and the active ones.
 
     Args:
         program: The program.
@@ -57,7 +57,7 @@ def least_norm_active_set(
     """
     search = _Search(program, regulator, z, kept)
     found = search.run()
-    return None if found is None else (found, search.kept)
+    return None if found is None else (found, search.kept, search.active())
 
 
 class _Rows(NamedTuple):
@@ -67,8 +67,20 @@ class _Rows(NamedTuple):
     """Rows (m, size of r)."""
     b: np.ndarray
     """Bounds (m,)."""
-    soft: np.ndarray
-    """Whether v relaxes a row (m,)."""
+    stage: np.ndarray
+    """Stage of each row (m,)."""
+    row: np.ndarray
+    """Its row among the linear limits of the stage (m,)."""
+    above: np.ndarray
+    """Whether its bound is the upper one (m,)."""
+
+    def of(self, which: np.ndarray) -> "_Rows":
+        """Returns some of the rows."""
+        return _Rows(*(each[which] for each in self))
+
+    def and_more(self, other: "_Rows") -> "_Rows":
+        """Returns these rows and others."""
+        return _Rows(*map(np.concatenate, zip(self, other, strict=True)))
 
 
 class _Cones:
@@ -137,23 +149,26 @@ class _Search:
         self._end = _Cones((terminal.value + terminal.T @ end)[:p], terminal.value[:p],
                            np.full(ends, p), np.zeros(ends))
         self._norms = _Cones(np.zeros(0), np.zeros(0), NO_ROWS, np.zeros(0))
-        self._norm_bounds = np.zeros(0)
+        self._norm_bounds, self._norm_at = np.zeros(0), (NO_ROWS, NO_ROWS)
         # Whether the plan is to end in the tip, and whether it may still be tried.
         self._tip = terminal.radius_bound is not None and bool(
             np.linalg.norm(terminal.value) <= AT_THE_TIP)
         self._untried = terminal.radius_bound is not None and not self._tip
         # Limits G r ≤ b of unit length, and the products of all rows.
-        self._G, self._b, self._scale = np.zeros((0, size)), np.zeros(0), np.zeros(0)
-        self._soft = np.zeros(0, dtype=bool)
+        self._linear = _Rows(np.zeros((0, size)), np.zeros(0), NO_ROWS, NO_ROWS, NO_ROWS == 0)
+        self._scale = np.zeros(0)
         self._AA, self._GA, self._GG = self._A @ self._A.T, np.zeros((0, p + q)), np.zeros((0, 0))
         self._active = NO_ROWS, NO_ROWS
 
     def run(self) -> LeastNorm | None:
         """Returns the solution, or None if there is none of this form."""
         program, regulator = self._program, self._regulator
-        new: WorkingSet | None = self.kept
+        if not self._added(self.kept):
+            return None
+        if program.similar is not None:
+            self._active = self._active_in(program.similar)
         for _ in range(ROUNDS):
-            found = self._solution() if self._added(new) else None
+            found = self._solution()
             if found is None:
                 return None
             r, changed, slack_price, excess_price = found
@@ -162,20 +177,19 @@ class _Search:
             if excess_price > program.excess_penalty or slack_price > program.slack_penalty:
                 return None
             if changed:  # Other limits are asked once the cones have settled.
-                new = None
                 continue
             best = self._z + regulator.moved(r)
             broken = WorkingSet.broken(program, best, 0.0)
             new = broken.without(self.kept)
             self.kept = self.kept | new
-            if not (new.any() or broken.any()):
+            if not broken.any():
                 return LeastNorm(r, 0.0, 0.0, excess_price)
+            if not self._added(new):
+                return None
         return None
 
-    def _added(self, new: WorkingSet | None) -> bool:
+    def _added(self, new: WorkingSet) -> bool:
         """Adds limits; returns whether those that r does not change are kept."""
-        if new is None:
-            return True
         program, regulator, z = self._program, self._regulator, self._z
         if new.norms.any():
             self._add_norms(new.norms)
@@ -188,15 +202,15 @@ class _Search:
             scale = 1.0 / size[moves]
             G = rows.G[moves] * scale[:, None]
             # The products with the new rows, below and beside those of the old ones.
-            old, products = len(self._G), np.empty((len(self._G) + len(G),) * 2)
-            self._G = np.concatenate([self._G, G])
-            products[:old, :old], products[old:] = self._GG, G @ self._G.T
+            old = len(self._linear.G)
+            products = np.empty((old + len(G),) * 2)
+            self._linear = self._linear.and_more(
+                rows.of(moves)._replace(G=G, b=rows.b[moves] * scale))
+            products[:old, :old], products[old:] = self._GG, G @ self._linear.G.T
             products[:old, old:] = products[old:, :old].T
             self._GG = products
             self._GA = np.concatenate([self._GA, G @ self._A.T])
-            self._b = np.concatenate([self._b, rows.b[moves] * scale])
             self._scale = np.concatenate([self._scale, scale])
-            self._soft = np.concatenate([self._soft, rows.soft[moves]])
         return True
 
     def _add_norms(self, new: np.ndarray) -> None:
@@ -215,7 +229,32 @@ class _Search:
             np.concatenate([np.repeat(k, count) for k, count in zip(at, counts, strict=True)]),
             np.concatenate([np.tile(limit.C, (len(k), 1))
                             for limit, k in zip(norms, at, strict=True)]))])
-        self._AA, self._GA = self._A @ self._A.T, self._G @ self._A.T
+        self._AA, self._GA = self._A @ self._A.T, self._linear.G @ self._A.T
+        self._norm_at = (
+            np.concatenate([self._norm_at[0], np.repeat(np.arange(len(at)), [len(k) for k in at])]),
+            np.concatenate([self._norm_at[1], *at]))
+
+    def _active_in(self, limits: ActiveLimits) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the cones' rows and the linear rows that are active according to limits."""
+        rows, first = self._linear, len(self._end.c) if self._tip else len(self._radius.size)
+        linear = np.where(rows.above, limits.upper[rows.stage, rows.row],
+                          limits.lower[rows.stage, rows.row])
+        return (first + len(self._radius.size) + np.flatnonzero(limits.norms[self._norm_at]),
+                np.flatnonzero(linear))
+
+    def active(self) -> ActiveLimits:
+        """Returns the active limits of the last solution of (1)."""
+        out = ActiveLimits(*map(np.zeros_like, (
+            self.kept.upper, self.kept.lower, self.kept.norms)))
+        cones, linear = self._active
+        rows = self._linear.of(linear)
+        out.upper[rows.stage[rows.above], rows.row[rows.above]] = True
+        out.lower[rows.stage[~rows.above], rows.row[~rows.above]] = True
+        first = len(self._end.c) if self._tip else len(self._radius.size)
+        norms = cones - first - len(self._radius.size)
+        norms = norms[norms >= 0]
+        out.norms[self._norm_at[0][norms], self._norm_at[1][norms]] = True
+        return out
 
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the cones' rows as combinations D of A's, and their bounds at r = 0.
@@ -259,7 +298,7 @@ class _Search:
         M[:cones, cones:] = M[cones:, :cones].T
         used, N, shift = self._curvature()
         curved = by_A[:, used]
-        b = np.concatenate([b, self._b])
+        b = np.concatenate([b, self._linear.b])
         if len(used):
             M -= curved @ N @ curved.T
             b += curved @ shift
@@ -281,10 +320,10 @@ class _Search:
         value = found.value / length
         by_cones = -(value[:cones] @ D)
         by_cones[used] += N @ (value @ curved) - shift
-        r = by_cones @ self._A - value[cones:] @ self._G
-        excess = value[cones:] * self._scale
+        r = by_cones @ self._A - value[cones:] @ self._linear.G
+        excess, soft = value[cones:] * self._scale, self._program.linear.soft
         return (r.reshape(self._regulator.k.shape), *self._turned(r, value[:cones]),
-                float(np.sum(excess[self._soft])))
+                float(np.sum(excess[soft[self._linear.row]])))
 
     def _turned(self, r: np.ndarray, value: np.ndarray) -> tuple[bool, float]:
         """Takes over the cones' directions and multipliers for the next step.
@@ -337,4 +376,4 @@ def _linear_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray, wh
     C = sign[:, None] * linear.C[stage, row]
     now = np.sum(C * z[stage], axis=1)
     return _Rows(regulator.row_gradients(stage, C),
-                 sign * (bound - linear.value[stage, row]) - now, linear.soft[row])
+                 sign * (bound - linear.value[stage, row]) - now, stage, row, sign > 0.0)

@@ -87,6 +87,17 @@ class TerminalLimit(NamedTuple):
         return bool(np.linalg.norm(self.value) > (1.0 - part) * min(self.radius, least))
 
 
+class ActiveLimits(NamedTuple):
+    """Limits with a multiplier in the solution of a program, but for the terminal set."""
+
+    upper: np.ndarray
+    """Linear limits that are at their upper bounds (N+1, m)."""
+    lower: np.ndarray
+    """Linear limits that are at their lower bounds (N+1, m)."""
+    norms: np.ndarray
+    """Norm limits (number of norm limits, N+1)."""
+
+
 @dataclass(frozen=True)
 class StagedProgram:
     """Convex program of N stages with nx states and nw decisions."""
@@ -110,6 +121,8 @@ class StagedProgram:
     """Penalty ρ_s of the slack s."""
     excess_penalty: float
     """Penalty ρ_v of the excess v."""
+    similar: ActiveLimits | None = None
+    """Active limits of a similar program, where the search for those of this one begins."""
 
     def mathematical_program(self) -> "ConvexProgram":
         """Returns the program as Drake's `MathematicalProgram`, named by stage and limit."""
