@@ -138,17 +138,17 @@ class _Search:
         self.kept = kept
         self._program, self._regulator, self._z = program, regulator, z
         size, nx, terminal = regulator.k.size, program.A.shape[-1], program.terminal
-        # Rows of the terminal set: those of v, then of its radii.
+        # Rows of the terminal set: those of its radii, then of v, of which there is one or none.
         end = z[-1, :nx]
         self._radius = terminal.radius_bounds(end)
-        p, q = len(terminal.T) if len(self._radius.size) else 0, len(self._radius.size)
-        C = np.zeros((p + q, z.shape[1]))
-        C[:p, :nx], C[p:, :nx] = terminal.T[:p], self._radius.rows
-        self._A = regulator.row_gradients(np.full(p + q, len(z) - 1), C)
-        ends = min(p, 1)
-        self._end = _Cones((terminal.value + terminal.T @ end)[:p], terminal.value[:p],
-                           np.full(ends, p), np.zeros(ends))
-        self._norms = _Cones(np.zeros(0), np.zeros(0), NO_ROWS, np.zeros(0))
+        q = len(self._radius.size)
+        self._p = p = len(terminal.T) if q else 0
+        self._ends = min(p, 1)
+        C = np.zeros((q + p, z.shape[1]))
+        C[:q, :nx], C[q:, :nx] = self._radius.rows, terminal.T[:p]
+        self._A = regulator.row_gradients(np.full(q + p, len(z) - 1), C)
+        self._cones = _Cones((terminal.value + terminal.T @ end)[:p], terminal.value[:p],
+                             np.full(self._ends, p), np.zeros(self._ends))
         self._norm_bounds, self._norm_at = np.zeros(0), (NO_ROWS, NO_ROWS)
         # Whether the plan is to end in the tip, and whether it may still be tried.
         self._tip = terminal.radius_bound is not None and bool(
@@ -157,7 +157,7 @@ class _Search:
         # Limits G r ≤ b of unit length, and the products of all rows.
         self._linear = _Rows(np.zeros((0, size)), np.zeros(0), NO_ROWS, NO_ROWS, NO_ROWS == 0)
         self._scale = np.zeros(0)
-        self._AA, self._GA, self._GG = self._A @ self._A.T, np.zeros((0, p + q)), np.zeros((0, 0))
+        self._AA, self._GA, self._GG = self._A @ self._A.T, np.zeros((0, q + p)), np.zeros((0, 0))
         self._active = NO_ROWS, NO_ROWS
 
     def run(self) -> LeastNorm | None:
@@ -218,7 +218,7 @@ class _Search:
         z, norms = self._z, self._program.norms
         at = [np.flatnonzero(stages) for stages in new]
         counts = [len(limit.C) for limit in norms]
-        self._norms = self._norms.and_more(
+        self._cones = self._cones.and_more(
             np.concatenate([(limit.value[k] + z[k] @ limit.C.T).ravel()
                             for limit, k in zip(norms, at, strict=True)]),
             np.concatenate([limit.value[k].ravel() for limit, k in zip(norms, at, strict=True)]),
@@ -236,11 +236,16 @@ class _Search:
 
     def _active_in(self, limits: ActiveLimits) -> tuple[np.ndarray, np.ndarray]:
         """Returns the cones' rows and the linear rows that are active according to limits."""
-        rows, first = self._linear, len(self._end.c) if self._tip else len(self._radius.size)
+        rows = self._linear
         linear = np.where(rows.above, limits.upper[rows.stage, rows.row],
                           limits.lower[rows.stage, rows.row])
-        return (first + len(self._radius.size) + np.flatnonzero(limits.norms[self._norm_at]),
+        return (self._first_norm + np.flatnonzero(limits.norms[self._norm_at]),
                 np.flatnonzero(linear))
+
+    @property
+    def _first_norm(self) -> int:
+        """Number of the rows of the terminal set."""
+        return (self._p if self._tip else len(self._radius.size)) + len(self._radius.size)
 
     def active(self) -> ActiveLimits:
         """Returns the active limits of the last solution of (1)."""
@@ -250,9 +255,7 @@ class _Search:
         rows = self._linear.of(linear)
         out.upper[rows.stage[rows.above], rows.row[rows.above]] = True
         out.lower[rows.stage[~rows.above], rows.row[~rows.above]] = True
-        first = len(self._end.c) if self._tip else len(self._radius.size)
-        norms = cones - first - len(self._radius.size)
-        norms = norms[norms >= 0]
+        norms = cones[cones >= self._first_norm] - self._first_norm
         out.norms[self._norm_at[0][norms], self._norm_at[1][norms]] = True
         return out
 
@@ -261,33 +264,31 @@ class _Search:
 
         At the tip they are v = 0, 0 ≤ τ; else dᵀv ≤ τ, 0 ≤ τ. Those of the norms follow.
         """
-        norms, p, q = self._norms, len(self._end.c), len(self._radius.size)
-        first = p if self._tip else q
-        D = np.zeros((first + q + len(norms.mu), len(self._A)))
+        cones, p, q = self._cones, self._p, len(self._radius.size)
+        first = self._first_norm
+        D = np.zeros((first + len(self._norm_bounds), len(self._A)))
         if self._tip:
-            D[:p, :p], b = np.eye(p), -self._end.c
+            D[:p, q: q + p], b = np.eye(p), -cones.c[:p]
         else:
-            D[:q, :p], D[:q, p: p + q] = self._end.d, -np.eye(q)
-            b = self._radius.size - self._end.d @ self._end.c
-        D[first: first + q, p: p + q] = -np.eye(q)
-        D[first + q + norms.which, np.arange(p + q, len(self._A))] = norms.d
-        return D, np.concatenate(
-            [b, self._radius.size, self._norm_bounds - norms.sums(norms.d * norms.c)])
+            D[:q, :q], D[:q, q: q + p] = -np.eye(q), cones.d[:p]
+            b = self._radius.size - cones.d[:p] @ cones.c[:p]
+        D[first - q: first, :q] = -np.eye(q)
+        D[first - self._ends + cones.which[p:], np.arange(q + p, len(self._A))] = cones.d[p:]
+        along = cones.sums(cones.d * cones.c)[self._ends:]
+        return D, np.concatenate([b, self._radius.size, self._norm_bounds - along])
 
     def _curvature(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the rows of A that have a curvature, and N and N c of these."""
-        end, norms = self._end, self._norms
-        none = np.zeros(len(self._radius.size))
-        mu, d, c, cone = map(np.concatenate, (
-            [end.mu[end.which], none, norms.mu[norms.which]], [end.d, none, norms.d],
-            [end.c, none, norms.c], [end.which - 1, none, norms.which]))
+        cones = self._cones
+        mu = cones.mu[cones.which]
         used = np.flatnonzero(mu > 0.0)
+        rows = used + len(self._radius.size)
         if not len(used):
-            return used, np.zeros((0, 0)), np.zeros(0)
-        mu, d, cone = mu[used], d[used], cone[used]
+            return rows, np.zeros((0, 0)), np.zeros(0)
+        mu, d, cone = mu[used], cones.d[used], cones.which[used]
         Q = np.diag(mu) - (cone[:, None] == cone) * ((mu * d)[:, None] * d)
-        N = np.linalg.solve(np.eye(len(used)) + Q @ self._AA[used[:, None], used], Q)
-        return used, N, N @ c[used]
+        N = np.linalg.solve(np.eye(len(used)) + Q @ self._AA[rows[:, None], rows], Q)
+        return rows, N, N @ cones.c[used]
 
     def _solution(self) -> tuple[np.ndarray, bool, float, float] | None:
         """Returns r (N, nw) of (1), whether it changes (1), and the multipliers of s and v."""
@@ -309,7 +310,7 @@ class _Search:
             return None
         length[still] = 1.0
         scale = np.concatenate([np.ones(cones), self._scale])
-        equalities = len(self._end.c) if self._tip else 0
+        equalities = self._p if self._tip else 0
         guess = np.concatenate([self._active[0], self._active[1] + cones])
         found = multipliers(M / length / length[:, None], b / length, equalities,
                             BROKEN * scale / length, guess)
@@ -335,34 +336,30 @@ class _Search:
         Returns:
             Whether (1) changes, and the multiplier of s.
         """
-        p, q, end = len(self._end.c), len(self._radius.size), self._end
-        first = p if self._tip else q
-        price, kept = float(np.sum(value[first: first + q])), value[:first]
-        change, changed = self._A @ r, False
+        cones, p, q = self._cones, self._p, len(self._radius.size)
+        first = self._first_norm
+        price, kept = float(np.sum(value[first - q: first])), value[: first - q]
+        change = self._A @ r
+        own = 0.0 if self._tip else float(np.sum(kept))
+        changed = cones.turn(change[q:], np.append(np.full(self._ends, own), value[first:]))
         if self._tip:
             # Where the tip is no optimum, its multipliers have the direction of the end.
             size = float(np.linalg.norm(kept))
             if size > (1.0 + DUAL) * price + DUAL:
-                radius = float(np.min(self._radius.size + change[p: p + q]))
-                end.d, end.mu = kept / size, np.array([size / max(radius, SMALLEST)])
+                radius = float(np.min(self._radius.size + change[:q]))
                 self._switch(tip=False)
+                cones.d[:p], cones.mu[0] = kept / size, size / max(radius, SMALLEST)
                 changed = True
-        else:
-            own = float(np.sum(kept))
-            changed = end.turn(change[:p], np.full(len(end.mu), own))
-            if price > 0.0 and self._untried:  # A radius of zero has a multiplier.
-                self._switch(tip=True)
-                changed = True
-            price += own
-        changed |= self._norms.turn(change[p + q:], value[first + q:])
-        return changed, price
+        elif price > 0.0 and self._untried:  # A radius of zero has a multiplier.
+            self._switch(tip=True)
+            changed = True
+        return changed, price + own
 
     def _switch(self, *, tip: bool) -> None:
         """Changes to or from a plan that ends in the tip."""
         self._tip, self._untried = tip, False
         self._active = NO_ROWS, self._active[1]
-        if tip:
-            self._end.mu = np.zeros(1)
+        self._cones.mu[: self._ends] = 0.0
 
 
 def _linear_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray, which: WorkingSet

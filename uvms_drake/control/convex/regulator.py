@@ -52,11 +52,14 @@ class Regulator:
             stages: Stage of each row (m,).
             C: Rows (m, nx+nw); w is zero at the last stage.
         """
-        N, _, nw = self.driven.shape
-        out = np.zeros((len(C), N * nw))
-        for k in np.flatnonzero(np.bincount(stages, minlength=N + 1)):
-            own, reach = stages == k, (k + 1) * nw
-            out[own, :reach] = C[own] @ self.responses[k, :, :reach]
+        order = np.argsort(stages, kind="stable")
+        ordered, out = C[order], np.empty((len(C), self.responses.shape[-1]))
+        begin, by_stage = 0, np.empty_like(out)
+        for k, end in enumerate(np.cumsum(np.bincount(stages)).tolist()):
+            if end > begin:
+                np.matmul(ordered[begin:end], self.responses[k], out=by_stage[begin:end])
+                begin = end
+        out[order] = by_stage
         return out
 
 

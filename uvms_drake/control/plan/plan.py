@@ -151,19 +151,26 @@ def _turn(rpy: Numbers, turning: list[list[float]], h: float) -> tuple[Numbers, 
 
     Plain numbers, because three of them are too few for NumPy. `turning` is ν₂ (4, 3) [rad/s].
     """
-    stages, (roll, pitch, yaw), steps = [], rpy, (0.5 * h, 0.5 * h, h, 0.0)
-    at, roll_sum, pitch_sum, yaw_sum = rpy, 0.0, 0.0, 0.0
-    for (p, q, r), step, weight in zip(turning, steps, (1.0, 2.0, 2.0, 1.0), strict=True):
-        stages.append(at)
-        sin, cos = math.sin(at[0]), math.cos(at[0])
-        yaw_rate = (sin * q + cos * r) / math.cos(at[1])
-        roll_rate, pitch_rate = p + yaw_rate * math.sin(at[1]), cos * q - sin * r
-        roll_sum += weight * roll_rate
-        pitch_sum += weight * pitch_rate
-        yaw_sum += weight * yaw_rate
-        at = roll + step * roll_rate, pitch + step * pitch_rate, yaw + step * yaw_rate
-    sixth = h / 6.0
-    return (roll + sixth * roll_sum, pitch + sixth * pitch_sum, yaw + sixth * yaw_sum), stages
+    roll, pitch, yaw = rpy
+    half, sixth = 0.5 * h, h / 6.0
+    a1, b1, c1 = _rates(roll, pitch, turning[0])
+    second = roll + half * a1, pitch + half * b1, yaw + half * c1
+    a2, b2, c2 = _rates(second[0], second[1], turning[1])
+    third = roll + half * a2, pitch + half * b2, yaw + half * c2
+    a3, b3, c3 = _rates(third[0], third[1], turning[2])
+    last = roll + h * a3, pitch + h * b3, yaw + h * c3
+    a4, b4, c4 = _rates(last[0], last[1], turning[3])
+    end = (roll + sixth * (a1 + 2.0 * (a2 + a3) + a4), pitch + sixth * (b1 + 2.0 * (b2 + b3) + b4),
+           yaw + sixth * (c1 + 2.0 * (c2 + c3) + c4))
+    return end, [rpy, second, third, last]
+
+
+def _rates(roll: float, pitch: float, turning: list[float]) -> Numbers:
+    """Returns the rates of the Euler angles at ν₂ [rad/s]."""
+    p, q, r = turning
+    sin, cos = math.sin(roll), math.cos(roll)
+    yaw_rate = (sin * q + cos * r) / math.cos(pitch)
+    return p + yaw_rate * math.sin(pitch), cos * q - sin * r, yaw_rate
 
 
 @dataclass(frozen=True)
