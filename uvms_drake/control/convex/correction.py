@@ -41,8 +41,7 @@ def excesses(program: StagedProgram, z: np.ndarray | None = None) -> np.ndarray:
     value = linear.value if z is None else linear.value + times(linear.C, z)
     values = [value - linear.upper, linear.lower - value]
     for limit in program.norms:
-        vector = limit.value if z is None else limit.value + z @ limit.C.T
-        values.append((np.linalg.norm(vector, axis=1) - limit.bound)[:, None])
+        values.append((limit.norms(z) - limit.bound)[:, None])
     return np.concatenate(values, axis=1)
 
 

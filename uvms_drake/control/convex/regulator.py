@@ -31,14 +31,16 @@ class Regulator:
         A solver asks for the motion and for gradients of rows many times, each a product with it.
         """
         N, nx, nw = self.driven.shape
-        Z = np.zeros((N + 1, nx + nw, N * nw))
-        both = np.concatenate([self.closed, self.K], axis=1)
+        Z = np.zeros(((N + 1) * (nx + nw), N * nw))
+        # Rows of w_k and x_{k+1}, which follow those of x_k.
+        by_x = np.concatenate([self.K, self.closed], axis=1)
+        by_r = np.concatenate([self.W, self.driven], axis=1)
         for k in range(N):
-            past, now = k * nw, (k + 1) * nw
-            by_past = both[k] @ Z[k, :nx, :past]
-            Z[k + 1, :nx, :past], Z[k, nx:, :past] = by_past[:nx], by_past[nx:]
-            Z[k + 1, :nx, past:now], Z[k, nx:, past:now] = self.driven[k], self.W[k]
-        return Z
+            x, past = k * (nx + nw), k * nw
+            after = Z[x + nx: x + nx + nw + nx]
+            after[:, :past] = by_x[k] @ Z[x: x + nx, :past]
+            after[:, past: past + nw] = by_r[k]
+        return Z.reshape(N + 1, nx + nw, N * nw)
 
     def moved(self, r: np.ndarray) -> np.ndarray:
         """Returns the change of z (N+1, nx+nw) by r (N, nw)."""

@@ -47,6 +47,11 @@ class NormLimit(NamedTuple):
     name: str = "norm"
     """Name of the limit."""
 
+    def norms(self, z: np.ndarray | None = None) -> np.ndarray:
+        """Returns the norms (N+1,) after z (N+1, nx+nw); None for none."""
+        vector = self.value if z is None else self.value + z @ self.C.T
+        return np.sqrt(np.einsum("ki,ki->k", vector, vector))
+
 
 class RadiusBound(NamedTuple):
     """Bounds of the terminal radius: the least of size + rows x_N."""

@@ -103,4 +103,4 @@ def _is_finite(program: StagedProgram) -> bool:
     numbers = [program.A, program.B, program.H, program.g, program.H_end, program.g_end,
                program.linear.C, program.linear.value, program.terminal.T, program.terminal.value,
                *(limit.value for limit in program.norms)]
-    return all(bool(np.all(np.isfinite(each))) for each in numbers)
+    return all(np.isfinite(each).all() for each in numbers)

@@ -61,12 +61,10 @@ def advance_derivatives(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarr
     offsets = c[:, None, None]
     speed = zeta[:, :6] + offsets * zeta_dot[:, :6]  # (4, K, 6)
     # Attitudes of the stages, and Γ and the rates' derivatives by the attitude there.
-    rpy, T, rate = np.empty((4, K, 3)), np.empty((4, K, 3, 3)), np.zeros((K, 3))
-    for i in range(4):
-        rpy[i] = config[:, 3:6] + c[i] * rate
-        T[i] = rate_matrix(rpy[i])
-        rate = times(T[i], speed[i, :, 3:])
-    R = rotation_matrix(rpy)
+    rpy = np.array([_turn((roll, pitch, yaw), turning, duration)[1] for (roll, pitch, yaw), turning
+                    in zip(config[:, 3:6].tolist(), speed[..., 3:].swapaxes(0, 1).tolist(),
+                           strict=True)]).swapaxes(0, 1)
+    R, T = rotation_matrix(rpy), rate_matrix(rpy)
     linear_o, angular_o = _rate_gradients(rpy, R, speed)
     # Derivatives of the attitudes and of their rates by attitude, ν₂ and ν̇₂ (9).
     attitude, step = np.zeros((4, K, 3, 9)), np.zeros((4, K, 3, 9))
@@ -78,8 +76,7 @@ def advance_derivatives(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarr
         step[i] += angular_o[i] @ attitude[i]
     # Sums over the stages.
     weights = duration / 6.0 * np.array([1.0, 2.0, 2.0, 1.0])
-    by_linear = np.tensordot(weights, linear_o @ attitude, 1)
-    by_angular = np.tensordot(weights, step, 1)
+    by_linear, by_angular = _weighted(weights, linear_o @ attitude), _weighted(weights, step)
     by_config, by_zeta = np.empty((K, size, size)), np.empty((K, size, size))
     by_config[...], by_zeta[...] = np.eye(size), duration * np.eye(size)
     by_zeta_dot = 0.5 * duration * by_zeta
@@ -87,9 +84,14 @@ def advance_derivatives(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarr
     by_config[:, 3:6, 3:6] += by_angular[..., :3]
     for out, columns, parts in ((by_zeta, slice(3, 6), weights),
                                 (by_zeta_dot, slice(6, 9), weights * c)):
-        out[:, :3, :3] = np.tensordot(parts, R, 1)
+        out[:, :3, :3] = _weighted(parts, R)
         out[:, :3, 3:6], out[:, 3:6, 3:6] = by_linear[..., columns], by_angular[..., columns]
     return by_config, by_zeta, by_zeta_dot
+
+
+def _weighted(weights: np.ndarray, stages: np.ndarray) -> np.ndarray:
+    """Returns the weighted sum (...) over four stages (4, ...)."""
+    return (weights @ stages.reshape(4, -1)).reshape(stages.shape[1:])
 
 
 def _rate_gradients(rpy: np.ndarray, R: np.ndarray, nu: np.ndarray
