@@ -1,9 +1,12 @@
 """Tests of `control.convex.correction`: steps of the solver that stay within curved limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
+from uvms_drake.control.convex import correction
 from uvms_drake.control.convex.correction import (
     Correction,
     excess_rows,
@@ -132,3 +135,38 @@ def test_a_sound_plan_takes_the_whole_step_in_one_iteration(ocp, guess):
 
 def test_without_a_row_that_moves_there_is_nothing_to_correct():
     np.testing.assert_array_equal(least_norm_solution(np.zeros((0, 5)), np.zeros(0)), np.zeros(5))
+
+
+def test_the_least_norm_solution_is_that_of_the_pseudoinverse():
+    """Of rows that are far from dependent, nearly dependent, and dependent."""
+    rng = np.random.default_rng(0)
+    rows, b = rng.normal(size=(4, 7)), rng.normal(size=5)
+    for part in (1.0, 2e-4, 0.0):
+        F = np.concatenate([rows, rng.normal(size=4) @ rows[None] + part * rng.normal(size=(1, 7))])
+        expected = np.linalg.pinv(F, rcond=1e-3) @ b
+        np.testing.assert_allclose(least_norm_solution(F, b), expected, atol=1e-9)
+
+
+def test_an_excess_that_no_decision_removes_takes_no_more_rounds(ocp, guess, monkeypatch):
+    """The others are removed as before."""
+    program = ocp.staged_program(guess)
+    step = solve_staged(program)
+    plan = guess.redone(guess.start, guess.decision + step.w)
+    moved, rounds = ocp.staged_program(plan), []
+
+    def watched(F, b):
+        rounds.append(b)
+        return least_norm_solution(F, b)
+
+    monkeypatch.setattr(correction, "least_norm_solution", watched)
+    without = Correction(program, step.regulator, step.w).of(moved)
+    before = len(rounds)
+    # A row that depends on nothing and is off.
+    linear, column = moved.linear, int(np.flatnonzero(np.isfinite(moved.linear.upper[1]))[0])
+    C, value = linear.C.copy(), linear.value.copy()
+    C[1, column], value[1, column] = 0.0, linear.upper[1, column] + 1.0
+    given = replace(moved, linear=linear._replace(C=C, value=value))
+    with_it = Correction(program, step.regulator, step.w).of(given)
+    np.testing.assert_allclose(with_it, without, atol=1e-8)
+    assert 0 < before < 3
+    assert len(rounds) - before < 3

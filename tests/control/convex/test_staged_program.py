@@ -9,9 +9,11 @@ from support.limits import with_limits
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 from uvms_drake.control.convex import staged_solver
+from uvms_drake.control.convex.dual_active_set import _Rows
 from uvms_drake.control.convex.least_norm_conic import least_norm
-from uvms_drake.control.convex.regulator import motion, responses, riccati, row_gradients
+from uvms_drake.control.convex.regulator import motion, riccati
 from uvms_drake.control.convex.staged_program import (
+    ActiveLimits,
     LinearLimits,
     NormLimit,
     RadiusBound,
@@ -251,6 +253,39 @@ def test_without_an_excess_the_price_of_one_is_the_derivative_by_it():
     assert max(seen) > program.excess_penalty > min(seen)
 
 
+def test_a_solution_knows_its_active_limits_and_any_guess_of_them_leads_to_it(monkeypatch):
+    """All active ones are at their bounds; with them no row is exchanged."""
+    rounds, at, rng = [], _Rows._at, np.random.default_rng(0)
+    monkeypatch.setattr(_Rows, "_at", lambda *a: rounds.append(1) or at(*a))
+    counts = []
+    for seed in range(30):
+        program = random_program(seed, 1.0)
+        found = solve_staged(program)
+        if found is None or found.active is None:
+            continue
+        linear, z = program.linear, np.zeros((6, 6))
+        z[:-1, 4:] = found.w
+        for k in range(5):
+            z[k + 1, :4] = program.A[k] @ z[k, :4] + program.B[k] @ z[k, 4:]
+        value = linear.value + np.einsum("kij,kj->ki", linear.C, z)
+        np.testing.assert_allclose((value - linear.upper)[found.active.upper], 0.0, atol=1e-6)
+        np.testing.assert_allclose((value - linear.lower)[found.active.lower], 0.0, atol=1e-6)
+        for limit, stages in zip(program.norms, found.active.norms, strict=True):
+            norms = np.linalg.norm(limit.value + z @ limit.C.T, axis=1)
+            np.testing.assert_allclose((norms - limit.bound)[stages], 0.0, atol=1e-6)
+        wrong = ActiveLimits(*(rng.random(each.shape) < 0.3 for each in found.active))
+        made = []
+        for guess in (None, found.active, wrong):
+            rounds.clear()
+            again = solve_staged(replace(program, similar=guess))
+            np.testing.assert_allclose(again.w, found.w, atol=1e-7)
+            made.append(len(rounds))
+        counts.append(made)
+    without, same, _ = np.sum(counts, axis=0)
+    assert len(counts) > 10
+    assert same < without
+
+
 def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_plans, monkeypatch):
     """Those that the sparse form is taken for."""
     seen = []
@@ -323,14 +358,30 @@ def test_the_program_is_the_first_order_model_of_the_problem(short_ocp, start_pl
     np.testing.assert_allclose(y[1:], np.array(z)[1:, :10], atol=1e-6)
 
 
-def test_gradients_of_rows_are_those_of_the_response_of_the_motion():
-    """By the adjoint recursion, for rows of several stages in any order."""
+def test_responses_and_gradients_of_rows_are_those_of_the_motion_under_the_law():
+    """The motion stage by stage, for one entry of r after the other; rows of stages in any order.
+
+    A later r does not change an earlier stage.
+    """
     program = random_program(5, 1.0)
     regulator, rng = riccati(program), np.random.default_rng(0)
+
+    def moved(r: np.ndarray) -> np.ndarray:
+        z = np.zeros((6, 6))
+        for k in range(5):
+            z[k, 4:] = regulator.K[k] @ z[k, :4] + regulator.k[k] + regulator.W[k] @ r[k]
+            z[k + 1, :4] = program.A[k] @ z[k, :4] + program.B[k] @ z[k, 4:]
+        return z
+
+    at_rest = moved(np.zeros((5, 2)))
+    np.testing.assert_allclose(motion(program, regulator), at_rest, atol=1e-12)
+    by_r = np.stack([moved(unit.reshape(5, 2)) - at_rest for unit in np.eye(10)], axis=-1)
+    np.testing.assert_allclose(regulator.responses, by_r, atol=1e-12)
+    r = rng.normal(size=(5, 2))
+    np.testing.assert_allclose(regulator.moved(r), moved(r) - at_rest, atol=1e-12)
     stages = np.array([3, 5, 0, 5, 1, 3])
     C = rng.normal(size=(6, 6))
     C[stages == 5, 4:] = 0.0
-    expected = np.einsum("mz,mzr->mr", C, responses(program, regulator)[stages])
-    np.testing.assert_allclose(
-        row_gradients(program, regulator, stages, C), expected, atol=1e-12)
-    assert row_gradients(program, regulator, stages[:0], C[:0]).shape == (0, 10)
+    np.testing.assert_allclose(regulator.row_gradients(stages, C),
+                               np.einsum("mz,mzr->mr", C, by_r[stages]), atol=1e-12)
+    assert regulator.row_gradients(stages[:0], C[:0]).shape == (0, 10)

@@ -11,7 +11,7 @@ step.
 
 import numpy as np
 
-from uvms_drake.control.convex.regulator import Regulator, motion, row_gradients
+from uvms_drake.control.convex.regulator import Regulator
 from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.model.frames.spatial import times
 
@@ -19,6 +19,8 @@ REACHED = 1e-5
 """Distance to a bound, in the limit's own unit, that counts as none."""
 INSIDE = 1e-7
 """Distance to its bound that a limit gets which the program had not reached, likewise."""
+SETTLED = 1e-10
+"""Change of a limit by the curvature of norms, in its own unit, that counts as none."""
 ROUNDS = 5
 """Newton steps; the limits that one of them exceeds are active in the next."""
 DEPENDENT = 1e-3
@@ -39,8 +41,7 @@ def excesses(program: StagedProgram, z: np.ndarray | None = None) -> np.ndarray:
     value = linear.value if z is None else linear.value + times(linear.C, z)
     values = [value - linear.upper, linear.lower - value]
     for limit in program.norms:
-        vector = limit.value if z is None else limit.value + z @ limit.C.T
-        values.append((np.linalg.norm(vector, axis=1) - limit.bound)[:, None])
+        values.append((limit.norms(z) - limit.bound)[:, None])
     return np.concatenate(values, axis=1)
 
 
@@ -104,7 +105,7 @@ class Correction:
         radius = end.radius_bounds(np.zeros(nx))
         least = np.linalg.norm(goal) + INSIDE
         active, z = np.zeros(wanted.shape, dtype=bool), np.zeros((N + 1, nx + nw))
-        ends, tight = False, np.zeros(len(radius.size), dtype=bool)
+        ends, tight, left = False, np.zeros(len(radius.size), dtype=bool), np.zeros(0)
         for _ in range(ROUNDS):
             # Norms are not linear: their gradients are taken after the last round.
             value, x = excesses(program, z), z[-1, :nx]
@@ -115,25 +116,38 @@ class Correction:
             residual = np.concatenate([
                 (wanted - value)[active], (least - size)[tight],
                 goal - end.value - end.T @ x if ends else []])
-            if np.max(np.abs(residual), initial=0.0) < INSIDE:
+            # While the same limits are active, what is left of linear ones is not removed later.
+            if np.max(np.abs(residual), initial=0.0) < INSIDE or (
+                    len(left) == len(residual) and np.max(np.abs(residual - left)) < SETTLED):
                 break
-            last = np.concatenate([radius.rows[tight], end.T[: len(end.T) * ends]])
-            rows = np.concatenate([excess_rows(program, active, z),
-                                   np.pad(last, ((0, 0), (0, nw)))])
+            last = np.zeros((np.count_nonzero(tight) + len(end.T) * ends, nx + nw))
+            last[:, :nx] = np.concatenate([radius.rows[tight], end.T[: len(end.T) * ends]])
+            rows = np.concatenate([excess_rows(program, active, z), last])
             stages = np.concatenate([np.nonzero(active)[0], np.full(len(last), N)])
-            F = row_gradients(program, self._regulator, stages, rows)
-            sizes = np.linalg.norm(F, axis=1)
+            F, b = self._regulator.row_gradients(stages, rows), residual + _along(rows, z[stages])
+            sizes = np.sqrt(_along(F, F))
             moves = sizes > 0.0
-            F, residual = F[moves] / sizes[moves, None], (
-                residual + np.sum(rows * z[stages], axis=1))[moves] / sizes[moves]
-            r = least_norm_solution(F, residual)
-            z = motion(program, self._regulator._replace(k=np.zeros((N, nw))), r.reshape(N, nw))
+            r = least_norm_solution(F[moves] / sizes[moves, None], b[moves] / sizes[moves])
+            z = self._regulator.moved(r)
+            left = b - _along(rows, z[stages])
         return z[:-1, nx:]
+
+
+def _along(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns the products (m,) of the rows of a with those of b (m, n)."""
+    return np.einsum("ij,ij->i", a, b)
 
 
 def least_norm_solution(F: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns the least-norm r with F r = b in the range of F (m, n), by its Gram matrix (m, m)."""
-    squares, directions = np.linalg.eigh(F @ F.T)
+    gram = F @ F.T
+    try:  # Its inverse bounds its eigenvalues: where all are large enough, it is the fastest way.
+        inverse = np.linalg.inv(gram)
+        if np.trace(gram) * np.linalg.norm(inverse) < DEPENDENT**-2:
+            return F.T @ (inverse @ b)
+    except np.linalg.LinAlgError:
+        pass
+    squares, directions = np.linalg.eigh(gram)
     spanned = squares > DEPENDENT**2 * squares[-1:]
     directions = directions[:, spanned]
     return F.T @ (directions @ (directions.T @ b / squares[spanned]))

@@ -184,7 +184,9 @@ class _Rows(NamedTuple):
                     if step == np.inf:
                         return None
                     multiplier, own = multiplier - step * change, own + step
-                    excess -= step * (M[:, row] - M[:, active] @ change)
+                    turned = np.zeros(len(excess))
+                    turned[active], turned[row] = change, -1.0
+                    excess += step * (M @ turned)
                     if step == whole:
                         break
                     out = falls[np.argmin(lasts)]

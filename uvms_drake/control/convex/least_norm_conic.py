@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from uvms_drake.control.convex.regulator import Regulator, responses
+from uvms_drake.control.convex.regulator import Regulator
 from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.control.convex.working_set import WorkingSet
 
@@ -72,7 +72,7 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
     """
     N, _, nw = program.B.shape
     form = (_sparse(program, regulator) if sparse
-            else _condensed(program, responses(program, regulator), kept))
+            else _condensed(program, regulator.responses, kept))
     # Variables (y, s), then v and t, if there are: t is the least of the terminal radii, less s.
     s = form.motion.shape[1]
     v, t = s + softened, s + softened + kept.terminal

@@ -47,6 +47,11 @@ class NormLimit(NamedTuple):
     name: str = "norm"
     """Name of the limit."""
 
+    def norms(self, z: np.ndarray | None = None) -> np.ndarray:
+        """Returns the norms (N+1,) after z (N+1, nx+nw); None for none."""
+        vector = self.value if z is None else self.value + z @ self.C.T
+        return np.sqrt(np.einsum("ki,ki->k", vector, vector))
+
 
 class RadiusBound(NamedTuple):
     """Bounds of the terminal radius: the least of size + rows x_N."""
@@ -87,6 +92,17 @@ class TerminalLimit(NamedTuple):
         return bool(np.linalg.norm(self.value) > (1.0 - part) * min(self.radius, least))
 
 
+class ActiveLimits(NamedTuple):
+    """Limits with a multiplier in the solution of a program, but for the terminal set."""
+
+    upper: np.ndarray
+    """Linear limits that are at their upper bounds (N+1, m)."""
+    lower: np.ndarray
+    """Linear limits that are at their lower bounds (N+1, m)."""
+    norms: np.ndarray
+    """Norm limits (number of norm limits, N+1)."""
+
+
 @dataclass(frozen=True)
 class StagedProgram:
     """Convex program of N stages with nx states and nw decisions."""
@@ -110,6 +126,8 @@ class StagedProgram:
     """Penalty ρ_s of the slack s."""
     excess_penalty: float
     """Penalty ρ_v of the excess v."""
+    similar: ActiveLimits | None = None
+    """Active limits of a similar program, where the search for those of this one begins."""
 
     def mathematical_program(self) -> "ConvexProgram":
         """Returns the program as Drake's `MathematicalProgram`, named by stage and limit."""

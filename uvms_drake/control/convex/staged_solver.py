@@ -24,7 +24,7 @@ import numpy as np
 from uvms_drake.control.convex.least_norm_active_set import least_norm_active_set
 from uvms_drake.control.convex.least_norm_conic import least_norm
 from uvms_drake.control.convex.regulator import Regulator, motion, riccati
-from uvms_drake.control.convex.staged_program import StagedProgram
+from uvms_drake.control.convex.staged_program import ActiveLimits, StagedProgram
 from uvms_drake.control.convex.working_set import WorkingSet
 
 MANY = 0.75
@@ -49,6 +49,8 @@ class StagedSolution(NamedTuple):
     """Number of rows of the last working set."""
     regulator: Regulator
     """The program's regulator."""
+    active: ActiveLimits | None = None
+    """Active limits, if they are known."""
 
 
 def solve_staged(program: StagedProgram) -> StagedSolution | None:
@@ -72,8 +74,9 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
     softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
     by_active_set = least_norm_active_set(program, regulator, z, kept)
     if by_active_set is not None:
-        return StagedSolution(motion(program, regulator, by_active_set[0].r)[:-1, nx:], 0.0, 0.0, 0,
-                              by_active_set[1].rows(program), regulator)
+        least, kept, active = by_active_set
+        return StagedSolution((z + regulator.moved(least.r))[:-1, nx:], 0.0, 0.0, 0,
+                              kept.rows(program), regulator, active)
     # The conic solver, until its solution violates no limit outside of the working set.
     while True:
         sparse = kept.rows(program) > MANY * N * nw
@@ -86,7 +89,7 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
             continue
         if found is None:
             return None
-        best = motion(program, regulator, found.r)
+        best = z + regulator.moved(found.r)
         broken = WorkingSet.broken(program, best, found.excess).without(kept)
         if not broken.any():
             return StagedSolution(
@@ -100,4 +103,4 @@ def _is_finite(program: StagedProgram) -> bool:
     numbers = [program.A, program.B, program.H, program.g, program.H_end, program.g_end,
                program.linear.C, program.linear.value, program.terminal.T, program.terminal.value,
                *(limit.value for limit in program.norms)]
-    return all(bool(np.all(np.isfinite(each))) for each in numbers)
+    return all(np.isfinite(each).all() for each in numbers)

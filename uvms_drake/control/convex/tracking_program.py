@@ -28,14 +28,15 @@ def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.n
         radius_bound: Bounds of the terminal radius, functions of (ξ, a).
     """
     N, nx, nw = program.B.shape
-    m = len(moved)
+    linear, end, m = program.linear, program.terminal, len(moved)
     size = nx + m
 
-    def spread(rows: np.ndarray) -> np.ndarray:
-        """Returns rows of (ξ, w) as rows of (ξ, a, w)."""
-        out = np.empty((*rows.shape[:-1], size + nw))
-        out[..., :nx], out[..., nx: size] = rows[..., :nx], rows[..., moved]
-        out[..., size:] = rows[..., nx:]
+    def spread(rows: np.ndarray, first: int = 0) -> np.ndarray:
+        """Returns rows of (ξ, w) as rows of (ξ, a, w), with `first` rows of zeros before."""
+        out = np.zeros((first + len(rows), *rows.shape[1:-1], size + nw))
+        own = out[first:]
+        own[..., :nx], own[..., nx: size] = rows[..., :nx], rows[..., moved]
+        own[..., size:] = rows[..., nx:]
         return out
 
     def after(first: float, values: np.ndarray) -> np.ndarray:
@@ -63,15 +64,17 @@ def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.n
     decided[...] = np.eye(nw)  # Unused decisions of this stage.
     decided[:m, :m], gradients[0, size: size + m] = H, g
 
+    # The end has no cost of a.
+    H_end, g_end, T = np.zeros((size, size)), np.zeros(size), np.zeros((len(end.T), size))
+    H_end[:nx, :nx], g_end[:nx], T[:, :nx] = program.H_end, program.g_end, end.T
+
     # Limits: none at the first stage.
-    linear, end = program.linear, program.terminal
     return replace(
-        program, A=A, B=B, H=costs, g=gradients,
-        H_end=np.pad(program.H_end, (0, m)), g_end=np.pad(program.g_end, (0, m)),
+        program, A=A, B=B, H=costs, g=gradients, H_end=H_end, g_end=g_end,
         linear=linear._replace(
-            C=after(0.0, spread(linear.C)), value=after(0.0, linear.value),
+            C=spread(linear.C, 1), value=after(0.0, linear.value),
             lower=after(-np.inf, linear.lower), upper=after(np.inf, linear.upper)),
         norms=tuple(limit._replace(
             C=spread(limit.C), value=after(0.0, limit.value), bound=after(np.inf, limit.bound))
             for limit in program.norms),
-        terminal=end._replace(T=np.pad(end.T, ((0, 0), (0, m))), radius_bound=radius_bound))
+        terminal=end._replace(T=T, radius_bound=radius_bound))

@@ -66,8 +66,8 @@ class WorkingSet:
         return WorkingSet(
             upper=value > linear.upper + tolerance,
             lower=value < linear.lower - tolerance,
-            norms=np.array([np.linalg.norm(limit.value + z @ limit.C.T, axis=1)
-                            > limit.bound + KEPT for limit in program.norms], dtype=bool),
+            norms=np.array([limit.norms(z) > limit.bound + KEPT for limit in program.norms],
+                           dtype=bool),
             terminal=terminal.excess(z[-1, : terminal.T.shape[1]]) > KEPT)
 
     @staticmethod
@@ -79,6 +79,6 @@ class WorkingSet:
         return WorkingSet(
             upper=linear.upper - linear.value < margin,
             lower=linear.value - linear.lower < margin,
-            norms=np.array([np.linalg.norm(limit.value, axis=1) > (1.0 - part) * limit.bound
+            norms=np.array([limit.norms() > (1.0 - part) * limit.bound
                             for limit in program.norms], dtype=bool),
             terminal=terminal.nearly_left(part))

@@ -33,8 +33,7 @@ class ContactSpeed(Limit):
 
     def slopes(self, at: Points) -> Slopes:
         """Returns the derivatives of 𝔭̇ = J_𝔭(𝔮)ζ, in these axes."""
-        rates = np.einsum("...ijk,...j->...ik", at.tip_jacobian_rates, at.zeta)
-        return Slopes(self.axes @ rates @ at.config_y, self.axes @ at.tip_jacobian)
+        return Slopes(self.axes @ at.tip_velocity_y, self.axes @ at.tip_jacobian)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns ∓(along, across, across)."""
@@ -83,6 +82,16 @@ class ToolAngle(Limit):
         x_E = np.stack([np.cos(theta) * np.cos(psi), np.cos(theta) * np.sin(psi),
                         -np.sin(theta)], axis=-1)
         return (x_E @ (self.direction @ at.model.R_WT))[..., None]
+
+    def slopes(self, at: Points) -> Slopes:
+        """Returns the derivatives by θ and ψ."""
+        theta, psi = at.y[..., THETA], at.y[..., PSI]
+        x, y, z = self.direction @ at.model.R_WT
+        along, across = x * np.cos(psi) + y * np.sin(psi), y * np.cos(psi) - x * np.sin(psi)
+        by_y = np.zeros((*at.y.shape[:-1], 1, at.model.size))
+        by_y[..., 0, THETA] = -np.sin(theta) * along - np.cos(theta) * z
+        by_y[..., 0, PSI] = np.cos(theta) * across
+        return Slopes(by_y)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the cosine of the bound, and an upper bound that is never reached."""

@@ -73,10 +73,12 @@ class UnderContact(Limit):
 
     def values(self, at: Points) -> np.ndarray:
         """Returns the 3m values."""
-        along, across = self._parts(self.limit.by_force(at))
-        free = self.limit.values(at)
+        points, index = at.whole or (at, ...)  # The forces' part depends on the pose alone.
+        along, across = self._parts(self.limit.by_force(points))
         size = np.sqrt(np.sum(across**2, axis=-1))
-        return np.concatenate([free, free + along + size, free + along - size], axis=-1)
+        free = self.limit.values(at)
+        return np.concatenate(
+            [free, free + (along + size)[index], free + (along - size)[index]], axis=-1)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the limit's bounds thrice.
@@ -88,19 +90,21 @@ class UnderContact(Limit):
 
     def slopes(self, at: Points) -> Slopes:
         """Returns the limit's slopes and, by y, those of the forces' part, in closed form."""
-        _, across = self._parts(self.limit.by_force(at))
+        points, index = at.whole or (at, ...)  # The forces' part depends on the pose alone.
+        _, across = self._parts(self.limit.by_force(points))
         size = np.sqrt(np.sum(across**2, axis=-1, keepdims=True))
         unit = across / np.maximum(size, np.finfo(float).tiny)
-        rates = np.moveaxis(self.limit.by_force_rates(at), -1, -3)  # (..., 6+n, m, 3)
-        along_rates, across_rates = self._parts(rates)
-        along_y = np.swapaxes(along_rates, -1, -2) @ at.config_y
-        size_y = np.einsum("...kmi,...mi->...mk", across_rates, unit) @ at.config_y
+        # The extremes change as G does times the 𝔣 where they are, n ± tan(spread) unit vectors.
+        turned = np.tan(self.forces.spread) * unit
+        extremes = self.forces.largest * np.stack(
+            [self.forces.direction + turned, self.forces.direction - turned], axis=-2)
+        by_config = np.moveaxis(extremes @ self.limit.by_force_rates(points), -2, -3)
+        most, least = np.moveaxis(by_config @ points.config_y[..., None, :, :], -3, 0)
         by_y, _, by_u = self.limit.slopes(at)
-        free = np.zeros_like(along_y) if by_y is None else by_y
+        free = np.zeros_like(most[index]) if by_y is None else by_y
         assert by_u is not None
-        return Slopes(
-            np.concatenate([free, free + along_y + size_y, free + along_y - size_y], axis=-2),
-            u=np.concatenate([by_u] * 3, axis=-2))
+        return Slopes(np.concatenate([free, free + most[index], free + least[index]], axis=-2),
+                      u=np.concatenate([by_u] * 3, axis=-2))
 
     def _parts(self, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns N G n (..., m) and N tan(spread) G_t (..., m, 3) at the largest N."""

@@ -74,9 +74,9 @@ class SafeDepthBetweenKnots(Limit):
     def slopes(self, at: Points) -> Slopes:
         """Returns the derivatives of 𝔭 and of 𝔭̇ = J_𝔭(𝔮)ζ."""
         rows = 0.5 * self.time_step * self.facets
-        here = np.pad(self.facets, ((0, 0), (0, at.model.size - 3)))
-        rates = np.einsum("...ijk,...j->...ik", at.tip_jacobian_rates, at.zeta)
-        return Slopes(here + rows @ rates @ at.config_y, rows @ at.tip_jacobian)
+        by_y = rows @ at.tip_velocity_y
+        by_y[..., :3] += self.facets
+        return Slopes(by_y, rows @ at.tip_jacobian)
 
     def unit_of(self, signal: str) -> str:
         """Returns m."""

@@ -172,10 +172,11 @@ class Planner:
             return self._pass_over(sample, memory)
         old, memory = memory, memory if sample.asked is None else replace(
             memory, asked=sample.asked)
-        guess = self._guess(sample, memory)
+        solver = self._current(sample, memory)
+        guess = self._guess(sample, memory, solver.ocp)
         force, solution, status = memory.force, NOTHING, sample.fault
         if status == SOLVED:
-            force, solution, status = self._solve(sample, memory, old.asked, guess)
+            force, solution, status = self._solve(sample, memory, old.asked, solver, guess)
         deadline = self._solver.ocp.deadline
         if (status == SOLVED and deadline is not None
                 and self.clock() - sample.started > deadline):
@@ -196,9 +197,9 @@ class Planner:
         _say(now, DROPPED, memory)
         return replace(memory, plan=plan, report=report)
 
-    def _guess(self, sample: Sample, memory: MpcMemory) -> Plan:
+    def _guess(self, sample: Sample, memory: MpcMemory, ocp: Ocp[Any]) -> Plan:
         """Returns the last plan continued to now, the start of a new one."""
-        plan, ocp = memory.plan, self._current(sample, memory).ocp
+        plan = memory.plan
         assert plan is not None
         guess = ocp.continued(plan)
         while guess.start_time < sample.time - 0.5 * plan.time_step:
@@ -211,14 +212,13 @@ class Planner:
         state = sample.measured if self._solver.ocp.starts_at_measured else None
         return state if state is not None and np.all(np.isfinite(state)) else None
 
-    def _solve(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, guess: Plan
-               ) -> tuple[np.ndarray, Solution[Any], int]:
+    def _solve(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray,
+               solver: Solver[Any], guess: Plan) -> tuple[np.ndarray, Solution[Any], int]:
         """Returns 𝔉_des (6,) of a new plan, its solution, and the outcome of the sample."""
         free = guess.after(self._committed)
         solution = self._retargeted(sample, memory, asked_before, free)
         if solution is not None:
             return memory.asked, solution, SOLVED
-        solver = self._current(sample, memory)
         ocp = solver.ocp
         solution = solver.solve(free, ocp.iterations)
         if solution.plan is None:

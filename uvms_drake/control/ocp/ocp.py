@@ -433,8 +433,9 @@ class Ocp(ABC, Generic[P]):
         Outside of the terminal set the controller gets ξ_N scaled to the set's boundary, since far
         away nothing keeps its input within limits.
         """
+        end = plan.after(len(plan.config) - 1)
         xi = self.terminal_axes(plan) @ self.errors(
-            plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
+            end, self.unwrapped(self.model.task_pose(end.config)))[0]
         size, radius = np.linalg.norm(self.terminal.root @ xi), self.terminal_radius(plan)
         if size > radius + FEASIBLE:
             xi = max(radius, 0.0) / size * xi

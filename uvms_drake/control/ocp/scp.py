@@ -10,6 +10,7 @@ one continued by the terminal controller (Scokaert, Mayne and Rawlings 1999).
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,16 +57,16 @@ class SequentialConvexSolver(Solver[P]):
             iterations: Largest number of convex programs.
             tolerance: Converged when a step improves the merit by less than this fraction of it.
         """
-        plan, points, rows = guess, self.ocp.points(guess), 0
+        plan, points, rows, active = guess, self.ocp.points(guess), 0, None
         evaluation = self.ocp.evaluate(guess, points)
         for iteration in range(1, iterations + 1):
-            program = self.ocp.staged_program(plan, points)
+            program = replace(self.ocp.staged_program(plan, points), similar=active)
             change = (self._convex or solve_staged)(program)
             if change is None:
                 if iteration == 1:
                     return Solution(None, None, iteration, converged=False)
                 return Solution(plan, evaluation, iteration, converged=False, rows=rows)
-            rows = change.rows
+            rows, active = change.rows, change.active
             step = self._line_search(plan, evaluation, program, change)
             if step is None:
                 return Solution(plan, evaluation, iteration, converged=True, rows=rows)

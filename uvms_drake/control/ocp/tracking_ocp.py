@@ -294,7 +294,9 @@ class TrackingOcp(DynamicOcp):
         """Returns the convex program about a plan; its w is the change of a and of ζ̄̇."""
         program, bound = super().staged_program(plan, points), self.radius_bound(plan)
         program = replace(program, terminal=program.terminal._replace(radius=self.terminal.radius))
-        bound = bound._replace(rows=np.pad(bound.rows, ((0, 0), (self.state_size, 0))))
+        by_a = np.zeros((len(bound.size), self.state_size + len(self.moved)))
+        by_a[:, self.state_size:] = bound.rows
+        bound = bound._replace(rows=by_a)
         H, g = np.zeros((len(self.moved), len(self.moved))), np.zeros(len(self.moved))
         H[:3, :3], g[:3] = self.offset.quadratic(self._missing(plan))
         H[3:, 3:], g[3:] = self.offset.quadratic(self._unturned(plan))

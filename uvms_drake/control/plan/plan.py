@@ -57,38 +57,41 @@ def advance_derivatives(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarr
     By the chain rule through the stages 𝔮_i = 𝔮 + c_i k_{i−1}, ζ_i = ζ + c_i ζ̇, k_i = Γ(𝔮_i) ζ_i.
     Only the attitude enters nonlinearly; the joints are linear.
     """
-    K, size, c = len(config), config.shape[-1], (0.0, 0.5 * duration, 0.5 * duration, duration)
-    offsets = np.array(c)[:, None, None]
+    K, size, c = len(config), config.shape[-1], duration * np.array([0.0, 0.5, 0.5, 1.0])
+    offsets = c[:, None, None]
     speed = zeta[:, :6] + offsets * zeta_dot[:, :6]  # (4, K, 6)
     # Attitudes of the stages, and Γ and the rates' derivatives by the attitude there.
-    rpy = np.empty((4, K, 3))
-    rate = np.zeros((K, 3))
-    for i in range(4):
-        rpy[i] = config[:, 3:6] + c[i] * rate
-        rate = times(rate_matrix(rpy[i]), speed[i, :, 3:])
+    rpy = np.array([_turn((roll, pitch, yaw), turning, duration)[1] for (roll, pitch, yaw), turning
+                    in zip(config[:, 3:6].tolist(), speed[..., 3:].swapaxes(0, 1).tolist(),
+                           strict=True)]).swapaxes(0, 1)
     R, T = rotation_matrix(rpy), rate_matrix(rpy)
     linear_o, angular_o = _rate_gradients(rpy, R, speed)
-    # Derivatives of the k_i by attitude, ν and ν̇ (15).
-    by_linear, by_angular = np.zeros((K, 3, 15)), np.zeros((K, 3, 15))
-    step = np.zeros((K, 3, 15))
-    for i, weight in enumerate((1.0, 2.0, 2.0, 1.0)):
-        attitude = c[i] * step
-        attitude[:, range(3), range(3)] += 1.0
-        step, linear = angular_o[i] @ attitude, linear_o[i] @ attitude
-        step[..., 6:9] += T[i]
-        step[..., 12:] += c[i] * T[i]
-        linear[..., 3:6] += R[i]
-        linear[..., 9:12] += c[i] * R[i]
-        by_linear += weight / 6.0 * duration * linear
-        by_angular += weight / 6.0 * duration * step
-    by_config = np.tile(np.eye(size), (K, 1, 1))
+    # Derivatives of the attitudes and of their rates by attitude, ν₂ and ν̇₂ (9).
+    attitude, step = np.zeros((4, K, 3, 9)), np.zeros((4, K, 3, 9))
+    attitude[..., range(3), range(3)] = 1.0
+    step[..., 3:6], step[..., 6:] = T, offsets[..., None] * T
+    for i in range(4):
+        if i:
+            attitude[i] += c[i] * step[i - 1]
+        step[i] += angular_o[i] @ attitude[i]
+    # Sums over the stages.
+    weights = duration / 6.0 * np.array([1.0, 2.0, 2.0, 1.0])
+    by_linear, by_angular = _weighted(weights, linear_o @ attitude), _weighted(weights, step)
+    by_config, by_zeta = np.empty((K, size, size)), np.empty((K, size, size))
+    by_config[...], by_zeta[...] = np.eye(size), duration * np.eye(size)
+    by_zeta_dot = 0.5 * duration * by_zeta
     by_config[:, :3, 3:6] = by_linear[..., :3]
     by_config[:, 3:6, 3:6] += by_angular[..., :3]
-    by_zeta = np.tile(duration * np.eye(size), (K, 1, 1))
-    by_zeta_dot = 0.5 * duration * by_zeta
-    for out, columns in ((by_zeta, slice(3, 9)), (by_zeta_dot, slice(9, 15))):
-        out[:, :3, :6], out[:, 3:6, :6] = by_linear[..., columns], by_angular[..., columns]
+    for out, columns, parts in ((by_zeta, slice(3, 6), weights),
+                                (by_zeta_dot, slice(6, 9), weights * c)):
+        out[:, :3, :3] = _weighted(parts, R)
+        out[:, :3, 3:6], out[:, 3:6, 3:6] = by_linear[..., columns], by_angular[..., columns]
     return by_config, by_zeta, by_zeta_dot
+
+
+def _weighted(weights: np.ndarray, stages: np.ndarray) -> np.ndarray:
+    """Returns the weighted sum (...) over four stages (4, ...)."""
+    return (weights @ stages.reshape(4, -1)).reshape(stages.shape[1:])
 
 
 def _rate_gradients(rpy: np.ndarray, R: np.ndarray, nu: np.ndarray
@@ -150,18 +153,26 @@ def _turn(rpy: Numbers, turning: list[list[float]], h: float) -> tuple[Numbers, 
 
     Plain numbers, because three of them are too few for NumPy. `turning` is ν₂ (4, 3) [rad/s].
     """
-    stages, rates = [], []
-    at = rpy
-    for (p, q, r), step in zip(turning, (0.5 * h, 0.5 * h, h, 0.0), strict=True):
-        sin, cos = math.sin(at[0]), math.cos(at[0])
-        yaw_rate = (sin * q + cos * r) / math.cos(at[1])
-        rate = (p + yaw_rate * math.sin(at[1]), cos * q - sin * r, yaw_rate)
-        stages.append(at)
-        rates.append(rate)
-        at = (rpy[0] + step * rate[0], rpy[1] + step * rate[1], rpy[2] + step * rate[2])
-    after = [angle + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-             for angle, k1, k2, k3, k4 in zip(rpy, *rates, strict=True)]
-    return (after[0], after[1], after[2]), stages
+    roll, pitch, yaw = rpy
+    half, sixth = 0.5 * h, h / 6.0
+    a1, b1, c1 = _rates(roll, pitch, turning[0])
+    second = roll + half * a1, pitch + half * b1, yaw + half * c1
+    a2, b2, c2 = _rates(second[0], second[1], turning[1])
+    third = roll + half * a2, pitch + half * b2, yaw + half * c2
+    a3, b3, c3 = _rates(third[0], third[1], turning[2])
+    last = roll + h * a3, pitch + h * b3, yaw + h * c3
+    a4, b4, c4 = _rates(last[0], last[1], turning[3])
+    end = (roll + sixth * (a1 + 2.0 * (a2 + a3) + a4), pitch + sixth * (b1 + 2.0 * (b2 + b3) + b4),
+           yaw + sixth * (c1 + 2.0 * (c2 + c3) + c4))
+    return end, [rpy, second, third, last]
+
+
+def _rates(roll: float, pitch: float, turning: list[float]) -> Numbers:
+    """Returns the rates of the Euler angles at ν₂ [rad/s]."""
+    p, q, r = turning
+    sin, cos = math.sin(roll), math.cos(roll)
+    yaw_rate = (sin * q + cos * r) / math.cos(pitch)
+    return p + yaw_rate * math.sin(pitch), cos * q - sin * r, yaw_rate
 
 
 @dataclass(frozen=True)
@@ -277,7 +288,7 @@ class DynamicPlan(Plan):
 
     def shifted(self, last_decision: np.ndarray) -> Self:
         """Returns the plan one interval later, with this ζ̄̇ (6+n,) at its end."""
-        last = advance(self.config[-1], self.zeta[-1], last_decision, self.time_step)
+        last = advance_one(self.config[-1], self.zeta[-1], last_decision, self.time_step)
         return replace(
             self, start_time=self.start_time + self.time_step,
             config=np.concatenate([self.config[1:], last[None]]),

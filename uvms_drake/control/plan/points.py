@@ -105,8 +105,9 @@ class Points:
         if self.whole is not None:
             points, index = self.whole
             return points.by_tip_force_rates[index]
-        change = np.swapaxes(self.tip_jacobian_rates, -2, -3) - np.einsum(
-            "...rcj,...ci->...rij", self.mass_matrix_rates, self.by_tip_force)
+        change = np.swapaxes(self.tip_jacobian_rates, -2, -3).copy()
+        change[..., 6:] -= np.moveaxis(
+            self._by_joints @ self.by_tip_force[..., None, :, :], -3, -1)
         shape = change.shape
         return (self.inverse_mass @ change.reshape(
             *shape[:-2], shape[-2] * shape[-1])).reshape(shape)
@@ -121,8 +122,13 @@ class Points:
             points, index = self.whole
             return points.mass_matrix_rates[index]
         rates = np.zeros((*self.config.shape, *self.config.shape[-1:] * 2))
-        rates[..., 6:, :, :] = self.model.mass_matrix_rates(self.kinematics)
+        rates[..., 6:, :, :] = self._by_joints
         return np.moveaxis(rates, -3, -1)
+
+    @cached_property
+    def _by_joints(self) -> np.ndarray:
+        """Derivatives ∂M/∂qⱼ (..., n, 6+n, 6+n) of real points."""
+        return self.model.mass_matrix_rates(self.kinematics)
 
     @cached_property
     def tip_jacobian(self) -> np.ndarray:
@@ -158,6 +164,12 @@ class Points:
             "...kj,...kic->...jic", inverse_rate_matrix(self.config[..., 3:6]),
             turned[..., 3:6, :, :])
         return np.moveaxis(rates, (-3, -1), (-1, -3))
+
+    @cached_property
+    def tip_velocity_y(self) -> np.ndarray:
+        """Derivative ∂𝔭̇/∂y (..., 3, 6+n) of 𝔭̇ = J_𝔭 ζ at a fixed ζ, of real points."""
+        rates = self.tip_jacobian_rates.swapaxes(-1, -2) @ self.zeta[..., None, :, None]
+        return rates[..., 0] @ self.config_y
 
     @cached_property
     def kinematics(self) -> Kinematics:

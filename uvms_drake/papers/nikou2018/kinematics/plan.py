@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 
-from uvms_drake.control.plan.plan import Plan, advance, advance_one, roll_out
+from uvms_drake.control.plan.plan import Plan, advance_one, roll_out
 from uvms_drake.control.plan.terminal import INFLATION, Terminal
 
 
@@ -45,7 +45,7 @@ class KinematicPlan(Plan):
 
     def shifted(self, last_decision: np.ndarray) -> "KinematicPlan":
         """Returns the plan one interval later, with this ζ̄ (6+n,) at its end."""
-        last = advance(
+        last = advance_one(
             self.config[-1], last_decision, np.zeros_like(last_decision), self.time_step)
         return KinematicPlan(
             self.start_time + self.time_step, self.time_step,
