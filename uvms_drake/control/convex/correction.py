@@ -116,7 +116,7 @@ class Correction:
             residual = np.concatenate([
                 (wanted - value)[active], (least - size)[tight],
                 goal - end.value - end.T @ x if ends else []])
-            # While the same limits are active, what is left of linear ones is not removed later.
+            # While the same limits are active, the remainder of linear ones stays as it is.
             if np.max(np.abs(residual), initial=0.0) < INSIDE or (
                     len(left) == len(residual) and np.max(np.abs(residual - left)) < SETTLED):
                 break
