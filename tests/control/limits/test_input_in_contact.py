@@ -75,6 +75,16 @@ def test_slopes_are_those_of_complex_steps_and_of_differences(limit, points):
     check_slopes("limit", limit.values, one, "input")
 
 
+def test_some_of_the_points_twice_with_other_inputs_are_as_alone(limit, points):
+    """As both ends of an interval are, which share the geometry of the knots."""
+    some = points.subset(np.array([0, 2, 2, 3]), np.linspace(-0.3, 0.3, 40).reshape(4, 10))
+    alone = Points(some.model, some.config, some.y, some.zeta, some.u)
+    np.testing.assert_allclose(limit.values(some), limit.values(alone), atol=1e-9)
+    found, expected = limit.slopes(some), limit.slopes(alone)
+    np.testing.assert_allclose(found.y, expected.y, atol=1e-9 * np.max(np.abs(expected.y)))
+    np.testing.assert_allclose(np.broadcast_to(found.u, expected.u.shape), expected.u, atol=1e-9)
+
+
 def test_without_a_spread_the_slopes_are_finite(points):
     """Then the two values at the other end are the same, and the norm has a kink."""
     limit = UnderContact(Accelerations(np.ones(10)), ForceCone(CONE.direction, 25.0))

@@ -78,10 +78,10 @@ class Correction:
 
     def __init__(self, program: StagedProgram, regulator: Regulator, w: np.ndarray):
         N, nx, nw = program.B.shape
-        z = np.zeros((N + 1, nx + nw))
+        z, x = np.zeros((N + 1, nx + nw)), np.zeros(nx)
         z[:-1, nx:] = w
-        for k in range(N):
-            z[k + 1, :nx] = program.A[k] @ z[k, :nx] + program.B[k] @ w[k]
+        for k, by_w in enumerate(times(program.B, w)):
+            z[k + 1, :nx] = x = program.A[k] @ x + by_w
         self._regulator = regulator
         predicted = excesses(program, z)
         self._wanted = np.where(predicted > -REACHED, np.minimum(predicted, -INSIDE), -INSIDE)
@@ -116,7 +116,7 @@ class Correction:
             residual = np.concatenate([
                 (wanted - value)[active], (least - size)[tight],
                 goal - end.value - end.T @ x if ends else []])
-            # While the same limits are active, the rest of linear ones is not removed later.
+            # While the same limits are active, the remainder of linear ones stays as it is.
             if np.max(np.abs(residual), initial=0.0) < INSIDE or (
                     len(left) == len(residual) and np.max(np.abs(residual - left)) < SETTLED):
                 break

@@ -543,10 +543,15 @@ class Ocp(ABC, Generic[P]):
         """
         rows, cones = points.values
         first = len(program.linear.value) - len(rows)  # A stage before the plan has no limits.
-        value = np.pad(rows, ((first, 0), (0, 0)))
+
+        def after_first(values: np.ndarray) -> np.ndarray:
+            out = np.zeros((first + len(values), values.shape[1]))
+            out[first:] = values
+            return out
+
         return replace(
-            program, linear=program.linear._replace(value=value),
-            norms=tuple(norm._replace(value=np.pad(cone, ((first, 0), (0, 0))))
+            program, linear=program.linear._replace(value=after_first(rows)),
+            norms=tuple(norm._replace(value=after_first(cone))
                         for norm, cone in zip(program.norms, cones, strict=True)),
             terminal=program.terminal._replace(
                 value=self.terminal.root @ self.terminal_axes(plan) @ self.errors(
