@@ -18,7 +18,7 @@ class Regulator:
     k: np.ndarray
     """Feedforward k_k (N, nw)."""
     W: np.ndarray
-    """Inverse factors L_k⁻ᵀ (N, nw, nw)."""
+    """Factors of the inverse Hessians by w, W_k W_kᵀ = (∂²/∂w_k²)⁻¹ (N, nw, nw)."""
     closed: np.ndarray
     """Closed loop A_k + B_k K_k (N, nx, nx)."""
     driven: np.ndarray
@@ -78,15 +78,15 @@ def riccati(program: StagedProgram) -> Regulator:
             H[:, rows, columns] = program.H[:, own, others]
     S = np.zeros((nx + 1, nx + 1))
     S[:nx, :nx], S[:nx, nx], S[nx, :nx] = program.H_end, program.g_end, program.g_end
-    roots, by_rest = np.empty((N, nw, nw)), np.empty((N, nw, nx + 1))
+    inverses, by_rest = np.empty((N, nw, nw)), np.empty((N, nw, nx + 1))
     for i in range(N - 1, -1, -1):
         step = AB[i]
         total = H[i] + step.T @ (S @ step)
-        roots[i] = root = np.linalg.inv(np.linalg.cholesky(total[:nw, :nw]))
-        by_rest[i] = by = root @ total[:nw, nw:]
-        S = total[nw:, nw:] - by.T @ by
-    W = roots.swapaxes(1, 2)
-    law = -(W @ by_rest)
+        inverses[i] = inverse = np.linalg.inv(total[:nw, :nw])
+        by_rest[i] = by = inverse @ total[:nw, nw:]
+        S = total[nw:, nw:] - total[nw:, :nw] @ by
+    W = np.linalg.cholesky(inverses)
+    law = -by_rest
     K = law[..., :nx]
     return Regulator(K, law[..., nx], W, program.A + program.B @ K, program.B @ W)
 
