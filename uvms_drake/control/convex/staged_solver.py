@@ -1,7 +1,7 @@
 """Solution of the convex program of one iteration: Riccati, then a working set of limits.
 
 Without limits it is a linear-quadratic problem that one pass of Riccati's recursion solves. The
-pass also completes the square: with w_k = K_k x_k + k_k + L_k⁻ᵀ r_k the cost is a constant + ½ Σ
+pass also completes the square: with w_k = K_k x_k + k_k + W_k r_k the cost is a constant + ½ Σ
 ‖r_k‖², whatever the limits. So the solution is the least-norm r that keeps the limits, and few are
 active. The program for r has the limits that are violated without it or nearly reached by the plan;
 limits that its solution violates are added and it is solved again. A solution that keeps all limits
