@@ -103,8 +103,9 @@ def _rate_gradients(rpy: np.ndarray, R: np.ndarray, nu: np.ndarray
         R: R(𝔬) (..., 3, 3).
         nu: (ν₁, ν₂) (..., 6) [m/s, rad/s].
     """
-    (sf, _, sp), (cf, ct, cp) = (np.moveaxis(each, -1, 0) for each in (np.sin(rpy), np.cos(rpy)))
-    tan = np.tan(rpy[..., 1])
+    sin, cos = np.sin(rpy), np.cos(rpy)
+    sf, sp, cf, ct, cp = sin[..., 0], sin[..., 2], cos[..., 0], cos[..., 1], cos[..., 2]
+    tan = sin[..., 1] / ct
     # A turn about x of the vehicle, the turned y and z moves R ν₁ across that axis.
     axes = np.zeros((*rpy.shape, 3))
     axes[..., 0, :] = R[..., 0]
