@@ -115,8 +115,7 @@ class UvmsModel:
         self._joint_rows = np.eye(self.size)[6:]
         # 1 where joint j moves link k (n+1, n).
         self._moves = (np.arange(n) < np.arange(n + 1)[:, None]).astype(float)
-        # 1 where joint i is beyond the vehicle's columns of a Jacobian, or that of joint j.
-        self._beyond = np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=-1)
+        self._beyond = beyond_columns(n)
         self._rotor_inertia = np.concatenate([np.zeros(6), self.links.rotor_inertia])
         self._rotor_matrix = np.diag(self._rotor_inertia)
         self._joint_damping = np.concatenate([np.zeros(6), self.links.joint_damping])
@@ -419,6 +418,11 @@ class UvmsModel:
     def equilibrium_input(self, config: np.ndarray) -> np.ndarray:
         """Returns u_eq = −f(𝔮, 0) (..., 6+n), the input that holds 𝔮 at rest."""
         return -self.drift(config, np.zeros_like(config))
+
+
+def beyond_columns(n: int) -> np.ndarray:
+    """Returns 1 where joint i is beyond a column of J_E, the vehicle's or joint j's (n, 6+n)."""
+    return np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=-1)
 
 
 def read_uvms(model: str) -> Uvms:

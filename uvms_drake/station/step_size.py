@@ -39,13 +39,15 @@ DIFFERENCE = 1e-6
 def loop_rates(station: Diagram, context: Context) -> np.ndarray:
     """Returns the eigenvalues of ∂ẋ/∂x of all continuous states x at a Context [1/s]."""
     x = context.get_continuous_state_vector().CopyToVector()
-    here = station.EvalTimeDerivatives(context).CopyToVector()
     columns = []
     for i in range(len(x)):
-        moved = x.copy()
-        moved[i] += DIFFERENCE
-        context.SetContinuousState(moved)
-        columns.append((station.EvalTimeDerivatives(context).CopyToVector() - here) / DIFFERENCE)
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = x.copy()
+            moved[i] += sign * DIFFERENCE
+            context.SetContinuousState(moved)
+            ends.append(station.EvalTimeDerivatives(context).CopyToVector())
+        columns.append((ends[0] - ends[1]) / (2.0 * DIFFERENCE))
     context.SetContinuousState(x)
     return np.linalg.eigvals(np.array(columns).T)
 

@@ -188,7 +188,7 @@ def test_directions_of_a_cone_are_in_the_hull_of_its_corners():
         assert np.all(np.max(along @ n.T, axis=1) <= most + 1e-12)
 
 
-def test_boxes_are_cut_along_what_counts_most_until_little_is_left_or_eight():
+def test_boxes_are_cut_along_the_largest_parts_until_little_is_left_or_eight():
     worth = np.array([1.0, 5.0, 2.0])
     assert np.all(pieces_of(worth, 1.0) == [1, 2, 1])  # One halving at least.
     assert np.all(pieces_of(worth, 3.0) == [1, 2, 1])  # 3 (5.5 / 8)² is below 1.5.

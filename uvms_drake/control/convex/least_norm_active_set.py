@@ -94,7 +94,7 @@ class _Cones:
     """
 
     def __init__(self, c: np.ndarray, d: np.ndarray, sizes: np.ndarray, mu: np.ndarray):
-        self.c, self.d, self.sizes, self.mu = c, d, sizes, mu
+        self.c, self.sizes, self.mu = c, sizes, mu
         self.which = np.repeat(np.arange(len(sizes)), sizes)
         """Cone of each entry."""
         self._starts = np.cumsum(sizes) - sizes
@@ -155,7 +155,8 @@ class _Search:
             np.linalg.norm(terminal.value) <= AT_THE_TIP)
         self._untried = terminal.radius_bound is not None and not self._tip
         # Limits G r ≤ b of unit length, and the products of all rows.
-        self._linear = _Rows(np.zeros((0, size)), np.zeros(0), NO_ROWS, NO_ROWS, NO_ROWS == 0)
+        self._linear = _Rows(np.zeros((0, size)), np.zeros(0), NO_ROWS, NO_ROWS,
+                             np.zeros(0, dtype=bool))
         self._scale = np.zeros(0)
         self._AA, self._GA, self._GG = self._A @ self._A.T, np.zeros((0, q + p)), np.zeros((0, 0))
         self._active = NO_ROWS, NO_ROWS

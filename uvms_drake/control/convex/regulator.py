@@ -18,7 +18,7 @@ class Regulator:
     k: np.ndarray
     """Feedforward k_k (N, nw)."""
     W: np.ndarray
-    """Factors of the inverse Hessians by w, W_k W_kᵀ = (∂²/∂w_k²)⁻¹ (N, nw, nw)."""
+    """Factors L_k⁻ᵀ of the inverse Hessians by w, L_k L_kᵀ = ∂²/∂w_k² (N, nw, nw)."""
     closed: np.ndarray
     """Closed loop A_k + B_k K_k (N, nx, nx)."""
     driven: np.ndarray
@@ -78,14 +78,14 @@ def riccati(program: StagedProgram) -> Regulator:
             H[:, rows, columns] = program.H[:, own, others]
     S = np.zeros((nx + 1, nx + 1))
     S[:nx, :nx], S[:nx, nx], S[nx, :nx] = program.H_end, program.g_end, program.g_end
-    inverses, by_rest = np.empty((N, nw, nw)), np.empty((N, nw, nx + 1))
+    by_w, by_rest = np.empty((N, nw, nw)), np.empty((N, nw, nx + 1))
     for i in range(N - 1, -1, -1):
         step = AB[i]
         total = H[i] + step.T @ (S @ step)
-        inverses[i] = inverse = np.linalg.inv(total[:nw, :nw])
-        by_rest[i] = by = inverse @ total[:nw, nw:]
+        by_w[i] = total[:nw, :nw]
+        by_rest[i] = by = np.linalg.inv(by_w[i]) @ total[:nw, nw:]
         S = total[nw:, nw:] - total[nw:, :nw] @ by
-    W = np.linalg.cholesky(inverses)
+    W = np.linalg.inv(np.linalg.cholesky(by_w)).swapaxes(1, 2)
     law = -by_rest
     K = law[..., :nx]
     return Regulator(K, law[..., nx], W, program.A + program.B @ K, program.B @ W)

@@ -54,8 +54,8 @@ class WorkingSet:
         return WorkingSet(
             np.any(self.upper, axis=0) & np.isfinite(linear.upper),
             np.any(self.lower, axis=0) & np.isfinite(linear.lower),
-            np.array([np.any(stages) & np.isfinite(limit.bound) for limit, stages in zip(
-                program.norms, self.norms, strict=True)], dtype=bool), self.terminal)
+            _by_stages(program, [np.any(stages) & np.isfinite(limit.bound) for limit, stages in zip(
+                program.norms, self.norms, strict=True)]), self.terminal)
 
     @staticmethod
     def broken(program: StagedProgram, z: np.ndarray, excess: float) -> "WorkingSet":
@@ -66,8 +66,8 @@ class WorkingSet:
         return WorkingSet(
             upper=value > linear.upper + tolerance,
             lower=value < linear.lower - tolerance,
-            norms=np.array([limit.norms(z) > limit.bound + KEPT for limit in program.norms],
-                           dtype=bool),
+            norms=_by_stages(
+                program, [limit.norms(z) > limit.bound + KEPT for limit in program.norms]),
             terminal=terminal.excess(z[-1, : terminal.T.shape[1]]) > KEPT)
 
     @staticmethod
@@ -79,6 +79,11 @@ class WorkingSet:
         return WorkingSet(
             upper=linear.upper - linear.value < margin,
             lower=linear.value - linear.lower < margin,
-            norms=np.array([limit.norms() > (1.0 - part) * limit.bound
-                            for limit in program.norms], dtype=bool),
+            norms=_by_stages(program, [
+                limit.norms() > (1.0 - part) * limit.bound for limit in program.norms]),
             terminal=terminal.nearly_left(part))
+
+
+def _by_stages(program: StagedProgram, active: list[np.ndarray]) -> np.ndarray:
+    """Returns which norm limits are active (limits, N+1), also of none."""
+    return np.array(active, dtype=bool).reshape(len(active), len(program.linear.value))

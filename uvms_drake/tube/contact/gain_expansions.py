@@ -67,12 +67,12 @@ def expansions(model: UvmsModel, centre: np.ndarray, half: np.ndarray) -> Expans
     J_box, links = links_in_boxes(model, centre, half, T)
     return Expansions(
         Expansion(J, J_by, second_of_tip(J_box).largest),
-        (_in_vehicle(exactly(J)), _in_vehicle(J_box)),
+        (_slopes_in_vehicle(exactly(J)), _slopes_in_vehicle(J_box)),
         Expansion(*_gains(J @ T, J_by @ T_link, M_by, T),
                   _second_of_gains(model, half, links, M_by, T)))
 
 
-def _in_vehicle(J: Enclosure) -> Enclosure:
+def _slopes_in_vehicle(J: Enclosure) -> Enclosure:
     """Returns ∂ᵢJ_v (m, n, 3, 6+n) in axes of the vehicle, of J_E.
 
     By joint i the tip is moved by lᵢ, its lever's end, and the levers of joints j turn:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.frames.spatial import cross
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.uvms_model import UvmsModel, beyond_columns
 from uvms_drake.tube.contact.enclosure import (
     Enclosure,
     carrying,
@@ -24,7 +24,6 @@ from uvms_drake.tube.contact.enclosure import (
     exactly,
     sine_and_cosine,
 )
-from uvms_drake.tube.contact.sensor_gains import beyond_columns
 
 
 class Link(NamedTuple):
@@ -68,7 +67,7 @@ def links_in_boxes(model: UvmsModel, centre: np.ndarray, half: np.ndarray, T: np
 def second_of_tip(J_E: Enclosure) -> Enclosure:
     """Returns ∂²J_E/∂qᵢ∂qⱼ (m, n(n+1)/2, 6, 6+n) of J_E (m, 6, 6+n)."""
     n = J_E.mid.shape[-1] - 6
-    beyond = beyond_columns(n)
+    beyond = beyond_columns(n)[:, None]
     turns = _turns(J_E)
     first = turns @ Enclosure(J_E.mid[:, None] * beyond, J_E.rad[:, None] * beyond)
     i, j = np.tril_indices(n)

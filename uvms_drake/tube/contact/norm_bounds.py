@@ -26,7 +26,7 @@ class Bounds(NamedTuple):
     upper: np.ndarray
     """Bounds of all values in the boxes (m, c)."""
     share: np.ndarray
-    """Approximate part of each coordinate in the bounds (m, n, c); the largest is worth halving."""
+    """Approximate part of each coordinate in the bounds (m, n, c); the largest is worth cutting."""
 
 
 Sides = tuple[np.ndarray | None, np.ndarray | None]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.frames.spatial import motion_matrix, skew
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.uvms_model import UvmsModel, beyond_columns
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 
@@ -88,12 +88,7 @@ def tip_and_slopes(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, ...]:
 def tip_slopes(J_E: np.ndarray) -> np.ndarray:
     """Returns ∂J_E/∂qᵢ (m, n, 6, 6+n) of J_E (m, 6, 6+n): joint i carries columns along."""
     screws = J_E[..., 6:].swapaxes(-1, -2)
-    return -motion_matrix(screws) @ (J_E[:, None] * beyond_columns(screws.shape[1]))
-
-
-def beyond_columns(n: int) -> np.ndarray:
-    """Returns 1 where joint i carries along a column of J_E, 0 where it does not (n, 1, 6+n)."""
-    return np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=1)[:, None]
+    return -motion_matrix(screws) @ (J_E[:, None] * beyond_columns(screws.shape[1])[:, None])
 
 
 def norms_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: float) -> tuple[

@@ -1,7 +1,7 @@
 """Proof of claims on the suprema of `sensor_gains`, by branch and bound over boxes of joints.
 
 A claim is proven where all boxes of a covering have a bound (`norm_bounds`) that is no larger;
-others are halved. n, within an angle of the tip's x-axis, is in the convex hull of vectors.
+others are cut. n, within an angle of the tip's x-axis, is in the convex hull of vectors.
 "Proven" is up to rounding: the arithmetic is floating-point, and `ROUNDING` is added for it. Proof:
 tube/contact/theory.md#operator-norms-over-boxes-of-joints.
 """
@@ -28,7 +28,7 @@ BATCH = 128
 MOST_WORK = 6_000_000
 """Boxes times 4ⁿ, after which claims remain unproven."""
 MOST_HALVINGS, NEAR = 3, 1.5
-"""Halvings of a box at once, and excess of its pieces from which on there are no more."""
+"""Halvings of a box at once, and excess of its pieces at or below which there are no more."""
 POLYGON = 12
 """Corners of the polygon about the circle of w."""
 PROVABLE = ALONE + 4 * 6
@@ -116,12 +116,12 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
         largest = max(largest, float(np.max(_over_claim(found.value, claims))))
         if largest > 1.0:
             break
-        # Boxes above a claim are halved along the coordinates that count most.
+        # Boxes above a claim are cut along the coordinates that count most.
         over = _over_claim(found.upper, claims) * (1.0 + ROUNDING) > 1.0
         for i in np.flatnonzero(np.any(over, axis=1)):
             worth = np.max(_over_claim(found.share[i], claims)[:, over[i]], axis=1)
             pieces = pieces_of(half[i], 0.0)
-            if np.all(np.isfinite(worth)):
+            if np.all(np.isfinite(worth)) and np.any(worth > 0.0):
                 excess = _over_claim(found.upper[i] - found.value[i], claims - found.value[i])
                 pieces = pieces_of(worth, float(np.max(excess)))
             width = half[i] / pieces
@@ -134,7 +134,7 @@ def pieces_of(worth: np.ndarray, excess: float) -> np.ndarray:
     """Returns the number of pieces of each coordinate (n,) of a box above a claim.
 
     The excess is quadratic in the widths, to which the parts are proportional. Without the boxes
-    in between, which would be halved, too, there are a third fewer to evaluate.
+    in between, which would be cut, too, there are about a third fewer to evaluate.
 
     Args:
         worth: Part of each coordinate in the bound (n,).
