@@ -108,7 +108,7 @@ class DynamicOcp(Ocp[DynamicPlan]):
         error = self._error(end)
         both = Points(model, np.stack([config, end]), np.stack([y, self.y_des + error]),
                       np.stack([zeta, zeta_end]))
-        u, u_end = decision - both.drift
+        u, u_end = decision - model.drift(both.config, both.zeta)
         return (np.concatenate([error, zeta_end], axis=-1), u - self.u_eq,
                 both.subset(0, u), both.subset(1, u_end))
 
