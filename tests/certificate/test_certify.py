@@ -124,7 +124,7 @@ def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     calls = []
     monkeypatch.setattr("uvms_drake.certificate.certify.certify",
-                        lambda _, progress: calls.append(progress) or certificate)
+                        lambda _, progress, model: calls.append(progress) or certificate)
     for _ in range(2):
         certified_once(few, progress=stages.append)
     assert calls == [stages.append]
