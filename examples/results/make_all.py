@@ -322,6 +322,12 @@ own; medians. A run counts with everything that it loads, a certificate from an 
 campaign's run is its second one. The rows on the step are its effect: the largest change of state
 and force in a run as the chosen step is halved."""
 """Text above the table of speeds."""
+SPEED_READING = """Most of a run are derivatives, and most of a derivative are the law, which
+computes the motion of two robots, and the water: [bench.md](bench.md) has the parts. Each is some
+dozens of calls of NumPy on arrays of ten numbers, whose arithmetic is little. A short run has its
+start in it, for which the robot is read three times, and two loops are built: one for the choice of
+the step."""
+"""Reading of the table of speeds."""
 PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
     "benchmark": benchmark, "missions": missions,
@@ -345,7 +351,8 @@ def speed(old: Path) -> str:
     print(SPEED, file=sys.stderr)
     table = subprocess.run([sys.executable, FOLDER / "speed.py", old], check=True,
                            stdout=subprocess.PIPE, text=True).stdout
-    return f"# Speed beside commit {commit(old)}\n\n{SPEED_NOTE}\n\n{table.strip()}"
+    return (f"# Speed beside commit {commit(old)}\n\n{SPEED_NOTE}\n\n{table.strip()}\n\n"
+            f"{SPEED_READING}")
 
 
 def main() -> None:

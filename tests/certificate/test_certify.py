@@ -109,7 +109,7 @@ def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypa
     assert again.to_data() == certificate.to_data()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
         scenario, certificate, monkeypatch, tmp_path):
     search_less(monkeypatch)

@@ -35,7 +35,7 @@ from uvms_drake.tube.terminal_set import (
     linear_radius,
 )
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.slow
 
 FRESH = 10_000
 

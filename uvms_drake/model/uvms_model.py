@@ -333,9 +333,15 @@ class UvmsModel:
 
         `contact` is 𝔉 (..., 6), if not that of `contact_force`.
         """
-        kinematics = self.kinematics(config)
+        return self.drift_and_inertia(self.kinematics(config), zeta, contact)[0]
+
+    def drift_and_inertia(
+        self, kinematics: Kinematics, zeta: np.ndarray, contact: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns f (..., 6+n), as of `drift`, at a known geometry, and M (..., 6+n, 6+n)."""
+        M = self.mass_matrix(kinematics)
         bias = self.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta), contact)
-        return -np.linalg.solve(self.mass_matrix(kinematics), bias[..., None])[..., 0]
+        return -np.linalg.solve(M, bias[..., None])[..., 0], M
 
     def drift_derivatives(
         self, config: np.ndarray, zeta: np.ndarray

@@ -156,7 +156,7 @@ FAULTS = {"lost": LostForce, "frozen": FrozenForce,
 
 
 @pytest.mark.parametrize(("kind", "start"), [
-    pytest.param(kind, start, marks=[] if (kind, start) == ("frozen", AT) else pytest.mark.long)
+    pytest.param(kind, start, marks=[] if (kind, start) == ("frozen", AT) else pytest.mark.slow)
     for kind in FAULTS for start in (BEFORE, AT, WHILE)])
 def test_a_sensor_that_fails_for_a_while_presses_no_harder_and_it_goes_on_afterwards(kind, start):
     """It leaves the wall if readings are missing; covered faults change nothing."""

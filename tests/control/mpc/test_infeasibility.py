@@ -18,7 +18,7 @@ def first_guess(*overrides):
     return ocp, ocp.resting_plan(0.0, start_state(scenario, ocp))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_task_out_of_reach_differs_from_limits_that_cannot_be_kept():
     ocp, guess = first_guess("start.eta.0=-50")
     plan = SequentialConvexSolver(ocp).solve(guess, FIRST_SOLVE_ITERATIONS).plan

@@ -132,7 +132,7 @@ def test_the_attitude_is_bounded_at_every_knot_but_the_first(short_ocp, start_pl
     assert np.max(np.abs(solution.plan.config[1:, coordinate])) <= 0.95 * start + 1e-6
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_limit_to_which_the_start_cannot_return_leaves_no_plan(short_ocp, start_plans):
     guess = start_plans["off"][0]
     tight = with_limits(short_ocp, pitch=1e-3 * abs(guess.config[0, 4]))

@@ -17,7 +17,7 @@ from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario.scenario import load_scenario
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.slow
 
 ITERATIONS, TOLERANCE = 300, 1e-10  # at most, and of the merit, for a converged solution
 COMPARED = {"off": 6, "on": 4, "before": 2}

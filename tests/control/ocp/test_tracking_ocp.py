@@ -80,7 +80,7 @@ def test_the_optimum_is_that_of_the_nonlinear_program(seed, aim):
         assert radius < ocp.terminal.radius
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_300_random_retargets_leave_every_problem_feasible_and_no_limit_exceeded():
     """The target jumps at every sample; the safe depth never falls."""
     ocp = tracking_ocp(overrides=("mpc.horizon=3",))

@@ -60,7 +60,7 @@ ALONE = 5
 
 
 def tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns J_E (..., 6, 6+n) and M⁻¹J_Eᵀ (..., 6+n, 6) at joint angles (..., n), maybe complex.
+    """Returns J_E (..., 6, 6+n) and M⁻¹J_Eᵀ (..., 6+n, 6) at joint angles (..., n).
 
     The latter takes a wrench of the tip in the tip's own axes, (force, torque), to an acceleration.
     """
@@ -70,11 +70,21 @@ def tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, 
     return J_E, np.linalg.solve(model.mass_matrix(kinematics), J_E.swapaxes(-1, -2))
 
 
-def tip_and_slopes(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Returns J_E (m, 6, 6+n) and G = M⁻¹J_Eᵀ (m, 6+n, 6) at joint angles (m, n), and derivatives.
+class TipSlopes(NamedTuple):
+    """Jacobian J_E of the tip, G = M⁻¹J_Eᵀ, and their derivatives by the joints."""
 
-    These are (m, n, ...), ∂ᵢG = M⁻¹(∂ᵢJ_Eᵀ − ∂ᵢM G).
-    """
+    J_E: np.ndarray
+    """(m, 6, 6+n)."""
+    gain: np.ndarray
+    """G (m, 6+n, 6)."""
+    J_E_by: np.ndarray
+    """∂ᵢJ_E (m, n, 6, 6+n)."""
+    gain_by: np.ndarray
+    """∂ᵢG = M⁻¹(∂ᵢJ_Eᵀ − ∂ᵢM G) (m, n, 6+n, 6)."""
+
+
+def tip_and_slopes(model: UvmsModel, q: np.ndarray) -> TipSlopes:
+    """Returns J_E, G and their derivatives at joint angles (m, n), real."""
     kinematics = model.kinematics(np.concatenate([np.zeros((len(q), 6)), q], axis=1))
     J_E = kinematics.J_links[:, -1]
     J_by = tip_slopes(J_E)
@@ -82,7 +92,7 @@ def tip_and_slopes(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, ...]:
     G = inverse @ J_E.swapaxes(-1, -2)
     G_by = inverse[:, None] @ (
         J_by.swapaxes(-1, -2) - model.mass_matrix_rates(kinematics) @ G[:, None])
-    return J_E, G, J_by, G_by
+    return TipSlopes(J_E, G, J_by, G_by)
 
 
 def tip_slopes(J_E: np.ndarray) -> np.ndarray:

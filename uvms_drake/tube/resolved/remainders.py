@@ -6,7 +6,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.frames.spatial import cross, cross_motion, times
 from uvms_drake.model.uvms_model import Kinematics
-from uvms_drake.tube.search.nominal_motion import NominalMotion, drift_and_inertia
+from uvms_drake.tube.search.nominal_motion import NominalMotion
 
 
 def remainders(model: ContactModel, nominal: NominalMotion, nominal_u: np.ndarray, e_y: np.ndarray,
@@ -43,7 +43,7 @@ def remainders(model: ContactModel, nominal: NominalMotion, nominal_u: np.ndarra
     e_dot = times(J, zeta) - y_dot
     zeta_ref_dot = times(inverse, y_ddot - sigma * e_dot - jacobian_rate_times(
         real, zeta, zeta_ref))
-    f, M = drift_and_inertia(model, real, zeta)
+    f, M = model.drift_and_inertia(real, zeta)
     u_remainder = zeta_ref_dot - f + sigma * r - sigma**2 * p - nominal_u
     # Less the linear parts of (1).
     attitude = wrap_angle(config[..., 3:5] - nominal.config[..., 3:5])

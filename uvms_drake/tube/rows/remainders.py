@@ -8,7 +8,7 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import Kinematics, configuration_rate_matrix
 from uvms_drake.tube.resolved.remainders import jacobian_rate_times
-from uvms_drake.tube.search.nominal_motion import NominalMotion, drift_and_inertia
+from uvms_drake.tube.search.nominal_motion import NominalMotion
 
 ITERATIONS = 6
 """Number of Newton's steps to the joint angles of outputs."""
@@ -48,7 +48,7 @@ def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal: Nominal
     e_dot = np.concatenate([x_dot[..., :6], times(J[..., 6:, 6:], x_dot[..., 6:])], axis=-1)
     zeta = times(inverse, y_dot + e_dot)
     zeta_dot = times(inverse, y_ddot - output_bias(config, real, zeta, rows))
-    f, M = drift_and_inertia(model, real, zeta)
+    f, M = model.drift_and_inertia(real, zeta)
     u_remainder = zeta_dot - f - nominal_u
     turned = pose_difference(real.chi, at.chi + 0.0 * real.chi)[..., 3:]
     return np.concatenate([

@@ -25,12 +25,4 @@ class NominalMotion(NamedTuple):
 def nominal_motion(model: UvmsModel, config: np.ndarray, zeta: np.ndarray) -> NominalMotion:
     """Returns the nominal motion at (𝔮̄, ζ̄) (..., 6+n) each."""
     kinematics = model.kinematics(config)
-    return NominalMotion(config, zeta, kinematics, *drift_and_inertia(model, kinematics, zeta))
-
-
-def drift_and_inertia(model: UvmsModel, kinematics: Kinematics, zeta: np.ndarray
-                      ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns f (..., 6+n) and M (..., 6+n, 6+n)."""
-    M = model.mass_matrix(kinematics)
-    bias = model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))
-    return -np.linalg.solve(M, bias[..., None])[..., 0], M
+    return NominalMotion(config, zeta, kinematics, *model.drift_and_inertia(kinematics, zeta))
