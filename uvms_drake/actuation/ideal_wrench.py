@@ -7,7 +7,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
-from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.signals.sensor_actuator import Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -40,7 +39,3 @@ class IdealWrench(Actuator):
         """Returns `port`."""
         return port
 
-    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
-               signals: dict[str, Signal]) -> Signal:
-        """Returns `signal`."""
-        return signal

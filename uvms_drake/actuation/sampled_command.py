@@ -6,7 +6,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_period
 from uvms_drake.model.signals.command_path import CommandPath
-from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -54,7 +53,3 @@ class SampledCommand(Actuator):
         signals["zoh_command"] = sampled
         return sampled
 
-    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
-               signals: dict[str, Signal]) -> Signal:
-        """Adds its sample and hold; see `Part`."""
-        return loop.sampled("command", signal, self.period, self.delay)

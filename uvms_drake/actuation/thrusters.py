@@ -28,7 +28,6 @@ from uvms_drake.common.errors import InvalidParameter, require, require_period
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.command_path import CommandPath
-from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -145,52 +144,6 @@ class Thrusters(Actuator):
         signals[VEHICLE_WRENCH] = add_gain("wrench_model", known.B, modelled)
         return exerted.get_output_port()
 
-    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
-               signals: dict[str, Signal]) -> Signal:
-        """Adds the forces behind samples, dead time and lag, where no limit binds; see `Part`.
-
-        The dead band and the curves' kinks are left out: of a wrong curve the slope is that from
-        no force to that of the operating point.
-        """
-        size = at.model.size
-        known, true = self.known(at.model), self.true(at.model)
-        wanted = Allocation.to(known).matrix @ signal[:6]
-
-        def forces(name: str, thrusters: ThrusterModel, slope: np.ndarray) -> Signal:
-            sample = slope[:, None] * np.eye(len(slope)) @ wanted
-            for i in range(self._steps(known.dead_time) + 1):
-                before, sample = sample, loop.state(f"{name}, sample {i}", len(slope))
-                loop.update(sample, before, self.period)
-            force = loop.state(name, len(slope))
-            loop.flow(force, np.diag(1.0 / thrusters.lag) @ (sample - force))
-            return force
-
-        _, slope = self._at_rest(at.model, at.tau)
-        modelled = forces("modelled thrust", known, np.ones(known.size))
-        same = np.array_equal(slope, np.ones(known.size)) and np.array_equal(known.lag, true.lag)
-        exerted = modelled if same else forces("thrust", true, slope)
-        signals["thruster_force"] = exerted
-        signals[VEHICLE_WRENCH] = known.B @ modelled
-        return np.eye(size, 6) @ (known.B @ exerted) + np.diag(np.arange(size) >= 6) @ signal
-
-    def modelled(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
-        """Returns the force by the controller's model while τ is exerted at rest; see `Actuator`.
-
-        It is off by the secants of the real curves.
-        """
-        if self.sag == 0.0 and not np.any(self.error):
-            return tau
-        forces, slope = self._at_rest(model, tau)
-        out = np.array(tau)
-        out[:6] += self.known(model).B @ (forces / slope - forces)
-        return out
-
-    def exerted(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
-        """Returns τ with the thrusters' force on undriven axes; see `Actuator`."""
-        known = self.known(model)
-        out = np.array(tau)
-        out[:6][known.undriven] = (known.B @ Allocation.to(known).forces(tau[:6]))[known.undriven]
-        return out
 
     def _at_rest(self, model: UvmsModel, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns forces that exert τ (6+n,), and of the real ones the secants over them (m,)."""

@@ -12,10 +12,10 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullL
 
 from uvms_drake.report.figure_style import BLUE, COLUMN_WIDTH, LIMIT, ORANGE, STYLE, tube_label
 
-RATIOS_FILE, PROPORTION_FILE = "campaign_ratios.png", "campaign_proportion.png"
+RATIOS_FILE = "campaign_ratios.png"
 MARGINS_FILE, OUTCOMES_FILE = "campaign_margins.png", "campaign_outcomes.png"
 TIMING_FIGURE, WALLS_FILE = "campaign_timing.png", "campaign_walls.png"
-CAMPAIGN_FIGURES = (RATIOS_FILE, PROPORTION_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FIGURE)
+CAMPAIGN_FIGURES = (RATIOS_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FIGURE)
 """Figures of every campaign; `WALLS_FILE` is that of a sensed contact."""
 BINS = 24
 LONG = 300.0
@@ -30,13 +30,12 @@ def make_campaign_figures(summary: Mapping[str, Any], times: Mapping[str, Any], 
                           ) -> list[Path]:
     """Writes the figures of the contents of campaign.json and timing.json; returns their paths."""
     done = [result for result in summary["results"] if result["error"] is None
-            and (summary["outside"] or result["inside"])]
+            and result["inside"]]
     if not done:
         return []
     certified = bool(summary["certified"])
     figures = {
         RATIOS_FILE: lambda: draw_ratios(done, certified),
-        PROPORTION_FILE: lambda: draw_proportion(done),
         MARGINS_FILE: lambda: draw_margins(done),
         OUTCOMES_FILE: lambda: draw_outcomes(done, summary["force_tolerance"]),
         TIMING_FIGURE: lambda: draw_timing(times)}
@@ -75,41 +74,7 @@ def draw_ratios(results: Results, certified: bool) -> Figure:
 
 
 def _kind(result: Mapping[str, Any]) -> str:
-    return result["outside"] or result["disturbance"]
-
-
-def draw_proportion(results: Results) -> Figure:
-    """Draws each run's worst deviation over its bound against its whole disturbance over d̃.
-
-    The line is the theorem: the tube is proportional to the disturbance. It is not guaranteed with
-    a wrong measured state or a saturated command.
-    """
-    figure = Figure(figsize=(COLUMN_WIDTH, 2.8), layout="constrained")
-    axis = figure.subplots()
-    seen = [np.ones((1, 2))]  # The bounds themselves are always in the picture.
-    for promised, label, color in ((True, "promised", BLUE), (False, "not promised", ORANGE)):
-        points = np.array([
-            (result["worst_disturbance"], result["ratio_trajectory"]) for result in results
-            if (result["proportional"] is not None) == promised
-            and result["worst_disturbance"] and result["ratio_trajectory"]]).reshape(-1, 2)
-        axis.plot(*points.T, color=color, label=f"{label}, {len(points)} runs", **DOT)
-        seen.append(points)
-    low, high = (end(np.vstack(seen), axis=0) for end in (np.min, np.max))
-    line = np.array([0.0, high[0]])
-    axis.set_xlim(0.0, 1.06 * high[0])
-    axis.set_ylim(0.0, 1.06 * high[1])
-    if max(high) > 10.0:
-        line = np.geomspace(0.8 * low[0], 1.25 * high[0])
-        _log(axis, 0.8 * low[0], 1.25 * high[0])
-        axis.set_yscale("log")
-        axis.set_ylim(0.8 * low[1], 1.25 * max(high[1], 1.0))
-        axis.yaxis.set_major_locator(LogLocator())
-        axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.plot(line, line, **{**LIMIT, "label": r"$D/\tilde{d}$"})
-    axis.set_xlabel(r"largest disturbance of a run over its bound, $D/\tilde{d}$")
-    axis.set_ylabel("deviation over bound along the run")
-    figure.legend(ncols=3, loc="outside upper center")
-    return figure
+    return result["disturbance"]
 
 
 def draw_margins(results: Results) -> Figure:

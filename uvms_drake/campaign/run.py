@@ -9,25 +9,18 @@ import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
 from uvms_drake.campaign.contact_metrics import contact_metrics
-from uvms_drake.campaign.outside_assumptions import MEASURED_WRONG
-from uvms_drake.campaign.variation import Variation, vary
-from uvms_drake.certificate.coupled.linear_distance import linear_distances
-from uvms_drake.certificate.coupled.plan_rows import plan_ratios
+from uvms_drake.campaign.variation import vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
 from uvms_drake.control.mpc.solver_faults import solver_fault
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.diagram import set_wise_radii
 from uvms_drake.station.parts import faults_at
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 
-PROPORTION = 1.05
-"""Largest deviation over D/d̃ times its bound; the tolerance allows for D between logged samples."""
 STEP_EDGES_MS = np.logspace(-1.0, 4.0, 101)
 """Edges of the histogram of the MPC's steps [ms]."""
 
@@ -43,13 +36,13 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     require_same_code(campaign)
     LOGGER.setLevel(logging.ERROR)
     started = time.perf_counter()
-    result: dict[str, Any] = {"index": index, "error": None, "outside": None}
+    result: dict[str, Any] = {"index": index, "error": None}
     steps = np.zeros(0)
     try:
-        variation = vary(campaign, index)
-        result |= drawn(variation)
-        record = simulate(variation.scenario)
-        result |= outcome(record, variation, campaign.base)
+        scenario = vary(campaign, index)
+        result |= drawn(scenario)
+        record = simulate(scenario)
+        result |= outcome(record)
         steps = 1e3 * record.step_seconds[np.isin(record.mpc_status, (SOLVED, KEPT))]
     except Exception as error:
         result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
@@ -60,27 +53,22 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     return {"result": jsonable(result), "wall": wall}
 
 
-def drawn(variation: Variation) -> dict[str, Any]:
+def drawn(scenario: Scenario) -> dict[str, Any]:
     """Returns the draws of a run for a table."""
-    scenario, surface = variation.scenario, variation.scenario.surface_error
     error = scenario.model_error
     return {
         "disturbance": scenario.disturbance.label,
         "rows": getattr(scenario.disturbance, "rows", None),
-        "outside": variation.outside,
         "faults": [type(fault).__name__ for fault in scenario.faults],
         "desired_force": float(np.linalg.norm(scenario.task.force[:3])),
         "surface": asdict(scenario.surface),  # type: ignore[call-overload]  # It is a dataclass.
         "eta": scenario.start.eta, "q": scenario.start.q,
         "unknown": {**{name: getattr(error, name) - 1.0 for name in FACTORS},
-                    "stiffness": surface.stiffness - 1.0,
-                    "shift": float(np.linalg.norm(surface.shift)),
-                    "turn": float(np.linalg.norm(surface.turn)),
                     "current": float(np.linalg.norm(scenario.current)),
                     "payload": error.payload.mass}}
 
 
-def outcome(record: Record, variation: Variation, declared: Scenario) -> dict[str, Any]:
+def outcome(record: Record) -> dict[str, Any]:
     """Returns the figures of merit of a run that `declared` is the base of.
 
     `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of the effective disturbance, and `inside` is
@@ -103,11 +91,7 @@ def outcome(record: Record, variation: Variation, declared: Scenario) -> dict[st
     noted: dict[str, float] = {}
     for event in summary["events"]:
         noted.setdefault(event["kind"], event["time_s"])
-    # The tube scales with the disturbance unless the feedback is wrong or saturated.
     ratio, limited = tube["worst_ratio"]["trajectory"], "input_limited" in noted
-    lines = record.scenario.certificate.linear
-    unpromised = variation.outside is not None and (
-        limited or variation.outside in MEASURED_WRONG)
     return {
         "induced": None if size is None else float(
             np.max(record.scenario.disturbance.norm(induced)) / disturbance["bound"]),
@@ -120,13 +104,7 @@ def outcome(record: Record, variation: Variation, declared: Scenario) -> dict[st
         "losses": summary["contact"]["losses"],
         "mpc_failures": own_failures(record), "noted": noted,
         "terminal_slack": summary["mpc"]["worst_terminal_slack"], "limited": limited,
-        "within_at_end": within_at_end(record),
-        "logged": (tube["exits"] > 0) == ("tube_left" in noted),
-        "proportional": None if size is None or ratio is None or unpromised else bool(
-            ratio <= PROPORTION * max(1.0, size)),
         "finite": is_finite(record),
-        **({} if lines is None else {"apart": linear_distances(record, lines)}),
-        **({} if declared.certificate.plans is None else {"plan": plan_ratios(record, declared)}),
         **contact_metrics(record),
     }
 
@@ -146,13 +124,6 @@ def is_finite(record: Record) -> bool:
     return all(bool(np.all(np.isfinite(signal))) for signal in (
         record.state, record.nominal_state, record.u, record.tau, record.force,
         record.effective_disturbance, record.tube_deviation))
-
-
-def within_at_end(record: Record) -> bool:
-    """Returns whether every deviation is within its set-wise bound at the last sample."""
-    radii = set_wise_radii(record.scenario.tube, record.scenario.ancillary)
-    return all(record.tube_deviation[-1, FIELDS.index(name)] <= radius
-               for name, radius in radii.items())
 
 
 def relative_margins(constraints: dict[str, Any]) -> dict[str, float]:

@@ -32,9 +32,8 @@ MEASURES = {
 }
 """Label of each metric in a table, and whether small is bad."""
 COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
-PROMISES = ("exceptions", "not_finite", "not_logged", "disproportionate")
-"""Counts that must be zero in every campaign; those of `INSIDE` in one within the bounds."""
-INSIDE = (*PROMISES, "exits_set", "exits_trajectory", "violations", "limited")
+PROMISES = ("exceptions", "not_finite", "exits_set", "exits_trajectory", "violations", "limited")
+"""Counts that must be zero."""
 NOT_COVERED = 0.05
 """Largest fraction of runs whose whole disturbance may exceed d̃ unexpectedly."""
 
@@ -53,22 +52,17 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
     # Runs without an exception, and of these the ones that count.
     results = sorted(results, key=lambda result: result["index"])
     carried = [result for result in results if result["error"] is None]
-    done = carried if campaign.outside else [result for result in carried if result["inside"]]
+    done = [result for result in carried if result["inside"]]
     base, walls = campaign.base, summarise_walls(done)
     return {
         "scenario": base.name, "seed": campaign.seed, "runs": len(results),
         "identity": campaign.identity, "certified": campaign.certified,
-        "outside": campaign.outside, "versions": campaign.versions, "duration_s": base.duration,
-        "d_bound": base.disturbance.d_bound, "model_error": campaign.model_error,
-        "surfaces": [{"stiffness": wall.stiffness, "tilt": wall.tilt} for wall in campaign.walls],
+        "versions": campaign.versions, "duration_s": base.duration,
+        "d_bound": base.disturbance.d_bound,
         "force_tolerance": base.task.force_tolerance,
-        "desired_forces": sorted({target.factor for target in campaign.targets}),
         "counts": {
             "exceptions": len(results) - len(carried),
             "not_finite": sum(not result["finite"] for result in carried),
-            "not_logged": sum(not result["logged"] for result in carried),
-            "proportion_promised": sum(result["proportional"] is not None for result in carried),
-            "disproportionate": sum(result["proportional"] is False for result in carried),
             "counted": len(done), "not_covered": len(carried) - len(done),
             "limited": sum(result["limited"] for result in done),
             "never_settled": sum(result["settling_time_s"] is None for result in done),
@@ -79,7 +73,6 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
         "largest_unknown": _largest_unknown(done),
         "by_disturbance": _grouped(done, lambda result: result["disturbance"]),
         "by_fault": _grouped(done, lambda result: ", ".join(result["faults"]) or "none"),
-        "by_outside": _grouped(done, lambda result: result["outside"]),
         **({"walls": walls} if walls else {}),
         "worst": [_replay(result) for result in sorted(results, key=_badness)[:WORST]],
         "results": results,
@@ -108,10 +101,7 @@ def _grouped(results: Sequence[Result], key: Any) -> dict[str, dict[str, Any]]:
             "runs": len(of_kind),
             **{name: distribution(of_kind, name)["max"]
                for name in ("worst_disturbance", "ratio_trajectory", "ratio_set")},
-            "left": sum(result["exits_set"] > 0 for result in of_kind),
-            "within_at_end": sum(result["within_at_end"] for result in of_kind),
-            "violated": sum(result["violations"] > 0 for result in of_kind),
-            "settled": sum(result["settling_time_s"] is not None for result in of_kind)}
+        }
     return out
 
 
@@ -125,18 +115,16 @@ def _badness(result: Result) -> tuple[float, ...]:
     if result["error"] is not None:
         return (-2.0, 0.0, index)
     far = -(result["ratio_set"] or 0.0)
-    broken = not (result["finite"] and result["logged"]) or result["proportional"] is False
-    if result["outside"] is None:
-        if not (broken or result["inside"]):
-            return (1.0, far, index)
-        broken = broken or bool(result["exits_set"] + result["exits_trajectory"]
-                                + result["violations"] + result["limited"]
-                                + len(broken_promises(result)))
+    if result["finite"] and not result["inside"]:
+        return (1.0, far, index)
+    broken = not result["finite"] or bool(
+        result["exits_set"] + result["exits_trajectory"] + result["violations"]
+        + result["limited"] + len(broken_promises(result)))
     return (-float(broken), far, index)
 
 
 def _replay(result: Result) -> dict[str, Any]:
-    shown = ("index", "error", "disturbance", "rows", "faults", "outside", "desired_force",
+    shown = ("index", "error", "disturbance", "rows", "faults", "desired_force",
              "ratio_trajectory", "ratio_set", "margin", "constraint")
     return {**{name: result.get(name) for name in shown},
             "replay": f"uvms-drake campaign --output . --replay {result['index']}"}
@@ -147,9 +135,9 @@ def all_well(summary: Mapping[str, Any]) -> bool:
     counts = summary["counts"]
     if counts["not_covered"] > NOT_COVERED * summary["runs"]:
         return False
-    if not summary["outside"] and any(summary.get("walls", {}).get("broken", {}).values()):
+    if any(summary.get("walls", {}).get("broken", {}).values()):
         return False
-    return not any(counts[name] for name in (PROMISES if summary["outside"] else INSIDE))
+    return not any(counts[name] for name in PROMISES)
 
 
 def summarise_times(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -175,10 +163,9 @@ def summarise_times(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def format_campaign(summary: Mapping[str, Any], times: Mapping[str, Any], folder: str) -> str:
     """Returns the campaign as a table for a terminal."""
-    where = "outside of the bounds" if summary["outside"] else "inside of the bounds"
     most = "at most " if summary.get("walls") else ""
     lines = [f"{summary['scenario']}, seed {summary['seed']}: {summary['runs']} runs of {most}"
-             f"{summary['duration_s']:g} s {where}, tube "
+             f"{summary['duration_s']:g} s, tube "
              + ("certified" if summary["certified"] else "declared, not certified"), "",
              *_format_measures(summary), "", *_format_groups(summary), "",
              *format_walls(summary.get("walls", {})), *_format_counts(summary)]
@@ -206,15 +193,6 @@ def _format_measures(summary: Mapping[str, Any]) -> list[str]:
 
 def _format_groups(summary: Mapping[str, Any]) -> list[str]:
     """Returns a table by kind of event outside of the bounds, or by disturbance and by fault."""
-    if summary["outside"]:
-        # One line a kind of event, with the guarantees that may break there.
-        lines = [f"{'':<24}{'runs':>5}     D/d̃{'along the run':>15}{'set-wise':>10}{'left':>6}"
-                 f"{'within at end':>15}{'violated':>10}{'settled':>9}"]
-        return lines + [
-            f"{kind:<24}{row['runs']:>5}{_number(row['worst_disturbance']):>8}"
-            f"{_number(row['ratio_trajectory']):>15}{_number(row['ratio_set']):>10}"
-            f"{row['left']:>6}{row['within_at_end']:>15}{row['violated']:>10}{row['settled']:>9}"
-            for kind, row in summary["by_outside"].items()]
     lines = []
     for title, name in (("disturbance", "by_disturbance"), ("samples that fail", "by_fault")):
         lines.append(f"{title:<24}{'runs':>5}{'along the run':>15}{'set-wise':>10}")
@@ -228,11 +206,8 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
     lines = [f"counted {counts['counted']} of {summary['runs']} runs",
              f"exits: {counts['exits_set']} set-wise, {counts['exits_trajectory']} along the run; "
              f"constraint violations: {counts['violations']}; command cut in {counts['limited']} "
-             f"runs; exceptions: {counts['exceptions']}; not finite: {counts['not_finite']}; "
-             f"exit not in the log: {counts['not_logged']}",
-             f"beyond D/d̃ times the bound: {counts['disproportionate']} of the "
-             f"{counts['proportion_promised']} where it is promised; failed solves: "
-             f"{counts['mpc_failures']}; force never settled: {counts['never_settled']}; "
+             f"runs; exceptions: {counts['exceptions']}; not finite: {counts['not_finite']}",
+             f"failed solves: {counts['mpc_failures']}; force never settled: {counts['never_settled']}; "
              f"terminal set missed by {_number(summary['worst_terminal_slack'])} at most"]
     unknown = {name: value for name, value in summary["largest_unknown"].items() if value > 0.0}
     if unknown:
@@ -265,7 +240,7 @@ def _format_worst(summary: Mapping[str, Any], folder: str) -> list[str]:
         if run["error"] is not None:
             lines.append(f"{run['index']:<12}{run['error']}")
             continue
-        also = run["outside"] or ", ".join(run["faults"])
+        also = ", ".join(run["faults"])
         lines.append(f"{run['index']:<12}{run['disturbance']:<18}{also:<24}"
                      f"{_number(run['ratio_trajectory']):>14}{_number(run['ratio_set']):>10}"
                      f"{_number(run['margin']):>9} {run['constraint']}")

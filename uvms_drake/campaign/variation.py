@@ -8,24 +8,18 @@ that the scenario declares are drawn in every run.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.campaign.campaign import Campaign, with_target
-from uvms_drake.campaign.certified_surfaces import moved, turns_freely
+from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.campaign.model_uncertainty import (
     as_declared,
     as_declared_thrusters,
-    with_unknowns,
 )
-from uvms_drake.campaign.outside_assumptions import kinds_outside, step_outside
 from uvms_drake.certificate.certify import first_plan
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
-from uvms_drake.control.ocp.ocp import Ocp
-from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.model.signals.sensor_actuator import Fault
 from uvms_drake.plant.adversary import ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
@@ -41,73 +35,44 @@ from uvms_drake.station.scenario.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
 """Largest distance of the vehicle from the scenario's start [m, rad]."""
-SHIFT_REACH = 10.0
-"""Largest shift of everything along each axis [m]."""
 PERIODS = (0.5, 10.0)
 """Range of a disturbance's period, drawn uniformly in its logarithm [s]."""
-UNKNOWNS_LIKELY = 0.5
-"""Probability of model errors in a run, if they are requested."""
 FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
 """Probability that a run has faults of the solver, and range of the probability per sample."""
 ATTEMPTS = 100
 
 
-class Variation(NamedTuple):
-    """The scenario of a run."""
-
-    scenario: Scenario
-    outside: str | None
-    """Kind of the event outside of the bounds, if there is one."""
-
-
-def vary(campaign: Campaign, index: int) -> Variation:
+def vary(campaign: Campaign, index: int) -> Scenario:
     """Returns the scenario of a run: a pure function of its arguments.
 
-    A draw without a feasible first plan is repeated, with the number of the attempt in the seed.
-
     Raises:
-        RunFailed: No draw is feasible.
+        RunFailed: No draw has a feasible first plan.
     """
     base = campaign.base
-    motion = motion_of(base)
-    kinds = kinds_outside(has_forces=motion.has_forces, num_joints=len(base.start.q))
-    outside = kinds[index % len(kinds)] if campaign.outside else None
+    motion, model = motion_of(base), load_model(base)
+    ocp = make_ocp(base, model)
     for attempt in range(ATTEMPTS):
         rng = np.random.Generator(np.random.Philox(
             np.random.SeedSequence([campaign.seed, index, attempt])))
-        # Surface, desired force and place.
-        target = campaign.targets[rng.integers(len(campaign.targets))]
-        turns = turns_freely(base.mpc, base.limits, base.mission)
-        yaw = float(rng.uniform(-np.pi, np.pi)) if turns else 0.0
-        shift = rng.uniform(-1.0, 1.0, 3) * SHIFT_REACH
-        aimed = with_target(moved(campaign.declared(target), yaw, shift), target)
         # A start with a feasible first plan.
+        scenario = replace(base, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
+                           start=_start(base.start, ocp.limits["q"], rng))
         try:
-            model = load_model(aimed)
-            ocp = make_ocp(aimed, model)
-            scenario = replace(aimed, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
-                               start=_start(aimed.start, ocp.limits["q"], rng))
             start = start_state(scenario, ocp)
         except InvalidParameter:
-            if attempt == 0:
-                make_ocp(base)  # Raises if the scenario itself is infeasible.
             continue
-        first = base.contact.first_problem(aimed, model, ocp, start)
+        first = base.contact.first_problem(base, model, ocp, start)
         plan, conditions = first_plan(first, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
-        # An unknown surface, and all disturbances.
+        # An unknown surface, the disturbance, faults, and what the scenario declares as unknown.
         scenario = base.contact.drawn(scenario, first, rng)
-        scenario = replace(scenario, disturbance=_disturbance(
-            scenario.disturbance, motion, ocp.model.size, rng))
-        if outside is not None:
-            scenario = step_outside(outside, scenario, campaign.model_error, rng)
-        else:
-            scenario = replace(scenario, faults=[*scenario.faults, *_faults(rng)])
-            scenario = _shared(scenario, ocp, plan, campaign.model_error, rng)
-            scenario = replace(scenario, actuation=as_declared_thrusters(
-                scenario.actuation, model, rng))
-        return Variation(scenario, outside)
+        unknown = as_declared(scenario.unknowns, rng)
+        return replace(
+            scenario, disturbance=_disturbance(scenario.disturbance, motion, model.size, rng),
+            faults=[*scenario.faults, *_faults(rng)], model_error=unknown.error,
+            current=unknown.current, waves=list(unknown.waves),
+            actuation=as_declared_thrusters(scenario.actuation, model, rng))
     raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
 
 
@@ -150,21 +115,3 @@ def _faults(rng: np.random.Generator) -> list[Fault]:
     fault = (SolverFailure, SolverTimeout, DroppedPeriod)[rng.integers(3)]
     probability = float(rng.uniform(*FAULT_RATES))
     return [fault(probability)] if rng.uniform() <= FAULT_LIKELY else []
-
-
-def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
-            rng: np.random.Generator) -> Scenario:
-    """Returns the scenario, possibly with model errors that share d̃.
-
-    If the scenario itself declares some, or d̃ = 0, they are those. With a contact that needs an
-    allowance for each, there are no others.
-    """
-    if scenario.disturbance.d_bound == 0.0 or scenario.unknowns.present:
-        drawn = as_declared(scenario.unknowns, rng)
-        return replace(scenario, model_error=drawn.error, current=drawn.current,
-                       waves=list(drawn.waves))
-    wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
-    if (not wanted or not motion_of(scenario).has_forces
-            or scenario.contact.allowances(scenario.model_error)):
-        return scenario
-    return with_unknowns(scenario, ocp, plan, largest, rng)

@@ -29,7 +29,6 @@ from uvms_drake.station.scenario.modules import module_file
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.coupled.budget import CoupledBudget
 from uvms_drake.tube.search.estimate import Estimate
 from uvms_drake.tube.ultimate_bounds import HOLD
 
@@ -111,9 +110,6 @@ class Certificate:
     terminal: TerminalResult | None = None
     bounds: dict[str, float] = field(default_factory=dict)
     """Ultimate bounds by name, see `tube.ultimate_bounds`."""
-    coupled: CoupledBudget | None = None
-    """Linear budget of the coupled loop, of thrusters behind a clock; not in the file, if there is
-    none."""
     paper: dict[str, float] = field(default_factory=dict)
     """Radii of the paper's Lemma with the same gains and d̃, for comparison; inf if not certified.
     Not in the file, if they were not asked for."""
@@ -161,13 +157,11 @@ class Certificate:
         """Returns the content as JSON data, with its own SHA-256 as `sha256`."""
         data = {"kind": KIND, **jsonable(dataclasses.asdict(self), names=True),
                 "certified": self.certified}
-        if self.coupled is not None:
-            data["coupled"] = jsonable(self.coupled.to_data(), names=True)
         if self.weights is None:
             del data["weights"]
         if not self.budget:
             del data["budget"], data["margin"]
-        for name in ("legs", "paper", "coupled"):
+        for name in ("legs", "paper"):
             if not data[name]:
                 del data[name]
         return signed(data)
@@ -183,9 +177,7 @@ class Certificate:
         data = {key: restored(value) for key, value in data.items()
                 if key not in ("kind", "certified", "sha256")}
         tube, terminal, weights = data["tube"], data["terminal"], data.get("weights")
-        coupled = data.get("coupled")
         return Certificate(**(data | {
-            "coupled": None if coupled is None else CoupledBudget.from_data(coupled),
             "assumptions": tuple(Assumption(**item) for item in data["assumptions"]),
             "constants": tuple(Constant.from_data(item) for item in data["constants"]),
             "conditions": tuple(Condition(**item) for item in data["conditions"]),

@@ -15,14 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.actuation.ideal_wrench import IdealWrench
-from uvms_drake.actuation.lagged_wrench import LaggedWrench
-from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.certificate.advice import longer, roomier, safer, wider
 from uvms_drake.certificate.assumptions import assumptions_of, undriven_axes, unnamed_axes
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
-from uvms_drake.certificate.coupled.budget import conditions_of as coupled_conditions
-from uvms_drake.certificate.coupled.budget import coupled_budget
 from uvms_drake.certificate.declared_unknowns import (
     UnmodelledBounds,
     declared_sources,
@@ -35,8 +31,6 @@ from uvms_drake.certificate.declared_unknowns import (
 )
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.limits import (
     HoldRadii,
     Limit,
@@ -52,7 +46,7 @@ from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.plan.plan import P, Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Actuator, Component
+from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.unknowns import Unknowns
@@ -66,7 +60,6 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.law_tube import Basis, LawTube
-from uvms_drake.tube.laws.tip_first import lag_is_proven
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Estimate, unrefuted
 from uvms_drake.tube.search.search_memo import active_memo
@@ -125,8 +118,6 @@ def certify(scenario: Scenario, progress: Progress = silent,
                 name: dict(parts) for name, parts in found.budget.items()},
             margin=budget_margins(found.budget, limits, model),
             conditions=(*found.conditions, *assumed_conditions(scenario, model)))
-        if (coupled := coupled_budget(scenario, model)) is not None:
-            draft = replace(draft, coupled=coupled).adding(coupled_conditions(coupled))
         if scenario.mission.steps and np.size(found.radii.u):
             draft = replace(draft, legs=tuple(scenario.contact.legs(
                 scenario.mission, found.radii, draft.conditions)))
@@ -198,8 +189,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
             assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
                        theorem=GUARANTEE)
             for i, part in enumerate(parts) if part.assumption() is not None
-            and not contact.bounds_error_of(part)
-            and not is_counted(part, scenario.ancillary, actuation, model, mpc.time_step)]
+            and not contact.bounds_error_of(part)]
     return conditions
 
 
@@ -216,21 +206,6 @@ def uncounted_unknowns(unknowns: Unknowns, motion: Motion, actuation: Sequence[A
             for key, size in sizes.items()]
 
 
-def is_counted(part: Component, law: AncillaryLaw, actuation: Sequence[Actuator],
-               model: ContactModel, time_step: float) -> bool:
-    """Returns whether the tube includes the effect of a part on the command, if it is the only one.
-
-    A clock, see `tube.actuation.zoh_command`, where a condition of the tube names an effect without
-    a bound; or a lag of the vehicle's wrench that `tube.actuation.lagged_wrench` has a proof for.
-    """
-    delays = [each for each in actuation if not isinstance(each, IdealWrench)]
-    if len(delays) != 1 or not isinstance(law, TipFirst):
-        return False
-    if not isinstance(part, LaggedWrench):
-        return isinstance(part, SampledCommand)
-    return lag_is_proven(law, command_path_of(actuation, model), time_step)
-
-
 def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
     """Returns the controller's model, if the scenario would have a meaning without any tube.
 
@@ -243,7 +218,7 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
     """
     model, motion = model or load_model(scenario), motion_of(scenario)
     with within("certificate"):
-        check_settings(scenario.certificate, model.num_joints)
+        check_settings(scenario.certificate)
     motion.check(scenario)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     check_limits(scenario.limits, model.num_joints, accelerations=motion.has_forces)

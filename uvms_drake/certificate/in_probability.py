@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,21 +18,14 @@ from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.certificate.cache import source_digest
 from uvms_drake.certificate.certificate import (
-    IRRELEVANT,
     Certificate,
     fingerprint,
     read_data,
     signed,
 )
-from uvms_drake.certificate.drawn_values import (
-    DrawnRange,
-    outside_ranges,
-    without_drawn,
-)
 from uvms_drake.certificate.failure_probability import percent_above
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
-from uvms_drake.tube.coupled.budget import CoupledBudget
 
 KIND = "in probability"
 """`kind` of its certificate.json."""
@@ -47,14 +40,9 @@ FAILURES = {
     "contact": "lost the contact",
     "no touch": "never touched the wall",
     "mission": "did not complete a step of its mission",
-    "linear": "left a declared line about its coupled linear loop",
-    "plan": "had a plan or a start outside of the declared class",
 }
 """Kinds of failure of a run, in words."""
 
-ALSO_FIXED = ("tube", "log_period")
-"""Inputs that a worst-case certificate does not depend on: the declared tube, and the period of the
-samples at which a run is looked at."""
 
 
 @dataclass(frozen=True)
@@ -75,16 +63,8 @@ class ProbabilityCertificate:
     """Number of runs that failed in each way; a run may fail in several."""
     failed: tuple[int, ...]
     """Numbers of the runs that failed."""
-    apart: dict[str, float]
-    """Largest |x − x_lin| over its declared line in all runs, by the rows; empty: no run was
-    compared with its coupled linear loop."""
-    plan: dict[str, float]
-    """Largest rows of the linear loop by a run's plan alone over those of the declared class, by
-    stage, and start; empty: no class is declared."""
     distribution: tuple[str, ...]
     """The declared distribution, a sentence for each part."""
-    ranges: tuple[DrawnRange, ...]
-    """Ranges of the drawn values."""
     seed: int
     """Seed of the draws."""
     campaign: str
@@ -96,9 +76,6 @@ class ProbabilityCertificate:
     versions: dict[str, str]
     source: str
     """SHA-256 of the package's Python files that made the runs."""
-    coupled: CoupledBudget | None = None
-    """Linear budget of the coupled loop by source; None where there is none, see
-    `certificate.coupled.budget`."""
     mission: str = ""
     """Steps of the mission that every run has, by their kinds; empty without one."""
     made_by: str = "certify"
@@ -122,15 +99,10 @@ class ProbabilityCertificate:
         """Returns the scenario unchanged: the tube is the declared one."""
         return scenario
 
-    def outside(self, values: Mapping[str, float]) -> list[str]:
-        """Returns a phrase for each of the `drawn_values` outside of the declared ranges."""
-        return outside_ranges(self.ranges, values)
 
     def to_data(self) -> dict[str, Any]:
         """Returns the content as JSON data, with its own SHA-256 as `sha256`."""
-        data = jsonable(dataclasses.asdict(dataclasses.replace(self, coupled=None)), names=True)
-        if self.coupled is not None:
-            data["coupled"] = jsonable(self.coupled.to_data(), names=True)
+        data = jsonable(dataclasses.asdict(self), names=True)
         return signed({"kind": KIND, **data})
 
     @staticmethod
@@ -138,10 +110,7 @@ class ProbabilityCertificate:
         """Returns the certificate of which `to_data` made `data`."""
         known = {key: value for key, value in data.items() if key not in ("kind", "sha256")}
         lists = {key: tuple(known[key]) for key in ("failed", "distribution")}
-        coupled = known["coupled"]
-        return ProbabilityCertificate(**(known | lists | {
-            "coupled": None if coupled is None else CoupledBudget.from_data(coupled),
-            "ranges": tuple(DrawnRange(**item) for item in known["ranges"])}))
+        return ProbabilityCertificate(**(known | lists))
 
     @staticmethod
     def inputs_of(scenario: Scenario) -> dict[str, Any]:
@@ -151,11 +120,7 @@ class ProbabilityCertificate:
         the disturbance, bound and weights count: every kind of it is drawn. Faults count whole, for
         those of a run are drawn beside the scenario's.
         """
-        fixed = yaml_load_data(dump_scenario(without_drawn(scenario)))
-        for key in IRRELEVANT:
-            if key not in ALSO_FIXED:
-                fixed.pop(key, None)
-        fixed["disturbance"] = [scenario.disturbance.bound, *scenario.disturbance.weights]
+        fixed = yaml_load_data(dump_scenario(replace(scenario, name="", description="", seed=0)))
         text = json.dumps(jsonable(fixed, names=True), sort_keys=True, ensure_ascii=False)
         return fingerprint(scenario) | {
             "inputs": hashlib.sha256(text.encode()).hexdigest(), "source": source_digest()}
@@ -174,5 +139,5 @@ def read_any_certificate(path: Path) -> AnyCertificate:
 
 def cache_key(scenario: Scenario) -> dict[str, Any]:
     """Returns the key in the cache of the certificate in probability of a scenario."""
-    declared = dataclasses.replace(scenario, name="", description="", seed=0)
+    declared = replace(scenario, name="", description="", seed=0)
     return {KIND: dump_scenario(declared), "files": fingerprint(scenario)["files"]}

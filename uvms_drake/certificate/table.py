@@ -6,7 +6,6 @@ import numpy as np
 
 from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.coupled.table import coupled_rows
 from uvms_drake.control.limits import HoldRadii
 from uvms_drake.station.motions.motions import motion_named
 from uvms_drake.tube.conditions import Condition
@@ -50,9 +49,6 @@ HELP = {
     "sensing": "leaving it out",
     "actuation": "leaving it out",
     "actuation path": "a clock and then thrusters, or leaving it out",
-    "coupled loop": "smaller ancillary gains, faster clocks, a shorter lag or dead time",
-    "coupled budget": "a wider declared tube, better sensors, or a class of gentler plans "
-        "(certificate.plans)",
     "vehicle loop": "smaller ancillary.vehicle gains or less lag",
     "tip loop": "smaller ancillary.tip gains or a faster clock",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
@@ -86,7 +82,7 @@ def format_certificate(certificate: Certificate) -> str:
         "", "conditions", *(_condition_row(item) for item in certificate.conditions),
         "", "tube", *_tube_rows(certificate),
         *_unknown_rows(certificate),
-        *_budget_rows(certificate), *coupled_rows(certificate.coupled),
+        *_budget_rows(certificate),
         *_estimate_rows(certificate),
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),

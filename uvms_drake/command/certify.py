@@ -158,8 +158,6 @@ def _require_default(args: argparse.Namespace, options: Sequence[str], where: st
 def _draw_budget(certificate: Certificate, folder: Path) -> None:
     """Draws the error budget, or that of the coupled loop, if it exists and is finite."""
     budget, margin = certificate.budget, certificate.margin
-    if certificate.coupled is not None:
-        budget, margin = certificate.coupled.shares(), certificate.coupled.left
     parts = [part for parts in budget.values() for part in parts.values()]
     if parts and np.isfinite(parts).all():
         import matplotlib

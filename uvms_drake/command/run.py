@@ -197,34 +197,26 @@ def failures_in_words(record: Record, certificate: AnyCertificate | None, summar
     if isinstance(certificate, ProbabilityCertificate) and not claim["outside"]:
         from uvms_drake.campaign.probability.failures import failures_of
         from uvms_drake.campaign.run import outcome
-        from uvms_drake.campaign.variation import Variation
         from uvms_drake.certificate.in_probability import FAILURES
 
-        scenario = record.scenario
-        result = {"error": None, **outcome(record, Variation(scenario, None), scenario)}
+        result = {"error": None, **outcome(record)}
         failed += [f"it {FAILURES[kind]}" for kind in failures_of(result) if kind not in NAMED]
     return failed
 
 
 def _report_in_probability(summary: dict[str, Any], failed: list[str]) -> int:
     """Prints the verdict of a run with a certificate in probability; returns the exit status."""
-    from uvms_drake.certificate.probability_table import format_coverage
-
     claim = summary["in_probability"]
     print(f"this run FAILED: {', '.join(failed)}" if failed else
           "this run did not fail: tube and all limits kept")
-    print(claim["verdict"] if not claim["outside"] else format_coverage(claim["outside"]))
+    print("; ".join(claim["outside"]) or claim["verdict"])
     return BROKEN if failed or claim["outside"] else 0
 
 
 def _announced(certificate: AnyCertificate, scenario: Scenario, model: ContactModel) -> list[str]:
     """Returns the lines that a run begins with: kind and scope of its certificate."""
     if isinstance(certificate, ProbabilityCertificate):
-        from uvms_drake.certificate.drawn_values import drawn_values
-        from uvms_drake.certificate.probability_table import format_coverage
-
-        return [certificate.verdict, format_coverage(certificate.outside(
-            drawn_values(scenario, model)))]
+        return [certificate.verdict]
     from uvms_drake.certificate.table import scope
 
     return [*scope(certificate), f"certified: {certificate.force_sentence}"]

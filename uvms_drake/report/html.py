@@ -15,7 +15,7 @@ from uvms_drake.certificate.in_probability import (
     read_any_certificate,
 )
 from uvms_drake.certificate.overview import force_bounds, format_overview
-from uvms_drake.certificate.probability_table import format_coverage, format_probability
+from uvms_drake.certificate.probability_table import format_probability
 from uvms_drake.certificate.table import format_certificate, scope, verdict
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.program import VERSION
@@ -172,7 +172,7 @@ def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any], failed
                 "nothing is guaranteed.</p>")
     if isinstance(certificate, ProbabilityCertificate):
         outside = summary["in_probability"]["outside"]
-        text = certificate.verdict if not outside else format_coverage(outside)
+        text = "; ".join(outside) or certificate.verdict
         own = f"This run FAILED: {html.escape(', '.join(failed))}.<br>" if failed else ""
         return (f'<p class="verdict{" no" if outside or failed else ""}">{own}'
                 f"{html.escape(text[:1].upper() + text[1:])}.</p>")

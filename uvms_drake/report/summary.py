@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
-from uvms_drake.certificate.drawn_values import drawn_values
 from uvms_drake.certificate.in_probability import AnyCertificate, ProbabilityCertificate
-from uvms_drake.certificate.probability_table import format_coverage
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
@@ -98,7 +96,7 @@ def summarise_claim(record: Record, certificate: AnyCertificate | None, contact:
     return {"verdict": certificate.verdict, "probability": certificate.probability,
             "confidence": certificate.confidence, "runs": certificate.runs,
             "failures": certificate.failures,
-            "outside": [*certificate.outside(drawn_values(record.scenario, record.model)), *seen]}
+            "outside": seen}
 
 
 def summarise_mpc(record: Record) -> dict[str, object]:
@@ -400,7 +398,7 @@ def _format_certified(summary: dict) -> list[str]:
         return [f"{'certified':<14}{known}"]
     kind = claim["verdict"].removeprefix("certified ")
     return [f"{'certified':<14}{kind} ({claim['failures']} of {claim['runs']} drawn runs failed)",
-            f"{'':<14}{format_coverage(claim['outside'])}"]
+            *(f"{'':<14}{each}" for each in claim["outside"])]
 
 
 def _format_tube(tube: dict, in_probability: bool) -> list[str]:

@@ -39,14 +39,9 @@ from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.keyed_random import generator_of, normal_numbers
 from uvms_drake.common.wiring import added
-from uvms_drake.model.end_effector import force_in_tip, force_of_tip, pose_rate_matrix
-from uvms_drake.model.frames.euler import (
-    complex_step_jacobian,
-    rotated_back,
-    rotation_matrix,
-)
+from uvms_drake.model.end_effector import force_in_tip, force_of_tip
+from uvms_drake.model.frames.euler import rotated_back
 from uvms_drake.model.frames.spatial import block_diagonal
-from uvms_drake.model.signals.linear import ErrorChannel, LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
     PAYLOAD,
@@ -210,59 +205,6 @@ class ForceSensor(Sensor):
         signals[MEASURED_FORCE] = sensor.GetOutputPort("force_measured")
         signals["force_raw"] = sensor.GetOutputPort("reading")
         return port
-
-    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
-               signals: dict[str, Signal]) -> Signal:
-        """Adds lag, sample and errors of the reading, without its range; see `Part`."""
-        model, X = at.model, transfer(np.asarray(self.mounting, dtype=float))
-        size, g = model.size, model.gravity @ model.R_WT
-        from_task = block_diagonal(model.R_WT, np.eye(3))
-        H = self.tool.hold(X[:3, :3]).T
-        chi = model.task_pose(at.state[:size])[:6]
-
-        def axes(chi: np.ndarray) -> np.ndarray:
-            return pose_rate_matrix(rotation_matrix(chi[3:]), chi[3:])
-
-        # Wrench at the sensor by χ and 𝔉, the weight that is taken off by the measured χ, and 𝔉_s
-        # by that χ and by the reading.
-        pressed = at.contact @ from_task
-        by_chi = complex_step_jacobian(
-            lambda chi: np.linalg.solve(X, axes(chi).T @ pressed)
-            + H @ (rotation_matrix(chi[3:]).T @ g), chi)
-        weight = complex_step_jacobian(lambda chi: H @ (rotation_matrix(chi[3:]).T @ g), chi)
-        by_force = np.linalg.solve(X, axes(chi).T @ from_task.T)
-        in_hand = axes(chi).T @ pressed
-        back = complex_step_jacobian(
-            lambda chi: from_task @ np.linalg.solve(axes(chi).T, in_hand), chi)
-
-        true = by_chi @ signals["chi"] + by_force @ signals["force"]
-        if self.lag > 0.0:
-            x = loop.state("force in the sensor", 6)
-            loop.flow(x, 1.0 / self.lag * (true - x))
-            true = x
-        J = complex_step_jacobian(lambda config: model.task_pose(config)[:6], at.state[:size])
-        measured, error = J @ signal[:size], loop.entry("force", 6)
-        reading = loop.sampled(
-            "reading", true + error - (1.0 + self.tool.error) * (weight @ measured),
-            1.0 / self.rate)
-        loop.channels += self._errors(error)
-        signals[MEASURED_FORCE] = back @ measured + from_task @ (
-            np.linalg.solve(axes(chi).T, X) @ reading)
-        return signal
-
-    def _errors(self, error: Signal) -> list[ErrorChannel]:
-        """Returns the errors of F̂ that enter at `error`, with their distributions."""
-        sigma, resolution = (np.asarray(each, dtype=float) for each in (
-            self.noise, self.resolution))
-        count = self.tare_samples
-        constant = self.noise_multiple * sigma if count else np.asarray(self.bias, dtype=float)
-        out = [ErrorChannel("noise of force", error, self.noise_multiple * sigma, sigma),
-               ErrorChannel("resolution of force", error, 0.5 * resolution),
-               ErrorChannel("bias of force", error, constant + 0.5 * resolution * (count > 0),
-                            kind="constant"),
-               ErrorChannel("drift of force", error, np.zeros(6), kind="slow",
-                            rate=np.asarray(self.drift, dtype=float))]
-        return [each for each in out if np.any(each.bound) or np.any(each.rate)]
 
 
 class WristSensor(LeafSystem):

@@ -29,14 +29,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
-from uvms_drake.model.signals.linear import (
-    ErrorChannel,
-    Fixes,
-    LinearLoop,
-    OperatingPoint,
-    Signal,
-    stacked,
-)
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Sensor, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -243,37 +235,6 @@ class Navigation(Sensor):
             builder, clocks, vector=port, name="navigation").get_output_port()
         signals["measured_state"] = measured
         return measured
-
-    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
-               signals: dict[str, Signal]) -> Signal:
-        """Adds sample, latency and errors of each channel; see `Part`."""
-        measured = []
-        for key, rows in channel_rows(at.model.size).items():
-            channel: Channel = getattr(self, key)
-            true, error = signal[rows], loop.entry(key, len(rows))
-            hold = loop.sampled(key, error if channel.propagated else true + error,
-                                1.0 / channel.rate, channel.latency)
-            measured.append(true + hold if channel.propagated else hold)
-            loop.channels += self._errors(key, error)
-        return stacked(measured)
-
-    def _errors(self, key: str, error: Signal) -> list[ErrorChannel]:
-        """Returns the errors of a channel that enter at `error`, with their distributions."""
-        channel: Channel = getattr(self, key)
-        ones, multiple, dvl = np.ones(error.size), self.noise_multiple, self.dvl
-        sigma = channel.noise * ones
-        out = [ErrorChannel(f"noise of {key.replace('_', ' ')}", error, multiple * sigma, sigma)]
-        if key == "position":
-            drift = self.drift.bound * ones * (self.drift.rate > 0.0)
-            out.append(ErrorChannel("drift of position", error, drift,
-                                    kind="slow", rate=self.drift.rate * ones))
-        if key == "velocity":
-            sigma = np.asarray(dvl.noise, dtype=float)
-            out.append(ErrorChannel(
-                "velocity from fix to fix", error, multiple * sigma, sigma, "fixes",
-                Fixes(dvl.rate / channel.rate, dvl.most, dvl.lost, dvl.growth * ones)))
-        return [each for each in out
-                if np.any(each.bound) or (each.fixes is not None and np.any(each.fixes.growth))]
 
 
 CHANNELS = ("position", "attitude", "joints", "velocity", "turning", "joint_rates")

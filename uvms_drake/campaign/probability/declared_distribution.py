@@ -10,13 +10,10 @@ import numpy as np
 
 from uvms_drake.actuation.thrusters import largest_error
 from uvms_drake.campaign import variation
-from uvms_drake.campaign.certified_surfaces import turns_freely
 from uvms_drake.campaign.model_uncertainty import AT_FULL_SIZE
-from uvms_drake.certificate.drawn_values import DrawnRange
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 
 
@@ -27,9 +24,6 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
            "of yaw of the declared pose; the arm uniform on the line from its declared posture to "
            "one that is uniform within its limits; a draw without a feasible first plan is "
            "repeated")
-    turned = "and turned by any angle about the vertical" if turns_freely(
-        scenario.mpc, scenario.limits, scenario.mission) else ""
-    yield f"place: all is shifted by up to {variation.SHIFT_REACH:g} m along each axis {turned}"
     yield from scenario.contact.about_drawn(scenario)
     if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
         yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
@@ -64,28 +58,3 @@ def _sizes(unknowns: Unknowns, of_thrusters: float) -> list[str]:
     return sizes
 
 
-def declared_ranges(scenario: Scenario) -> Iterator[DrawnRange]:
-    """Yields the ranges of the values of `drawn_values`."""
-    for i, (value, reach) in enumerate(zip(scenario.start.eta, variation.POSE_REACH, strict=True)):
-        yield DrawnRange(f"start.eta.{i}", float(value - reach), float(value + reach),
-                         "m" if i < 3 else "rad")
-    angles = make_ocp(scenario).limits["q"]
-    for i, (low, high) in enumerate(zip(angles.lower, angles.upper, strict=True)):
-        yield DrawnRange(f"start.q.{i}", float(low), float(high), "")
-    yield DrawnRange("duration", 0.0, scenario.duration, "s")
-    error, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
-    yield DrawnRange("current, horizontal", 0.0, float(np.hypot(*current[:2])), "m/s")
-    yield DrawnRange("current, up or down", 0.0, abs(float(current[2])), "m/s")
-    yield DrawnRange("waves", 0.0, largest_speed(scenario.waves), "m/s")
-    for name in FACTORS:
-        size = abs(getattr(error, name) - 1.0)
-        yield DrawnRange(f"model_error.{name}", 1.0 - size, 1.0 + size, "")
-    for name, most, unit in (
-            ("buoyancy_shift", float(np.linalg.norm(error.buoyancy_shift)), "m"),
-            ("payload.mass", error.payload.mass, "kg"),
-            ("payload.displaced", error.payload.displaced, "kg"),
-            ("joint_friction", error.joint_friction.largest, "N m")):
-        yield DrawnRange(f"model_error.{name}", 0.0, most, unit)
-    yield DrawnRange("thrusters.error", 0.0, largest_error(scenario.actuation), "")
-    for drawn in scenario.contact.drawn_ranges(scenario):
-        yield DrawnRange(*drawn)

@@ -10,16 +10,10 @@ from typing import Any
 from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.campaign.probability.declared_distribution import (
     declared_distribution,
-    declared_ranges,
 )
 from uvms_drake.certificate.failure_probability import failure_bound
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.tube.coupled.budget import CoupledBudget
-
-RATIOS = {"linear": "apart", "plan": "plan"}
-"""Keys of a run's ratios to declared sizes, by kind of failure; one that is not finite is stored as
-None."""
 
 
 def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
@@ -40,15 +34,13 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "no plan": result["mpc_failures"] > 0,
         "contact": max(result["losses"], wall.get("losses", 0)) > 0,
         "no touch": bool(wall) and wall["first_touch_s"] is None,
-        "mission": not result.get("mission", {"done": True})["done"],
-        **{kind: any(ratio is None or not ratio <= 1.0 for ratio in result.get(key, {}).values())
-           for kind, key in RATIOS.items()}}
+        "mission": not result.get("mission", {"done": True})["done"]}
     return tuple(kind for kind in FAILURES if did.get(kind, False))
 
 
 def certificate_in_probability(
         campaign: Campaign, scenario: Scenario, results: Sequence[Mapping[str, Any]],
-        confidence: float, coupled: CoupledBudget | None = None) -> ProbabilityCertificate:
+        confidence: float) -> ProbabilityCertificate:
     """Returns the certificate that follows from the runs 0 to N − 1 of a campaign.
 
     Args:
@@ -67,16 +59,10 @@ def certificate_in_probability(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,
         probability=failure_bound(len(results), len(failed), confidence),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
-        failed=failed, apart=_largest(results, "apart"), plan=_largest(results, "plan"),
+        failed=failed,
         distribution=tuple(declared_distribution(campaign.base)),
-        ranges=tuple(declared_ranges(campaign.base)),
-        seed=campaign.seed, campaign=campaign.identity, coupled=coupled,
+        seed=campaign.seed, campaign=campaign.identity,
         mission=", ".join(type(step).__name__.lower() for step in scenario.mission.steps),
         **inputs)
 
 
-def _largest(results: Sequence[Mapping[str, Any]], key: str) -> dict[str, float]:
-    """Returns the largest of all runs of each of the ratios under a key."""
-    found = [result[key] for result in results if key in result]
-    return {name: max(float("inf") if each[name] is None else each[name] for each in found)
-            for name in (found[0] if found else ())}

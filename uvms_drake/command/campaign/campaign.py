@@ -5,7 +5,6 @@ from contextlib import closing
 from pathlib import Path
 
 from uvms_drake.campaign.campaign import make_campaign, require_same_code
-from uvms_drake.campaign.model_uncertainty import check_draws
 from uvms_drake.campaign.store import (
     RUNS_FILE,
     SETUP_FILE,
@@ -36,9 +35,7 @@ from uvms_drake.command.run import BROKEN, note, sound
 from uvms_drake.command.workers import pool_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
-from uvms_drake.common.progress import part_of
 from uvms_drake.report.summary import format_summary
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
@@ -51,9 +48,6 @@ def run_campaign(args: argparse.Namespace) -> int:
     Every completed run is kept, even if others fail.
     """
     check_draws_and_workers(args)
-    require(0.0 <= args.model_error <= 0.5, "--model-error", args.model_error, "from 0 to 0.5")
-    require(args.model_error > 0.0 or not args.outside, "--model-error", args.model_error,
-            "above 0 with --outside")
     # The scenario, its certificate, and everything else that the runs have in common.
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, set_options(args.overrides))
@@ -62,16 +56,13 @@ def run_campaign(args: argparse.Namespace) -> int:
     pool = pool_of(args)
     with reported_in(source):
         scenario = drawable(scenario)
-        if args.model_error > 0.0 and motion_of(scenario).has_forces:
-            check_draws(scenario.model, scenario.model_error, args.model_error)
-        require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
-                                           outside=args.outside), certified=not args.uncertified)
+        require_same(output, make_campaign(scenario, args.seed, None),
+                     certified=not args.uncertified)
         note(scenario)
-        with closing(Bar("certifying the surfaces (two minutes)", stream_of(args))) as progress:
+        with closing(Bar("certifying", stream_of(args))) as progress:
             certificate = None if args.uncertified else sound(
-                certified_once(scenario, part_of(progress, 0.0, 0.2)), source)
-            campaign = make_campaign(scenario, args.seed, certificate, args.model_error,
-                                     outside=args.outside, progress=part_of(progress, 0.2, 1.0))
+                certified_once(scenario, progress), source)
+        campaign = make_campaign(scenario, args.seed, certificate)
         vary(campaign, 0)
     # The runs, and their summary.
     with run_log(output, campaign) as log:
@@ -93,13 +84,12 @@ def run_campaign(args: argparse.Namespace) -> int:
 
 def folder_of(args: argparse.Namespace, scenario: str) -> Path:
     """Returns the folder of a campaign: the one asked for, or out/<scenario>-campaign."""
-    kind = "outside" if args.outside else "campaign"
-    return args.output if args.output is not None else Path("out") / f"{scenario}-{kind}"
+    return args.output if args.output is not None else Path("out") / f"{scenario}-campaign"
 
 
 def replay_run(args: argparse.Namespace) -> int:
     """Repeats a single run of a campaign, and writes its data and figures."""
-    for name in set(vars(args)) - {"command", "parser", "scenario", "output", "outside", "replay",
+    for name in set(vars(args)) - {"command", "parser", "scenario", "output", "replay",
                                   "quiet"}:
         option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
         require(getattr(args, name) == args.parser.get_default(name), option, getattr(args, name),
@@ -124,4 +114,4 @@ def replayed(folder: Path, index: int) -> Record:
     campaign, done = read_setup(folder), read_indices(folder)
     require(index in done, "--replay", index, f"one of the {len(done)} runs in {folder}")
     require_same_code(campaign)
-    return simulate(vary(campaign, index).scenario)
+    return simulate(vary(campaign, index))

@@ -13,8 +13,6 @@ from uvms_drake.campaign.summary import format_campaign, summarise_campaign, sum
 from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.cache import store
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
-from uvms_drake.certificate.coupled.budget import coupled_budget
-from uvms_drake.certificate.coupled.linear_distance import check_linear_loop
 from uvms_drake.certificate.in_probability import cache_key
 from uvms_drake.certificate.probability_table import format_probability
 from uvms_drake.command.campaign.runs import (
@@ -29,7 +27,6 @@ from uvms_drake.command.run import BROKEN, note
 from uvms_drake.command.workers import pool_of
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.output import output_folder
-from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
@@ -56,18 +53,13 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     path = args.output if args.output is not None else Path("out") / scenario.name
     folder, pool = path / STORE, pool_of(args)
     with reported_in(scenario_source(args.scenario, set_options(args.overrides))):
-        if scenario.certificate.linear is not None:
-            check_linear_loop(scenario)
         campaign = make_campaign(drawable(scenario), args.seed, None)
         require_same(folder, campaign, certified=False)
         note(scenario)
         vary(campaign, 0)
     # The runs, stored like those of any campaign.
-    model = load_model(scenario)
     with run_log(folder, campaign) as log:
         runs = _number_of_runs(folder, args.runs, log)
-        # Before the runs: bad input of the linear loop is to be found first.
-        coupled = coupled_budget(scenario, model)
         try:
             complete(campaign, runs, log, pool, stream_of(args))
         except KeyboardInterrupt:
@@ -79,7 +71,7 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         write_results(folder, summary, times, None)
     # The certificate: in the folder, and in the cache for a run elsewhere.
     certificate = certificate_in_probability(
-        campaign, scenario, results, args.confidence, coupled)
+        campaign, scenario, results, args.confidence)
     with output_folder(path, replaced, replaces=True) as output:
         write_certificate(certificate, output.folder)
     store(cache_key(scenario), certificate.to_data())

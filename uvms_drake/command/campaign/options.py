@@ -25,16 +25,6 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
     campaign.add_argument("--uncertified", action="store_true",
                           help="run without a certificate, with the tube that the scenario "
                                "declares")
-    campaign.add_argument("--model-error", type=float, default=0.2, metavar="E",
-                          help="largest relative model error to draw, as far as the disturbance's "
-                               "bound covers it (for a bound of 0 the scenario's own errors are "
-                               "drawn; with a sensed contact none is); 0 for an exact model of "
-                               "robot, surface and water (default: %(default)s)")
-    # Events outside of the assumptions, and the repetition of a single run.
-    campaign.add_argument("--outside", action="store_true",
-                          help="in every run one event outside of the assumptions: sensor faults, "
-                               "a stuck joint, a too large disturbance, current or error of the "
-                               "model or of the surface")
     campaign.add_argument("--replay", type=int, metavar="INDEX",
                           help="repeat a single run of the campaign in --output, and write data "
                                "and figures to its folder run-<INDEX>; the campaign determines all "

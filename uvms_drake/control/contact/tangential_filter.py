@@ -25,7 +25,6 @@ from pydrake.systems.framework import (
 from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import added
-from uvms_drake.model.signals.linear import LinearLoop, Signal
 
 LARGEST_RATIO = 1.5
 """Largest ratio of 𝔣 to the force along n, for friction and the tilt of the wall; more is a
@@ -44,17 +43,6 @@ def followed(slow: np.ndarray, force: np.ndarray, direction: np.ndarray, ratio: 
     """
     across = force - (direction @ force) * direction
     return across + np.exp(-ratio) * (slow - across)
-
-
-def add_linear_filter(loop: LinearLoop, measured: Signal, direction: np.ndarray, lag: float,
-                      period: float) -> Signal:
-    """Adds the linear model of a `TangentialFilter`, and returns 𝔉_law (6,) after it."""
-    across = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    across[:3, :3] -= np.outer(direction, direction)
-    slow = loop.state("tangential force", 6)
-    loop.update(slow, across @ measured + np.exp(-period / lag) * (slow - across @ measured),
-                period)
-    return measured - across @ measured + slow
 
 
 class TangentialFilter(LeafSystem):

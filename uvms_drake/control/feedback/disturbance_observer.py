@@ -28,7 +28,6 @@ from pydrake.systems.framework import (
 from uvms_drake.common.finite import is_finite
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw, Observed, Pair
-from uvms_drake.model.signals.linear import LinearLoop, Signal
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -56,32 +55,6 @@ def prediction(model: UvmsModel, observed: Observed, now: Pair) -> Prediction:
     b = model.inverse_dynamics(measured, zeta, np.zeros_like(zeta), now.contact)
     G = np.linalg.solve(model.mass_matrix(measured), out.J[0].T).T
     return Prediction(out.rate[0], out.bias[0] - G @ b, G)
-
-
-def add_linear_observer(loop: LinearLoop, model: UvmsModel, observed: Observed,
-                        predicted: Signal, rate: Signal, G: np.ndarray, applied: Signal,
-                        delta: Signal) -> None:
-    """Adds the linear model of a `RowObserver` about a point.
-
-    Args:
-        loop: The loop.
-        model: The controller's model.
-        observed: The outputs and their rates λ.
-        predicted: Deviation of Gτ + c at the τ of the point (6+n,).
-        rate: That of ẏ.
-        G: G at the point.
-        applied: Deviation of the applied τ.
-        delta: Block of δ̂.
-    """
-    h, size = observed.period, model.size
-    impulse, rate_before, predicted_before = (
-        loop.state(f"observer's {name}", size) for name in ("impulse", "rate", "prediction"))
-    loop.flow(impulse, applied)
-    loop.update(impulse, 0.0 * impulse, h)
-    mean = (1.0 / h) * (rate - rate_before - G @ impulse) - 0.5 * (predicted + predicted_before)
-    loop.update(delta, delta + np.diag(-np.expm1(-observed.rates * h)) @ (mean - delta), h)
-    loop.update(rate_before, rate, h)
-    loop.update(predicted_before, predicted, h)
 
 
 class RowObserver(LeafSystem):

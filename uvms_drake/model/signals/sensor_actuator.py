@@ -11,7 +11,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.signals.command_path import CommandPath
-from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint, Signal
 from uvms_drake.model.uvms_model import UvmsModel
 
 ONLY_ONCE = 1e9
@@ -147,18 +146,6 @@ class Part(Component, ABC):
         """
         return CommandPath(unknown=("a part without a known delay",))
 
-    def linear(self, loop: LinearLoop, at: OperatingPoint, signal: Signal,
-               signals: dict[str, Signal]) -> Signal | None:
-        """Adds its linear model, and returns the signal after it; None, the default: unknown.
-
-        Args:
-            loop: Loop to add blocks and errors to.
-            at: Operating point.
-            signal: Deviation of the signal of `port` in `add_to`.
-            signals: Deviations of `state`, `chi` and `force`, to read, and others to add to.
-        """
-        return None
-
 
 class Sensor(Part):
     """Part between the robot's state and the controller, of the list `sensing`."""
@@ -166,23 +153,6 @@ class Sensor(Part):
 
 class Actuator(Part):
     """Part between the controller's command and the robot, of the list `actuation`."""
-
-    def modelled(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
-        """Returns the force by the controller's model while τ is exerted at rest; default: τ.
-
-        Args:
-            model: The controller's model.
-            tau: τ behind it (6+n,) [N, N m].
-        """
-        return tau
-
-    def exerted(self, model: UvmsModel, tau: np.ndarray) -> np.ndarray:
-        """Returns τ (6+n,) with the force that driven axes bring to undriven ones; default: τ.
-
-        An example is the roll moment of a lateral thruster off the origin. The arguments are those
-        of `modelled`.
-        """
-        return tau
 
 
 class Fault(Component):

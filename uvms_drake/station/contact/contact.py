@@ -28,7 +28,6 @@ from uvms_drake.station.contact.parameters import Parameter
 from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.coupled.coupled_loop import Wall
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
@@ -170,17 +169,6 @@ class Contact(ABC):
         """Yields the sentences on the distribution of `drawn`; by default nothing is drawn."""
         yield from ()
 
-    def drawn_ranges(self, scenario: "Scenario") -> Iterator[tuple[str, float, float, str]]:
-        """Yields name, smallest and largest value, and unit of the values of `drawn`."""
-        yield from ()
-
-    def drawn_values(self, scenario: "Scenario", model: ContactModel) -> dict[str, float]:
-        """Returns the values that `drawn` has chosen, by name, in SI units; none by default."""
-        return {}
-
-    def without_drawn(self, scenario: "Scenario") -> "Scenario":
-        """Returns the scenario with defaults for all that `drawn` chooses."""
-        return scenario
 
     # The certificate.
 
@@ -197,12 +185,6 @@ class Contact(ABC):
         """Returns the certified bounds of each step of a mission; see `mission_legs`."""
         return []
 
-    def linear_walls(self, wrench: np.ndarray) -> list[Wall]:
-        """Returns the linear walls that stand for the surfaces under a desired 𝔉 (6,), free first.
-
-        None by default: then there is no coupled linear loop.
-        """
-        return []
 
     def parameters(self, scenario: "Scenario") -> Iterator[Parameter]:
         """Yields the parameters whose tolerances are of interest."""

@@ -17,7 +17,6 @@ from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.mission.steps import Mission
-from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.surface_error import SurfaceError
@@ -35,13 +34,7 @@ from uvms_drake.station.contact.drawn_mission import (
     searched,
     seconds_of,
 )
-from uvms_drake.station.contact.drawn_surfaces import (
-    AT_THE_BOUND,
-    SOFTEST,
-    TRANSITIONS,
-    draw_wall,
-)
-from uvms_drake.station.problem import task_place, true_surface
+from uvms_drake.station.contact.drawn_surfaces import AT_THE_BOUND, SOFTEST, draw_wall
 from uvms_drake.station.step_bounds import friction_rate, largest_rate
 
 if TYPE_CHECKING:
@@ -136,48 +129,6 @@ def about_drawn(contact: UnknownContact, mission: Mission, forces: tuple[float, 
            f"{FARTHEST:g} m, as far as it can be pressed in time"
            + (", of this class and within the search distance wherever the mission may touch it"
               if mission.steps else ""))
-
-
-def drawn_ranges(contact: UnknownContact, forces: tuple[float, float]
-                 ) -> Iterator[tuple[str, float, float, str]]:
-    """Yields name, ends and unit of the ranges of the desired force and the wall."""
-    softest = SOFTEST * contact.stiffness
-    yield "task.force", *forces, "N"
-    yield "wall, distance", contact.clearance, FARTHEST, "m"
-    yield "wall, angle", 0.0, contact.angle, "rad"
-    yield "wall, smallest stiffness", softest, contact.stiffness, "N/m"
-    yield "wall, largest stiffness", softest, contact.stiffness, "N/m"
-    yield "wall, friction", 0.0, contact.friction, ""
-    yield "wall, dissipation", 0.0, contact.dissipation, "s/m"
-    yield "wall, transition", *TRANSITIONS, "m"
-    yield "wall, reciprocal of the creep", 0.0, 1.0 / LEAST_CREEP, "s/m"
-
-
-def drawn_values(scenario: "Scenario", model: ContactModel) -> dict[str, float]:
-    """Returns the desired force and the values of the simulated wall, if it is of a drawn kind."""
-    force = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
-    surface = true_surface(scenario)
-    if not isinstance(surface, ShapedSurface):
-        return {"task.force": force}
-    surface = surface.checked()
-    tip = model.task_pose(scenario.start.config)[:3]
-    contact = sensed_contact(scenario)
-    places = places_of(scenario.mission, contact.walls, task_place(scenario), tip)
-    depths, into = surface.geometry.depth_and_gradient(places)
-    along = np.min(into @ contact.direction / np.linalg.norm(into, axis=1))
-    least, most = surface.law.slopes
-    return {"task.force": force, "wall, distance": -float(depths[0]),
-            "wall, angle": float(np.arccos(np.clip(along, -1.0, 1.0))),
-            "wall, smallest stiffness": least, "wall, largest stiffness": most,
-            "wall, friction": surface.friction, "wall, dissipation": surface.dissipation,
-            "wall, transition": surface.law.transition,
-            "wall, reciprocal of the creep": 1.0 / surface.creep}
-
-
-def without_drawn(scenario: "Scenario") -> "Scenario":
-    """Returns the scenario with a default wall and without a desired force."""
-    return replace(scenario, surface=ShapedSurface(),
-                   task=replace(scenario.task, force=np.zeros(6)))
 
 
 def tips(scenario: "Scenario", ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:

@@ -51,14 +51,7 @@ from uvms_drake.station.contact.bounds import (
     slower,
 )
 from uvms_drake.station.contact.contact import OPERATOR, Contact, Statement
-from uvms_drake.station.contact.drawn_contact import (
-    about_drawn,
-    drawn_contact,
-    drawn_forces,
-    drawn_ranges,
-    drawn_values,
-    without_drawn,
-)
+from uvms_drake.station.contact.drawn_contact import about_drawn, drawn_contact, drawn_forces
 from uvms_drake.station.contact.hold import hold_radii
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.contact.mission_legs import Leg, legs_of
@@ -68,7 +61,6 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
 from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
 from uvms_drake.tube.contact.uneven_motion import unevenness
-from uvms_drake.tube.coupled.coupled_loop import Wall
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.estimate import Estimate, largest_of, together
 from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
@@ -361,17 +353,6 @@ class SensedContact(UnknownContact, Contact):
         return about_drawn(
             sensed_contact(scenario), scenario.mission, drawn_forces(scenario))
 
-    def drawn_ranges(self, scenario: "Scenario") -> Iterator[tuple[str, float, float, str]]:
-        """Yields the ranges of the desired force and the wall."""
-        return drawn_ranges(sensed_contact(scenario), drawn_forces(scenario))
-
-    def drawn_values(self, scenario: "Scenario", model: ContactModel) -> dict[str, float]:
-        """Returns the desired force, and the values of the wall at its point nearest to the tip."""
-        return drawn_values(scenario, model)
-
-    def without_drawn(self, scenario: "Scenario") -> "Scenario":
-        """Returns the scenario with a default wall and without a desired force."""
-        return without_drawn(scenario)
 
     def legs(self, mission: Mission, tube: TubeRadii, conditions: Sequence[Condition]
              ) -> list[Leg]:
@@ -379,14 +360,6 @@ class SensedContact(UnknownContact, Contact):
         with within("contact"):
             return legs_of(mission.checked(), self.checked(), tube, conditions)
 
-    def linear_walls(self, wrench: np.ndarray) -> list[Wall]:
-        """Returns open water and the stiffest wall of the class, without and with friction."""
-        with within("contact"):
-            contact = self.checked()
-        n = np.asarray(contact.direction, dtype=float)
-        force = float(np.asarray(wrench)[:3] @ n)
-        return [Wall(n), *(Wall(n, force, contact.stiffness, damping=force * contact.dissipation,
-                                slope=slope * force) for slope in SLOPES)]
 
     def parameters(self, scenario: "Scenario") -> Iterator[Parameter]:
         """Yields the parameters of the force sensor and of the wall, and the desired force."""

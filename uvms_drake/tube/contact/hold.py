@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.loops.row_gains import lagged_gains
-from uvms_drake.tube.loops.row_loop import RowLoop
+from uvms_drake.tube.loops.row_gains import grown_gains, lagged_gains
 
 SETTLED = 0.01
 """Relative excess of the radii over those of the fixed point, from the printed time on."""
@@ -51,10 +50,10 @@ class HoldLaw(NamedTuple):
 
     bounds: Callable[[MeasuredForceBounds, float, float], TipBounds]
     """Function of the forces and of bounds of ‖ν₂‖ and ‖q̇‖ [rad/s]."""
-    loop: RowLoop
-    """Loop of the tip's rows."""
-    age: float = 0.0
-    """Delay of its command [s]."""
+    k: float
+    """Gain of the tip's rows [1/s]."""
+    sigma: float
+    """σ of them [1/s]."""
 
 
 class Settled(NamedTuple):
@@ -79,18 +78,18 @@ def growth_of(law: HoldLaw, lag: float, period: float, rate: float) -> float:
         period: h of the sensor [s].
         rate: λ, below 1/T and the rates of the loop [1/s].
     """
-    loop, oldest = law.loop, period + law.age
-    row = float(np.max(loop.grown(rate)[:2] / loop.grown(0.0)[:2]))
+    k, sigma = law.k, law.sigma
+    row = float(np.max(grown_gains(k, sigma, rate)[:2] / grown_gains(k, sigma, 0.0)[:2]))
     # Weights of the past in a reading, and its mean age.
-    reading = math.exp(rate * oldest) / (1.0 - rate * lag)
-    delayed = (reading - 1.0) / (rate * (lag + oldest))
+    reading = math.exp(rate * period) / (1.0 - rate * lag)
+    delayed = (reading - 1.0) / (rate * (lag + period))
     # A ripple by its own kernel, or by all that a reading may miss.
     missed = 0.5 * row * (1.0 + reading)
-    if loop.at_once and lag > 0.0:
-        weighted, plain = (np.array(lagged_gains(loop.k, loop.sigma, lag, period, growth))
+    if lag > 0.0:
+        weighted, plain = (np.array(lagged_gains(k, sigma, lag, period, growth))
                            for growth in (rate, 0.0))
         missed = float(np.max(weighted / plain))
-    velocity = loop.k / (loop.k - rate)  # Of J̃‖𝔯‖, which is a row of its own.
+    velocity = k / (k - rate)  # Of J̃‖𝔯‖, which is a row of its own.
     return delayed * row * max(delayed * velocity, missed)
 
 
@@ -126,7 +125,7 @@ def settled(law: HoldLaw, approach: MeasuredForceBounds, limits: np.ndarray,
     # The shortest time of all λ for which (1) holds.
     coming, going = speeds_of(first) - speeds_of(radii), np.maximum(limits - w, 1e-12)
     ratio, time, best = math.inf, math.inf, np.full(len(radii), np.inf)
-    for rate in SHARES * min(law.loop.k, law.loop.sigma, 1.0 / max(approach.lag, 1e-9)):
+    for rate in SHARES * min(law.k, law.sigma, 1.0 / max(approach.lag, 1e-9)):
         growth = growth_of(law, approach.lag, approach.period, float(rate))
         here = growth * float(np.max(coming / going)) if w[0] < limits[0] else math.inf
         ratio = min(ratio, here)

@@ -15,7 +15,6 @@ from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, sensor_effect_of
 from uvms_drake.tube.contact.uneven_motion import TipAcceleration
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube, register_tube
-from uvms_drake.tube.loops.row_loop import RowLoop
 from uvms_drake.tube.resolved.bounds import joint_rate_radius, resolved_tube
 from uvms_drake.tube.resolved.image import tube_image
 from uvms_drake.tube.resolved.sensor_effect import SensorEffect
@@ -105,4 +104,4 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     along = TipAcceleration(sensor_effect.depth_by_force, sensor_effect.depth_by_normal,
                             sensor_effect.turning, d * gains[0] + turned)
     return LawTube(tube, (condition,), budget, estimated, check,
-                   HoldLaw(in_hold, RowLoop(k, sigma)), along)
+                   HoldLaw(in_hold, k, sigma), along)

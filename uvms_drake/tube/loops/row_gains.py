@@ -11,13 +11,14 @@ error δ = F̂ − F of a measurement F̂ with a first-order lag T, under a zero
 """
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.tube.loops.sampled_loop import PHASES, PeriodicLoop, Stretch
+from uvms_drake.tube.loops.sampled_loop import PHASES, peak_gain
 from uvms_drake.tube.resolved.bounds import joint_rate_radius
 from uvms_drake.tube.resolved.image import input_gain
 
@@ -51,7 +52,7 @@ def instant_gains(k: float, sigma: float) -> Gains:
 
 
 def moments(k: float, sigma: float) -> Gains:
-    """Returns the first moments ∫t|g(t)|dt of the impulse responses, by quadrature.
+    """Returns the first moments ∫t|g(t)|dt of the impulse responses.
 
     Times a rate they bound the loss of taking a factor of δ that changes at that rate out of the
     convolution: |∫g(τ)(J(t − τ) − J(t))δ(t − τ)dτ| ≤ sup‖J̇‖ ∫τ|g(τ)|dτ sup|δ|.
@@ -60,19 +61,29 @@ def moments(k: float, sigma: float) -> Gains:
         k: Velocity gain [1/s].
         sigma: σ [1/s].
     """
+    return _weighted(k, sigma, lambda t: t)
+
+
+def grown_gains(k: float, sigma: float, growth: float) -> np.ndarray:
+    """Returns the gains (4,) with an effect of age t counted e^(growth · t) times."""
+    return np.array(_weighted(k, sigma, lambda t: np.exp(growth * t)))
+
+
+def _weighted(k: float, sigma: float, weight: Callable[[np.ndarray], np.ndarray]) -> Gains:
+    """Returns ∫w(t)|g(t)|dt of the four impulse responses, by quadrature."""
     if abs(k - sigma) < 1e-6 * k:
         sigma = k * (1.0 - 1e-6)
     rates, span = np.array([k, sigma]), k - sigma
     t = np.unique(np.linspace(0.0, MOMENT_SPAN / rates, MOMENT_POINTS))
     decays = np.exp(-np.multiply.outer(t, rates))
-    return Gains(*(float(np.trapezoid(t * np.abs(decays @ np.array(parts)), t)) for parts in (
+    return Gains(*(float(np.trapezoid(weight(t) * np.abs(decays @ np.array(parts)), t)) for parts in (
         (-1.0 / span, 1.0 / span), (k / span, -sigma / span),
         (k**2 / span, -sigma**2 / span), (1.0, 0.0))))
 
 
 @lru_cache(maxsize=128)
 def lagged_gains(k: float, sigma: float, lag: float, period: float, growth: float = 0.0) -> Gains:
-    """Returns the gains from a force by the error of its measurement; see `PeriodicLoop`.
+    """Returns the gains from a force by the error of its measurement; see `peak_gain`.
 
     Args:
         k: Velocity gain [1/s].
@@ -92,5 +103,5 @@ def lagged_gains(k: float, sigma: float, lag: float, period: float, growth: floa
     needed = math.ceil(FINENESS * period * max(k, sigma, 1.0 / lag) / PHASES)
     points = PHASES * max(2, needed)
     A += growth * np.eye(4)
-    loop = PeriodicLoop(A, C, (Stretch(period, np.eye(4)[[0, 1, 2, 2]]),), points)
-    return Gains(*map(float, loop.flow_gain(np.array([0.0, -1.0, 1.0 / lag, 0.0]))))
+    B = np.array([0.0, -1.0, 1.0 / lag, 0.0])
+    return Gains(*map(float, peak_gain(A, B, C, np.eye(4)[[0, 1, 2, 2]], period, points)))

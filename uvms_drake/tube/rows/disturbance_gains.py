@@ -3,7 +3,6 @@
 See (1) and (2) of `tube.laws.tip_first`.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +17,7 @@ from uvms_drake.tube.contact.sensor_error import (
 from uvms_drake.tube.contact.sensor_gains import OperatorNorms, Suprema
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.loops.row_gains import lagged_gains
-from uvms_drake.tube.loops.row_loop import RATE, E, RowLoop
+from uvms_drake.tube.loops.row_gains import instant_gains, lagged_gains, moments
 from uvms_drake.tube.rows.image import Arm
 from uvms_drake.tube.search.estimate import Check, largest_of, no_estimates, together
 
@@ -27,6 +25,10 @@ VEHICLE, ATTITUDE, TIP, DEPTH, JOINTS = "vehicle", "attitude", "position", "dept
 """The blocks by their names in the budget; `DEPTH` is the row n·e_p, `JOINTS` x_q of (2)."""
 Parts = dict[str, np.ndarray]
 """Bounds (4,) of e, ė, w and ë by source."""
+
+
+E, RATE, W, ACCELERATION = range(4)
+"""Columns of gains and bounds of e, ė, w and ë."""
 
 
 class LoopGains(NamedTuple):
@@ -38,25 +40,17 @@ class LoopGains(NamedTuple):
     """Gains from a force to the effect of its delayed measurement."""
     moment: np.ndarray
     """First moments ∫t|g|."""
-    age: float
-    """Delay of the acting command [s]."""
 
 
-def loop_gains(loop: RowLoop, age: float, basis: Basis) -> LoopGains:
-    """Returns the gains of a row's loop; see `lagged_gains` for one without actuator dynamics."""
-    # ë is the feedback behind its delay, and the disturbance.
-    gains, moment, contact = loop.gains["disturbance"], loop.moment, basis.contact
-    known = np.array([*gains, 1.0 + gains.command])
+def loop_gains(k: float, sigma: float, basis: Basis) -> LoopGains:
+    """Returns the gains of a row with k and σ; see `lagged_gains`."""
+    # ë is the feedback, and the disturbance.
+    gains, moment, contact = instant_gains(k, sigma)[:3], moments(k, sigma)[:3], basis.contact
+    known = np.array([*gains, 1.0 + gains[W]])
     missed = 2.0 * known
-    if contact is not None and loop.at_once:
-        missed[:3] = lagged_gains(loop.k, loop.sigma, contact.lag, contact.period)[:3]
-    return LoopGains(known, missed, np.array([*moment, moment.command + age * gains.command]), age)
-
-
-def grown_gains(loop: RowLoop, age: float, growth: float = 0.0) -> LoopGains:
-    """Returns the gains of a loop whose states grow by e^(growth · t), for axes that turn."""
-    known = loop.grown(growth)
-    return LoopGains(known, 2.0 * known, np.zeros(4), age)
+    if contact is not None:
+        missed[:3] = lagged_gains(k, sigma, contact.lag, contact.period)[:3]
+    return LoopGains(known, missed, np.array([*moment, moment[W]]))
 
 
 class DisturbanceInputs:
@@ -152,7 +146,6 @@ class DisturbanceInputs:
 def _sensor_parts(force: MeasuredForceBounds, loop: LoopGains, A: OperatorNorms, turning: float,
                   qdot: float, turned: float) -> Parts:
     """Returns the effect of a sensor's errors on rows with suprema A, by source."""
-    force = replace(force, reading=force.reading._replace(lag=force.lag + loop.age))
     terms = np.array([
         by_source(force, A, known, missed, turning=turning, qdot=qdot, turned=turned,
                   integral=float(loop.known[E]) if column == RATE else None)

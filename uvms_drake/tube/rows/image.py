@@ -12,6 +12,7 @@ norms over the postures, and the remainder is searched. All of it is estimated. 
 tube/theory.md#image-of-the-tube-under-the-law-tip-first.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -75,6 +76,12 @@ class BlockBounds(NamedTuple):
     """Bound of ė [m/s, rad/s]."""
     w: float
     """Bound of w [m/s², rad/s²]."""
+
+
+def block_bounds(sums: Mapping[str, np.ndarray], size: int) -> list[BlockBounds]:
+    """Returns the bounds of the blocks from the bounds (4,) of e, ė, w and ë by name."""
+    return [BlockBounds(where, *map(float, sums[name][:3])) for name, where in (
+        ("vehicle", np.arange(3)), ("attitude", np.arange(3, 6)), ("joints", np.arange(6, size)))]
 
 
 @dataclass(frozen=True)
@@ -194,27 +201,6 @@ def arm_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
                 Estimate("‖J_sq⁻¹J_sv‖", carried, float(second[1])))
 
     return Arm(least / factor, carried, check)
-
-
-def free_arm(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
-             settings: CertificateSettings) -> tuple[float, Check]:
-    """Returns the least det J_g / det J_sq over the declared set, estimated, and the other search.
-
-    Positive where the arm can hold its tip's task with a free vehicle as with a fixed one:
-    det(1 − M_vv⁻¹M_vqJ_sq⁻¹J_sv), by the lemma of Sylvester. 1 for a vehicle of infinite mass.
-    """
-    def missing(x: np.ndarray) -> np.ndarray:
-        J_s, M = _task(model, rows, x), model.mass_matrix(model.kinematics(_config(x)))
-        moved = np.linalg.solve(J_s[..., 6:], J_s[..., :6])
-        carried = np.linalg.solve(M[..., :6, :6], M[..., :6, 6:])
-        out: np.ndarray = 1.0 - np.linalg.det(np.eye(6) - carried @ moved)
-        return out[:, None]
-
-    lower, upper = _postures(declared)
-    claim = max(0.0, settings.safety_factor * float(
-        supremum_over_joints(missing, lower, upper, settings.seed)[0]))
-    return 1.0 - claim, lambda: (Estimate("1 − det J_g / det J_sq", claim, max(0.0, float(
-        second_over_joints(missing, lower, upper, settings.seed)[0]))),)
 
 
 def _postures(declared: ConstraintSet) -> tuple[np.ndarray, np.ndarray]:

@@ -1,1 +1,0 @@
-"""The coupled linear loop of a scenario: its budget, and a run as that loop has it."""
