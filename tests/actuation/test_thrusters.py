@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 from support.thrusters import eight_thrusters
+from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint
 
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
@@ -17,7 +18,6 @@ from uvms_drake.actuation.thrusters import Thrusters, largest_error, with_errors
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
 
 TAU = np.array([12.0, -9.0, 7.0, 2.0, 4.0, -3.0, 1.0, 2.0, 3.0, 4.0])

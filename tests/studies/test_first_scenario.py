@@ -19,7 +19,7 @@ from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.studies import first_scenario as module
 from uvms_drake.studies import first_scenario_text as text_module
 from uvms_drake.studies.first_scenario import MARGIN, find_posture, first_scenario, strength_of
-from uvms_drake.tube.resolved.image import input_gain
+from uvms_drake.tube.row_gains import input_gain
 
 ROBOTS = ("bluerov2_alpha5", "box_uvms", "girona500_arm5e")
 

@@ -1,6 +1,7 @@
 """A certificate in probability for tests."""
 
 from uvms_drake.certificate.drawn_values import DrawnRange
+
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import load_scenario
 

@@ -6,7 +6,7 @@ from support.transfer import impulse
 
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.tip_first import BlockGains
-from uvms_drake.tube.loops.row_gains import instant_gains
+from uvms_drake.tube.row_gains import instant_gains
 
 VEHICLE, TIP = (4.0, 2.0), (20.0, 10.0)  # k, σ [1/s]
 STEP = 0.025

@@ -1,9 +1,9 @@
-"""Tests of `uvms_drake.tube.settings`."""
+"""Tests of `uvms_drake.tube.estimates`."""
 
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.tube.settings import CertificateSettings, check_settings
+from uvms_drake.tube.estimates import CertificateSettings, check_settings
 
 
 @pytest.mark.parametrize(("key", "value"), [

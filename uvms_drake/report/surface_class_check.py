@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.surface.unknown_contact import UnknownContact
-from uvms_drake.tube.contact.force_ripple import ripple
+from uvms_drake.tube.contact.sensor_error import ripple
 
 NOTHING = 1e-3
 """Rounding of a force [N]."""

@@ -18,7 +18,7 @@ from uvms_drake.model.surface.law import TipErrors
 from uvms_drake.station.motions.motions import limits_of, motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.laws.resolved import resolved_law_tube
-from uvms_drake.tube.resolved.image import input_gain
+from uvms_drake.tube.row_gains import input_gain
 
 FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)
 """Candidate gains, as fractions of the bandwidth."""

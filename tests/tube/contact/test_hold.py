@@ -8,7 +8,7 @@ from support.force_reading import reading_off
 
 from uvms_drake.tube.contact.hold import SETTLED, HoldLaw, TipBounds, growth_of, settled
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.loops.row_gains import grown_gains
+from uvms_drake.tube.row_gains import grown_gains
 
 K, LAG, PERIOD, KAPPA, GAIN = 45.0, 0.02, 0.01, 900.0, 0.2
 APPROACH = MeasuredForceBounds(

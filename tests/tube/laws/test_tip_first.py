@@ -11,17 +11,21 @@ from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.signals.command_path import CommandPath
-from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, reading_input
+from uvms_drake.tube.estimates import CertificateSettings
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
-from uvms_drake.tube.loops.row_gains import moments
-from uvms_drake.tube.rows.disturbance_gains import DisturbanceInputs, in_joints, loop_gains
-from uvms_drake.tube.rows.image import arm_of
-from uvms_drake.tube.rows.remainders import configuration_of, output_jacobian, tip_first_remainders
+from uvms_drake.tube.laws.tip_first_image import (
+    arm_of,
+    configuration_of,
+    output_jacobian,
+    tip_first_remainders,
+)
+from uvms_drake.tube.laws.tip_first_inputs import DisturbanceInputs, in_joints, loop_gains
+from uvms_drake.tube.row_gains import moments
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.nominal_motion import nominal_motion
-from uvms_drake.tube.settings import CertificateSettings
+from uvms_drake.tube.search.search_problem import nominal_motion
 
 BOUNDS = ConstraintSet(
     q_lower=np.array([-0.2, 1.0, 0.2, -0.3]), q_upper=np.array([0.2, 1.2, 0.45, 0.3]), roll=0.1,
@@ -150,7 +154,7 @@ def test_what_has_no_bound_is_void_and_says_so(model, law, message):
 
 def test_a_soft_vehicle_costs_the_tip_nothing_and_the_joints_much(model, monkeypatch):
     """To first order, which is enough for this."""
-    monkeypatch.setattr("uvms_drake.tube.rows.image.supremum",
+    monkeypatch.setattr("uvms_drake.tube.laws.tip_first_image.supremum",
                         lambda problem, x, values, leaders: np.max(values, axis=0))
     soft, stiff = (tip_first_law_tube(
         TipFirst(BlockGains(k, k), BlockGains(20.0, 10.0)), basis(model))
@@ -198,8 +202,8 @@ def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
         given.append((force, torque))
         return (len(given) - 1.0) * np.arange(20.0), np.zeros(20)
 
-    monkeypatch.setattr("uvms_drake.tube.rows.disturbance_gains.reading_input", reading)
-    monkeypatch.setattr("uvms_drake.tube.rows.image.supremum",
+    monkeypatch.setattr("uvms_drake.tube.laws.tip_first_inputs.reading_input", reading)
+    monkeypatch.setattr("uvms_drake.tube.laws.tip_first_image.supremum",
                         lambda problem, x, values, leaders: np.max(values, axis=0))
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.GRID_POINTS", 16)
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.ROUNDS", 0)

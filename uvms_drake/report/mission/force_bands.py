@@ -16,8 +16,7 @@ from uvms_drake.report.mission.attempts import attempts_of, has_mission
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.contact.hold import STANDING
 from uvms_drake.station.record import Record
-from uvms_drake.tube.contact.hold_band import hold_band
-from uvms_drake.tube.ultimate_bounds import tip_errors
+from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
 
 class ForceBands(NamedTuple):

@@ -59,10 +59,9 @@ from uvms_drake.station.contact.parameters import Parameter, contact_parameters
 from uvms_drake.station.problem import posed_task
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
-from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
-from uvms_drake.tube.contact.uneven_motion import unevenness
+from uvms_drake.tube.contact.tip_motion import JERK, second_jerk, tip_jerk, unevenness
+from uvms_drake.tube.estimates import Estimate, largest_of, together
 from uvms_drake.tube.law_tube import Basis, LawTube
-from uvms_drake.tube.search.estimate import Estimate, largest_of, together
 from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
 if TYPE_CHECKING:

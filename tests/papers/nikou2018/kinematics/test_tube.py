@@ -50,7 +50,7 @@ from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.studies.pareto_front import pareto_front
 from uvms_drake.studies.propose_gains import propose_gains
-from uvms_drake.tube.constants.constants import estimate_constants
+from uvms_drake.tube.constants import estimate_constants
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.terminal_set import (
