@@ -11,12 +11,12 @@ from uvms_drake.common.errors import require, within
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
     PAYLOAD,
     PAYLOAD_AT_REST,
     VEHICLE_WRENCH,
-    Fault,
     Part,
     Signals,
 )
@@ -152,6 +152,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
     def chain(port: OutputPort, parts: dict[str, Part]) -> OutputPort:
         return add_chain(builder, model, port, signals, parts, scenario.seed)
 
+    # Measurements, targets and faults, by the names of the controller's inputs.
     motion = motion_of(scenario)
     measured = chain(state, faults_at("sensing", faults) | keyed("sensing", scenario.sensing))
     given = {motion.measured: measured}
@@ -178,7 +179,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         given["fault"] = SolverFaults.AddToBuilder(
             builder, list(solver_faults.values()), scenario.seed, scenario.mpc.time_step
         ).get_output_port()
-
+    # Actuation, of which some controllers read the effect.
     command = controller.GetOutputPort(motion.command)
     applied = chain(command, keyed("actuation", scenario.actuation))
     if applied is not command:

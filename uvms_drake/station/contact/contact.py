@@ -102,7 +102,7 @@ class Contact(ABC):
     def measured_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
                        state: OutputPort, valid: OutputPort, signals: Signals
                        ) -> dict[str, OutputPort]:
-        """Adds what is between a measured force and a controller; by default the last valid value.
+        """Adds the systems of a measured force before a controller; by default a `HoldLastValue`.
 
         Args:
             builder: Builder to add to.

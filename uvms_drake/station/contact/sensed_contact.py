@@ -163,7 +163,7 @@ class SensedContact(UnknownContact, Contact):
     def measured_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
                        state: OutputPort, valid: OutputPort, signals: Signals
                        ) -> dict[str, OutputPort]:
-        """Adds what is between the measured force and the controller, see `Contact`.
+        """Adds the systems of the measured force before the controller, see `Contact`.
 
         ::
 
