@@ -10,9 +10,8 @@ from uvms_drake.mission.law import DONE
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
-from uvms_drake.report.mission.attempts import attempts_of, has_mission
-from uvms_drake.report.mission.mission import OUTCOMES, summarise_mission
-from uvms_drake.report.signals import settling_index
+from uvms_drake.report.mission import OUTCOMES, summarise_mission
+from uvms_drake.report.signals import attempts_of, has_mission, settling_index
 from uvms_drake.report.summary import summarise_contact
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership

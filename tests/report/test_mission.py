@@ -2,19 +2,20 @@
 
 from dataclasses import replace
 
-import matplotlib
 import numpy as np
 import pytest
+from support.drawings import panels_of
 from support.missions import OFF, TIMES, mission_record
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.command.files import write_data
 from uvms_drake.control.limits import HoldRadii
 from uvms_drake.mission.law import FORCE_LOST, RUNNING, SKIPPED
-from uvms_drake.report.figure_style import STYLE
-from uvms_drake.report.figures import FIGURES, figures_of
-from uvms_drake.report.mission.attempts import attempts_of, losses_of
-from uvms_drake.report.mission.inspection import COLUMNS, inspection_table, learned_normals
+from uvms_drake.report.contact_figures import mission_drawing
+from uvms_drake.report.drawing import draw
+from uvms_drake.report.figures import figures_of
+from uvms_drake.report.mission import COLUMNS, inspection_table, learned_normals
+from uvms_drake.report.signals import attempts_of, losses_of
 from uvms_drake.report.summary import format_summary, summarise, summarise_contact
 from uvms_drake.tube.contact.hold_band import hold_band
 from uvms_drake.tube.ultimate_bounds import tip_errors
@@ -177,13 +178,12 @@ def test_the_normal_that_is_learned_on_a_straight_way_has_no_friction_in_it(fric
 
 def test_the_figure_has_the_force_over_time_and_line(record):
     assert "mission.png" in figures_of(record.scenario)
-    with matplotlib.rc_context(STYLE):
-        figure = FIGURES["mission.png"](record)
-    over_time, over_line, off = figure.axes
-    assert over_line.get_xlim()[1] == pytest.approx(96.0, abs=3.0)
-    (line,) = off.get_lines()
-    assert np.asarray(line.get_ydata()) == pytest.approx(np.full(100, 1e3 * OFF))
-    assert [text.get_text() for text in over_time.texts] == ["approach", "hold", "slide", "retreat"]
+    over_time, over_line, off = panels_of(mission_drawing(record))
+    assert np.max(over_line.series[0].x) == pytest.approx(96.0, abs=3.0)
+    (line,) = off.series
+    assert line.y == pytest.approx(np.full(100, 1e3 * OFF))
+    assert [mark.text for mark in over_time.instants] == ["approach", "hold", "slide", "retreat"]
+    assert len(draw(mission_drawing(record)).axes) == 3
 
 
 def test_places_are_those_of_the_navigation(record):

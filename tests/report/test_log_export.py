@@ -12,8 +12,7 @@ import pytest
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.report.log_table import format_log
-from uvms_drake.report.mcap_log import write_mcap
+from uvms_drake.report.log_export import format_log, write_mcap
 
 
 def table_of(record):
