@@ -2,13 +2,13 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.probability import NAME, made
+from support.probability import made
 from support.synthetic import desiring, synthetic_record
 
+from uvms_drake.actuation import Thrusters
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.mpc.planner import KEPT
@@ -18,8 +18,6 @@ from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report import signals
 from uvms_drake.report.signals import settling_index
 from uvms_drake.report.summary import EVENT_LINES, format_summary, summarise, summarise_claim
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import load_scenario
 
 KEYS = {
     "scenario", "seed", "versions", "duration_s", "wall_time_s", "real_time_factor", "mpc",
@@ -499,13 +497,30 @@ def test_without_contact_there_is_no_first_touch():
     assert (contact["first_touch_s"], contact["losses"]) == (None, 0)
 
 
-def test_a_claim_in_probability_names_values_and_walls_that_are_not_declared():
-    scenario = load_scenario(NAME, ["current=[0.0, 0.3, 0.0]"])
-    record = SimpleNamespace(scenario=scenario, model=load_model(scenario))
+def test_a_claim_in_probability_names_walls_that_are_not_declared():
     seen = {"out_of_class": {"friction": {"specified": 0.5, "observed": 0.61}}}
-    claim = summarise_claim(record, made((1, 2)), seen)
+    claim = summarise_claim(made((1, 2)), seen)
     assert (claim["failures"], claim["runs"], claim["confidence"]) == (2, 60, 0.95)
     assert claim["outside"] == [
-        "current, horizontal is 0.3, declared from 0 to 0.1 m/s",
         "contact.friction was seen to be 0.61, declared up to 0.5"]
-    assert summarise_claim(record, None, seen) is None
+    assert summarise_claim(None, seen) is None
+
+
+def test_the_summary_has_each_thrusters_forces_and_limits():
+    """Forces of a sine of 80 N; the third thruster is at its limit in a quarter of the time."""
+    base = synthetic_record(4.0)
+    wave = np.sin(np.pi * base.time)[:, None] * np.ones(5)
+    command = 0.5 * wave
+    command[:, 2] = np.where(base.time < 1.0, 1.0, 0.0)
+    record = replace(base, scenario=replace(base.scenario, actuation=[Thrusters()]), signals={
+        "thruster_command": command, "thruster_force": 80.0 * wave})
+    rows = summarise(record)["thrusters"]
+    assert list(rows) == ["surge_port", "surge_starboard", "heave_bow", "heave_stern", "sway"]
+    row = rows["heave_bow"]
+    assert (row["least"], row["largest"]) == pytest.approx((-80.0, 80.0), rel=1e-2)
+    assert row["rms"] == pytest.approx(80.0 / np.sqrt(2.0), rel=1e-2)
+    assert (row["lower"], row["upper"]) == (-95.122, 104.659)
+    assert row["at_limit"] == pytest.approx(0.25, abs=0.01)
+    assert rows["sway"]["at_limit"] == 0.0
+    assert "heave_bow: -80 to 80 N of -95.12 to 104.7 N, 56." in format_summary(summarise(record))
+    assert summarise(base)["thrusters"] == {}

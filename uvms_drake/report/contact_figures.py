@@ -22,6 +22,7 @@ from uvms_drake.report.figure_style import (
     VERMILION,
     XYZ,
 )
+from uvms_drake.report.metrics import summarise_force
 from uvms_drake.report.mission import COLUMNS, inspection_table, lateral_errors
 from uvms_drake.report.signals import (
     attempts_of,
@@ -32,7 +33,6 @@ from uvms_drake.report.signals import (
     surface_slope,
     wrench_unit,
 )
-from uvms_drake.report.summary import summarise_force
 from uvms_drake.station.contact.bounds import safe_depth_margin, sensed_contact
 from uvms_drake.station.problem import task_place, true_surface
 from uvms_drake.station.record import Record
