@@ -1,7 +1,7 @@
 """Figures as data: columns of panels, panels of series; `draw` is the one function that draws.
 
-A figure of a run is a function from its `Record` to a `Drawing`, which names what is shown, in
-which unit and style, and nothing of Matplotlib but the styles of lines.
+A figure of a run is a function from its `Record` to a `Drawing` of signals with their units and
+styles; of Matplotlib it knows the styles of lines alone.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
