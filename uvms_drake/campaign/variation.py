@@ -65,7 +65,7 @@ def vary(campaign: Campaign, index: int) -> Scenario:
         plan, conditions = first_plan(first, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
-        # An unknown surface, the disturbance, faults, and what the scenario declares as unknown.
+        # An unknown surface, the disturbance, faults, and the declared unknowns.
         scenario = base.contact.drawn(scenario, first, rng)
         unknown = as_declared(scenario.unknowns, rng)
         return replace(
