@@ -11,7 +11,9 @@ on the hull and friction on the joints, over Mᵢᵢ; the gains k = σ are the s
 bound of the deviation, ‖J_pos Ŵ‖d̃/(kσ) at the posture, is a fifth of the force on the wall.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +26,7 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.report.robot.robot_sheet import largest_wrench
-from uvms_drake.studies.holding import Holding, coordinate, what_helps
+from uvms_drake.setup.holding import Holding, coordinate, what_helps
 from uvms_drake.tube.resolved.image import input_gain
 
 POSTURES = 3000
@@ -65,6 +67,10 @@ STIFFNESS = 1000.0
 """Stiffness of the wall of the base [N/m]."""
 WEAKEST = 0.2
 """Least share of the disturbance that is worth a certificate."""
+LAG_MARGIN = 0.5
+"""Gain times lag of a loop that is far from its edge of stability, which is at 2 for k = σ."""
+TEMPLATE = Path(__file__).with_name("first_scenario.template")
+"""Text of a scenario's file, with a name in braces for each of its numbers."""
 
 
 class Strength(NamedTuple):
@@ -351,3 +357,69 @@ def _lag(uvms: Uvms) -> float:
 def _unit(i: int) -> str:
     return "N" if i < 3 else "N m"
 
+
+def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
+    """Returns the text of a scenario's file.
+
+    Args:
+        found: Its numbers.
+        model: As `model` has it: a name or a path from the file's folder.
+        robot: Name of the robot.
+    """
+    n, force = len(found.posture), float(np.linalg.norm(found.force))
+    bound = float(found.disturbance[0])
+    weights = found.disturbance / bound
+    known = np.isfinite(found.strength.force)
+    thrust = "thrusters.yaml" if np.any(known[:6]) else "unknown without thrusters.yaml"
+    tau = np.where(known, found.strength.force, np.ceil(4.0 * np.abs(found.tau_eq) + 20.0))
+    text = TEMPLATE.read_text(encoding="utf-8").format(
+        robot=robot, model=model, undriven=", ".join(found.undriven), force=force,
+        lag=_lag_note(found), eta=_row(found.eta),
+        posture=_row(found.posture), normal=_exact(-found.force / force),
+        covered="" if found.covered == 1.0 else f"{found.covered:.0%} of ",
+        current=CURRENT, friction=FRICTION, bound=_number(bound), weights=_row(weights, 2),
+        wrench=_exact([*found.force, 0.0, 0.0, 0.0]), pose=_row([0.0, 0.0, 0.0, *found.pose]),
+        frame=_exact(found.frame), dexterity=found.dexterity, tolerance=_number(0.1 * force),
+        tip_pitch=_number(max(0.4, 0.3 + abs(float(found.pose[1])))),
+        static=_number(max(3.0 * force, force + 3.0)),
+        q_lower=_row(-_floored(-found.q_limits[0]), 10),
+        q_upper=_row(_floored(found.q_limits[1]), 10),
+        thrust=thrust,
+        u=_row(found.u, 2), tau=_row(tau, 3), tube_u=_row(2.0 * found.disturbance, 2),
+        weight_y=_row([20.0] * 3 + [10.0] * 3 + [2.0] * n),
+        weight_zeta=_row([5.0] * 6 + [10.0] * n),
+        weight_u=_row(np.clip(1.5 / found.u**2, 0.005, 30.0), 2), gain=_number(found.gain),
+        step=min(0.02, 0.2 / found.gain))
+    return "".join(f"{_aligned(line)}\n" for line in text.splitlines())
+
+
+def _aligned(line: str) -> str:
+    value, mark, comment = line.partition("  # ")
+    return f"{value:<32}{mark}{comment}" if value.strip() and mark else line
+
+
+def _lag_note(found: FirstScenario) -> str:
+    if found.lag == 0.0:
+        return ""
+    most = LAG_MARGIN / found.lag
+    return (f"\n# Thrusters with a delay of {found.lag:g} s allow gains of about {most:.2g} 1/s:\n"
+            "# with them, see the law of `girona500_real_loop`.")
+
+
+def _number(value: float) -> str:
+    return f"{float(f'{value:.3g}'):.10g}"
+
+
+def _floored(values: np.ndarray) -> np.ndarray:
+    """Returns numbers with four decimals that are no larger, but for rounding."""
+    out: np.ndarray = np.floor(1e4 * values + 1e-6) / 1e4
+    return out
+
+
+def _row(values: Iterable[float], digits: int = 4) -> str:
+    rounded = (0.0 if abs(value) < 1e-9 else float(f"{value:.{digits}g}") for value in values)
+    return "[" + ", ".join(f"{value:.10g}" for value in rounded) + "]"
+
+
+def _exact(values: Iterable[float]) -> str:
+    return "[" + ", ".join(f"{value + 0.0:.17g}" for value in values) + "]"

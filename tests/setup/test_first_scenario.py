@@ -14,11 +14,10 @@ from uvms_drake.command.main import main
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.report.robot.robot_sheet import sheet_of
+from uvms_drake.setup import first_scenario as module
+from uvms_drake.setup.first_scenario import MARGIN, find_posture, first_scenario, strength_of
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.studies import first_scenario as module
-from uvms_drake.studies import first_scenario_text as text_module
-from uvms_drake.studies.first_scenario import MARGIN, find_posture, first_scenario, strength_of
 from uvms_drake.tube.resolved.image import input_gain
 
 ROBOTS = ("bluerov2_alpha5", "box_uvms", "girona500_arm5e")
@@ -206,8 +205,10 @@ def test_the_arm_of_the_bluerov2_presses_straight_ahead(tmp_path):
 
 
 def test_what_a_run_would_refuse_is_not_written(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(text_module, "TEXT", text_module.TEXT.replace(
-        "k: {gain}", "k: 1000000000.0"))
+    wild = tmp_path / "wild.template"
+    wild.write_text(module.TEMPLATE.read_text("utf-8").replace("k: {gain}", "k: 1000000000.0"),
+                    encoding="utf-8")
+    monkeypatch.setattr(module, "TEMPLATE", wild)
     file = tmp_path / "press.yaml"
     assert main(["scenario", "--new", str(file), "--robot", "box_uvms"]) == 2
     assert "simulator.max_step_size = 0.01: must be at most 1.1e-09" in capsys.readouterr().err

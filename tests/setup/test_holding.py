@@ -9,8 +9,8 @@ from support.robots import altered
 
 from uvms_drake.command.main import main
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
-from uvms_drake.studies.first_scenario import find_posture
-from uvms_drake.studies.holding import Holding
+from uvms_drake.setup.first_scenario import find_posture
+from uvms_drake.setup.holding import Holding
 
 G = 9.81
 UP = "weight_called_force/up_arm"
