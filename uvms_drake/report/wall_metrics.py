@@ -7,8 +7,7 @@ import numpy as np
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
-from uvms_drake.report.mission.attempts import has_mission, losses_of
-from uvms_drake.report.signals import settling_index
+from uvms_drake.report.signals import has_mission, losses_of, settling_index
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
 from uvms_drake.station.problem import true_surface

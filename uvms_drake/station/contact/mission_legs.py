@@ -2,7 +2,7 @@
 
 In a hold the force error is bounded by `UnknownContact.band`, with the plan at its target, and by
 `hold_band` once that has stood. In a slide the bound depends on the lag behind the target, which is
-known only in the run, see `report.mission.mission`. The static force is at most `contact.force`.
+known only in the run, see `report.mission`. The static force is at most `contact.force`.
 """
 
 from collections.abc import Sequence
