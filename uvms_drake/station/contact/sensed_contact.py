@@ -60,16 +60,14 @@ from uvms_drake.station.contact.mission_legs import Leg, legs_of
 from uvms_drake.station.problem import posed_task
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
-from uvms_drake.tube.contact.tip_motion import JERK, second_jerk, tip_jerk, unevenness
-from uvms_drake.tube.estimates import Estimate, largest_of, together
+from uvms_drake.tube.contact.tip_motion import tip_jerk, unevenness
+from uvms_drake.tube.estimates import together
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario
 
-SAFETY_OF_JERK = 1.1
-"""Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
 SLOPES = 0.0, 15.0
 """Slopes of friction by the tip's speed over the force, of the linear walls [s/m]: of a tip that
 sticks, and of one that slips at half of a creep velocity of 25 mm/s with μ = 0.2."""
@@ -204,22 +202,20 @@ class SensedContact(UnknownContact, Contact):
         """
         if not np.size(tube.radii.u):
             return tube
-        # Remainder of the contact's part of the input, with a second search for its check.
+        # Remainder of the contact's part of the input.
         contact, settings, declared = sensed_contact(scenario), basis.settings, basis.declared
         radii, measured = resolved_radii(tube.radii), self.force_bounds(scenario)
         assert radii.joints is not None and radii.orientation is not None  # they are filled in
         largest = np.hypot(1.0, contact.friction) * largest_normal_force(contact)
-        worst, second = contact_input_remainder(
-            basis.model, declared.q_lower, declared.q_upper, largest, radii.joints,
-            radii.orientation, settings.seed)
+        remainder, of_remainder = contact_input_remainder(
+            basis.model, declared, largest, radii.joints, radii.orientation, settings)
         # Jerk of the tip, by which a plan leaves its limits between knots.
         tangential = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
         planned, cone = slower(declared, radii), contact.tool_angle + np.arctan(tangential)
-        tip = SAFETY_OF_JERK * tip_jerk(basis.model, planned, scenario.mpc.time_step, cone,
-                                        10 * settings.constant_samples, settings.seed)
+        tip, of_jerk = tip_jerk(basis.model, planned, scenario.mpc.time_step, cone,
+                                10 * settings.constant_samples, settings.seed)
         jerk = np.hypot(1.0, tangential) * tip
         # The tube that plans are tightened by: both added to the radii.
-        remainder = settings.safety_factor * worst
         u_remainder, tau_remainder = np.split(remainder, 2)
         tau = tube.radii.tau
         radii = replace(tube.radii, u=tube.radii.u + u_remainder,
@@ -268,11 +264,7 @@ class SensedContact(UnknownContact, Contact):
                       pressing_force(scenario), "<", largest_force(with_tube), theorem=SAFE_REGION,
                       topic="task.force"),
             *mission_conditions(with_tube)), tube.budget, tube.estimated,
-            together(tube.check, lambda: (
-                largest_of("remainder of u in contact", remainder, second),
-                Estimate(JERK, tip, second_jerk(
-                    basis.model, planned, scenario.mpc.time_step, cone, settings.seed)))),
-            tube.hold, tube.along)
+            together(tube.check, of_remainder, of_jerk), tube.hold, tube.along)
 
     @staticmethod
     def _unevenness(scenario: "Scenario", tube: LawTube, force: MeasuredForceBounds, jerk: float
