@@ -48,6 +48,7 @@ from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
 from uvms_drake.control.mpc.solver_faults import (
@@ -57,13 +58,10 @@ from uvms_drake.control.mpc.solver_faults import (
     solver_fault,
 )
 from uvms_drake.control.ocp import scp
-from uvms_drake.papers.nikou2018 import Kinematic
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.report.events import events
 from uvms_drake.sensing.faults import FrozenState, LostState
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.dynamic import Dynamic
-from uvms_drake.station.parts import check_faults
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -80,8 +78,9 @@ STEP = 0.2
 def scenario_of(duration: float, *faults, overrides=()):
     scenario = load_scenario("girona500_ideal", [
         f"duration={duration}", f"log_period={PERIOD}", CLOSE, *overrides])
-    check_faults(faults, Dynamic())
-    return replace(scenario, faults=list(faults))
+    scenario = replace(scenario, faults=list(faults))
+    check_values(scenario)
+    return scenario
 
 
 def run(scenario):
@@ -317,7 +316,6 @@ def test_a_stuck_joint_is_noted(joint):
 
 def kinematic(*faults):
     scenario = load_scenario("paper_kinematic_certified", ["duration=1.5"])
-    check_faults(faults, Kinematic())
     return run(replace(scenario, faults=list(faults)))
 
 

@@ -137,7 +137,7 @@ def test_private_top_level_keys_are_room_for_anchors(tmp_path):
     ("surface=!Wall {}", "surface = '!Wall': must be a mapping tagged !UnilateralPlane or "
                          "!BilateralSpring"),
     ("simulator.integration_scheme=euler", "must be one of"),
-    ("simulator.max_step_size=-1", "simulator.max_step_size = -1.0: must be positive"),
+    ("simulator.max_step_size=-1", "simulator.max_step_size = -1.0: must be zero or positive"),
     ("name=a/b", "name = 'a/b': must be usable as the name of a folder"),
     ("seed", "--set = 'seed': must be key.path=value"),
     ("a..b=1", "--set = 'a..b=1': must be key.path=value"),
