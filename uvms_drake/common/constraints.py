@@ -7,6 +7,7 @@ They hold of every component of an array. Constraints of several fields together
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ class Constraint:
 
     allowed: str
     """The allowed values, as the end of "must be ..."."""
-    holds: Callable[[np.ndarray], object]
+    holds: Callable[[Any], Any]
     """Whether an array of numbers, all of them finite, or a text has such values."""
 
     def check(self, key: str, value: object) -> None:

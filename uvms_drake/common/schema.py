@@ -201,7 +201,8 @@ def check_values(struct: object, key: str = "") -> None:
         struct: A dataclass, or one of Drake's config structs.
         key: Its dotted path, for the error.
     """
-    for name, declared in _annotated(type(struct)).items():
+    fields = _annotated(type(struct))  # type: ignore[arg-type]  # It is hashable.
+    for name, declared in fields.items():
         _check_value(declared, getattr(struct, name), f"{key}.{name}" if key else name)
     if hasattr(struct, "check"):
         with within(key) if key else contextlib.nullcontext():

@@ -183,12 +183,6 @@ def test_a_deadline_throws_plans_away_that_take_longer():
     assert_tube_kept(record, report)
 
 
-@pytest.mark.parametrize("value", ["0", "-1"])
-def test_a_deadline_is_positive(value):
-    with pytest.raises(InvalidParameter, match=r"^mpc\.deadline = .*: must be positive$"):
-        make_station(scenario_of(1.0, overrides=[f"mpc.deadline={value}"]))
-
-
 # Faults of the measurement -----------------------------------------------------------------------
 
 

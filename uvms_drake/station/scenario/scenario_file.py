@@ -21,17 +21,17 @@ from uvms_drake.common.schema import parse_yaml, read_yaml
 from uvms_drake.model.description.robot_folder import shipped_robots
 from uvms_drake.station.scenario.modules import from_folder
 
-_DRAWN = "left out: a loop that is not ideal is certified by drawn runs of all of it (certify --runs)"
+_DRAWN = "left out: drawn runs certify a loop that is not ideal (certify --runs)"
 GONE_KEYS = {
     "certificate.plans": _DRAWN,
     "certificate.linear": _DRAWN,
 }
-"""What replaces each key that scenarios had in former versions, as the end of "must be ..."."""
+"""Allowed in place of each key that scenarios once had, as the end of "must be ..."."""
 GONE_SCENARIOS = {
     "girona500_sampled": "girona500_contact (ideal), or girona500_real_loop with drawn runs",
     "girona500_lag": "girona500_contact (ideal), or girona500_real_loop with drawn runs",
 }
-"""What replaces each scenario that was shipped with former versions."""
+"""Replacement of each scenario that was once shipped."""
 
 
 def refuse_gone(raw: object, key: str = "") -> None:
