@@ -9,7 +9,7 @@ from support.probability import made
 from support.synthetic import desiring, synthetic_record
 
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.mpc.planner import KEPT
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.disturbance import ConstantDisturbance

@@ -65,7 +65,7 @@ def inputs_at_the_task(ocp: Ocp) -> list[Condition]:
     return [Condition(f"{part} at the task, over its tightened limit", float(used), "<", 1.0,
                       theorem=TERMINAL)
             for limit in ocp.lasting_limits.values() if limit.about == "input"
-            for part, used in zip(limit.parts, limit.used(at_rest), strict=True)]
+            for part, used in zip(limit.labels, limit.used(at_rest), strict=True)]
 
 
 def worst_of(conditions: Sequence[Condition]) -> Condition | None:
