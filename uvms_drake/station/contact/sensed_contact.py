@@ -28,10 +28,13 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
-from uvms_drake.plant.model_error import ModelError
-from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
-from uvms_drake.sensing.hold_last_value import HoldLastValue
-from uvms_drake.sensing.repeated_readings import CHANCE, chance_of_run, run_of_frozen
+from uvms_drake.sensing.force_fault_detector import (
+    CHANCE,
+    ForceFaultDetector,
+    chance_of_run,
+    run_of_frozen,
+)
+from uvms_drake.sensing.measurements import HoldLastValue
 from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.bounds import (
     BETWEEN_KNOTS,
@@ -55,7 +58,6 @@ from uvms_drake.station.contact.drawn_contact import about_drawn, drawn_contact,
 from uvms_drake.station.contact.hold import hold_radii
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.contact.mission_legs import Leg, legs_of
-from uvms_drake.station.contact.parameters import Parameter, contact_parameters
 from uvms_drake.station.problem import posed_task
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
@@ -360,17 +362,6 @@ class SensedContact(UnknownContact, Contact):
         with within("contact"):
             return legs_of(mission.checked(), self.checked(), tube, conditions)
 
-
-    def parameters(self, scenario: "Scenario") -> Iterator[Parameter]:
-        """Yields the parameters of the force sensor and of the wall, and the desired force."""
-        return contact_parameters(scenario)
-
-    def allowances(self, error: ModelError) -> dict[str, float]:
-        """Returns the error of a reading, and the acceleration of a payload that is read."""
-        read = {"contact.force_error": self.force_error}
-        if error.payload.present:
-            read["model_error.payload.acceleration"] = error.payload.acceleration
-        return read
 
     def assumed_settings(self) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""

@@ -1,0 +1,143 @@
+"""Thrusters as systems: allocation of a wrench to commands, and the forces that follow them."""
+
+import numpy as np
+from pydrake.systems.framework import (
+    Context,
+    ContinuousState,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+    State,
+)
+
+from uvms_drake.common.wiring import added, output_of
+from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+class ThrusterAllocation(LeafSystem):
+    """Thruster commands for a wrench; see `Allocation`.
+
+    .. pydrake_system::
+
+        name: ThrusterAllocation
+        input_ports:
+        - tau
+        - state
+        - force
+        output_ports:
+        - command
+        - shortfall
+        - hover
+
+    - `tau` (6+n): (τ_v, τ_q), of which τ_v is read, in axes of B about its origin [N, N m].
+    - `state`: (𝔮, ζ) (2(6+n)), the true one; read by `hover` only, as is the next.
+    - `force`: 𝔉 (6), the true one [N, N m].
+    - `command` (m): to the thrusters' drivers, in their own unit.
+    - `shortfall` (6): part of τ_v that the thrusters cannot give at rest [N, N m].
+    - `hover` (m): commands of static equilibrium at the present configuration.
+
+    It has no state.
+
+    Args:
+        model: Supplies the wrench of hovering.
+        allocation: Allocation to the thrusters of the controller's model.
+    """
+
+    def __init__(self, model: UvmsModel, allocation: Allocation):
+        super().__init__()
+        self._model, self._allocation = model, allocation
+        tau, state, force = (self.DeclareVectorInputPort(name, size) for name, size in (
+            ("tau", model.size), ("state", 2 * model.size), ("force", 6)))
+        self._state_port, self._force_port = state, force
+        m = allocation.thrusters.size
+        output_of(self, "command", m, lambda c: self._command(tau.Eval(c)[:6]), {tau.ticket()})
+        output_of(self, "shortfall", 6, lambda c: allocation.shortfall(tau.Eval(c)[:6]),
+                  {tau.ticket()})
+        output_of(self, "hover", m, self._hover, {state.ticket(), force.ticket()})
+
+    def _command(self, wrench: np.ndarray) -> np.ndarray:
+        return self._allocation.thrusters.commands_of(self._allocation.forces(wrench))
+
+    def _hover(self, context: Context) -> np.ndarray:
+        model, still = self._model, np.zeros(self._model.size)
+        kinematics = model.kinematics(self._state_port.Eval(context)[: model.size])
+        tau = model.inverse_dynamics(kinematics, still, still, self._force_port.Eval(context))
+        return self._command(tau[:6])
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, allocation: Allocation, *,
+                     tau: OutputPort, state: OutputPort, force: OutputPort,
+                     name: str = "allocation") -> "ThrusterAllocation":
+        """Adds the allocation and connects it; the arguments are its constructor's and inputs."""
+        return added(builder, name, ThrusterAllocation(model, allocation),
+                     tau=tau, state=state, force=force)
+
+
+class ThrusterDynamics(LeafSystem):
+    """Forces of thrusters: their curves behind a dead time and a first-order lag.
+
+    .. pydrake_system::
+
+        name: ThrusterDynamics
+        input_ports:
+        - command
+        - hover
+        output_ports:
+        - force
+
+    - `command` (m): to the thrusters' drivers, in their own unit; sampled.
+    - `hover` (m): stationary commands before the start; read there only.
+    - `force` (m): present forces [N]; no feedthrough.
+
+    The continuous state is the force (m). The discrete state is whether the simulation has started
+    (1), and the static forces of the samples within the dead time, the oldest first ((steps + 1)
+    m), which the lag follows. The curves are static, so they may precede the dead time.
+
+    Args:
+        thrusters: Their curves and lags.
+        period: Time between two samples of the command [s].
+        steps: Dead time in periods.
+    """
+
+    def __init__(self, thrusters: ThrusterModel, period: float, steps: int):
+        super().__init__()
+        self._thrusters, m = thrusters, thrusters.size
+        self._command_port = self.DeclareVectorInputPort("command", m)
+        self._hover_port = self.DeclareVectorInputPort("hover", m)
+        self.DeclareContinuousState(m)
+        self.DeclareDiscreteState(1)
+        self.DeclareDiscreteState((steps + 1) * m)
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._begin)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
+        output_of(self, "force", m, lambda c: c.get_continuous_state_vector().CopyToVector(),
+                  {self.xc_ticket()})
+
+    def _begin(self, context: Context, state: State) -> None:
+        if not context.get_discrete_state(0).value()[0]:
+            forces = self._thrusters.forces_of(self._hover_port.Eval(context))
+            state.get_mutable_continuous_state().SetFromVector(forces)
+            samples = state.get_mutable_discrete_state()
+            samples.set_value(1, np.tile(forces, samples.value(1).size // forces.size))
+
+    def _sample(self, context: Context, state: DiscreteValues) -> None:
+        samples = context.get_discrete_state(1).value()
+        newest = self._thrusters.forces_of(self._command_port.Eval(context))
+        state.set_value(0, [1.0])
+        state.set_value(1, np.append(samples[newest.size:], newest))
+
+    def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
+        """Sets the derivative ḟ of the forces."""
+        force = context.get_continuous_state_vector().CopyToVector()
+        followed = context.get_discrete_state(1).value()[: force.size]
+        derivatives.SetFromVector((followed - force) / self._thrusters.lag)
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, thrusters: ThrusterModel, period: float, steps: int,
+                     *, command: OutputPort, hover: OutputPort, name: str = "thrusters"
+                     ) -> "ThrusterDynamics":
+        """Adds the thrusters and connects them; the arguments are the constructor's and inputs."""
+        return added(builder, name, ThrusterDynamics(thrusters, period, steps),
+                     command=command, hover=hover)
