@@ -33,7 +33,7 @@ NARROW = 5e-3
 NESTED = "merged: nested models are refused: <include merge=\"true\">, or all links in one model"
 """Rule for a model within a model."""
 UNCHECKED = ("material", "transmission")
-"""Elements of files of others that have many forms; what is read of them is checked there."""
+"""Elements of files of others that have many forms: numbers in them are checked when read."""
 LIKE = {False: 0.6, True: 0.8}
 """Likeness from which a name is another one, mistyped: in a robot's own file, in one of others."""
 LISTED = 4

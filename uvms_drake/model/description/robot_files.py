@@ -186,7 +186,7 @@ def parse(plant: MultibodyPlant, file: Path, kind: str, text: str, included: dic
         for name, each in included.items():
             (Path(folder) / name).write_text(each, encoding="utf-8")
 
-        def told(error: object) -> str:
+        def message_of(error: object) -> str:
             line = _one_line(error).replace(f"{folder}/", "")
             for text_itself in (f"<literal-string>.{kind}", "<data-string>"):
                 line = line.replace(text_itself, file.name)
@@ -196,8 +196,8 @@ def parse(plant: MultibodyPlant, file: Path, kind: str, text: str, included: dic
             with _heard(log):
                 instances = parser.AddModelsFromString(text, kind)
         except Exception as error:  # RuntimeError, ValueError and others, by the mistake.
-            raise InvalidFile([f"{file}: must be a readable robot: {told(error)}"]) from None
-        log = [told(each) for each in log]
+            raise InvalidFile([f"{file}: must be a readable robot: {message_of(error)}"]) from None
+        log = [message_of(each) for each in log]
     # Warnings that Drake writes to its log only.
     replaced = [each for each in log if "inertia" in each]
     if replaced:

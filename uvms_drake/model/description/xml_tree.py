@@ -1,8 +1,7 @@
 """XML with the line of every element, read and written so that the lines stay the same.
 
 Prefixes such as `drake:` are parts of the names, whether they are declared or not, as they are to
-Drake's parsers. What a URDF has in attributes, an SDFormat file has in elements: `Node.value` finds
-both.
+Drake's parsers. Attributes of URDF are elements in SDFormat: `Node.value` finds both.
 """
 
 from collections.abc import Iterator

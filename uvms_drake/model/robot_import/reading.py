@@ -111,7 +111,7 @@ class _Source:
         self.text, self.included = "", dict[str, str]()
 
     def take(self, root: Node, scope: str, depth: int) -> str:
-        """Takes the model of a file, in a scope of names, and returns what Drake reads of it."""
+        """Takes the model of a file, in a scope of names, and returns the text for Drake."""
         kind = "urdf" if root.tag == "robot" else "sdf"
         for link in (node for node in root.walk() if node.tag == "link" and kind == "sdf"):
             for inertial in link.all("inertial"):
@@ -252,7 +252,7 @@ class _Source:
 
 
 def _kept(node: Node, table: dict[str, Element]) -> Node:
-    """Returns an element with what is left to Drake."""
+    """Returns an element with the parts that are left to Drake."""
     given = {key: text for key, text in node.attributes.items()
              if key in table[node.tag].attributes and key != "auto"}
     return replace(node, attributes=given, children=[

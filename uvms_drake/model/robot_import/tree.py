@@ -1,6 +1,6 @@
 """A robot as a file has it: links, joints, frames and plugins, in the file's own axes.
 
-Drake's plant of it has masses, poses and axes; what it does not have is read from the XML.
+Drake's plant of it has masses, poses and axes; all else is read from the XML.
 """
 
 from dataclasses import dataclass, field
@@ -53,7 +53,7 @@ class Link:
     body: RigidBody = field(init=False)
     """In the plant."""
     X: RigidTransform = field(default_factory=RigidTransform)
-    """Pose, with the joints where they are held."""
+    """Pose, with the joints at `Tree.values`."""
 
 
 @dataclass
@@ -77,7 +77,7 @@ class Joint:
     parent: str = ""
     child: str = ""
     X: RigidTransform = field(default_factory=RigidTransform)
-    """Pose of its frame, with the joints where they are held."""
+    """Pose of its frame, likewise."""
     axis: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     """In axes of its frame."""
     joint: DrakeJoint = field(init=False)
@@ -96,7 +96,7 @@ class Tree:
     """Scope of the names in it, and its element."""
     plant: MultibodyPlant = field(default_factory=lambda: MultibodyPlant(time_step=0.0))
     """The robot alone, without shapes."""
-    held: dict[str, float] = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
     """Values of the joints that are not at zero [rad, m]."""
 
     def complete(self, robot: ModelInstanceIndex) -> None:
@@ -150,12 +150,12 @@ class Tree:
         return found
 
     def context(self, values: dict[str, float]) -> Context:
-        """Returns the plant's context with joints at values, the others where they are held."""
-        context, held = self.plant.CreateDefaultContext(), self.held | values
+        """Returns the plant's context with joints at values, the others where they stay."""
+        context, values = self.plant.CreateDefaultContext(), self.values | values
         positions = self.plant.GetPositions(context)
         for name, joint in self.joints.items():
             if joint.kind in MOVING:
-                positions[joint.joint.position_start()] = held.get(name, 0.0)
+                positions[joint.joint.position_start()] = values.get(name, 0.0)
         self.plant.SetPositions(context, positions)
         return context
 
@@ -165,7 +165,7 @@ class Tree:
 
     def hold(self, values: dict[str, float]) -> None:
         """Moves joints to values [rad, m], at which they stay."""
-        self.held |= values
+        self.values |= values
         context = self.context({})
         for link in self.links.values():
             link.X = self.pose(link.name, context)
