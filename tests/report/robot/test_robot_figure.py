@@ -23,7 +23,7 @@ def covered(scene: RobotScene, middle: np.ndarray, eye: list[float]) -> np.ndarr
 
 
 def test_a_square_is_where_and_as_large_as_it_is_whatever_its_distance():
-    """0.6 m × 0.3 m, 3 m above the robot and 4 m ahead, from above; nothing is there from starboard."""
+    """0.6 m × 0.3 m, 3 m above the robot and 4 m ahead, from above."""
     middle = np.array([4.0, 0.5, -3.0])
     corners = middle + np.array([[x, y, 0.0] for x in (-0.3, 0.3) for y in (-0.15, 0.15)])
     square = corners[[[0, 1, 3], [0, 3, 2]]]

@@ -40,7 +40,7 @@ LIGHTS = [LightParameter(type="directional", frame=frame, direction=direction, i
           for frame, direction, intensity in (
               ("world", [0.3, -0.3, 0.9], 0.6), ("world", [0.9, -0.3, 0.1], 0.5),
               ("camera", [0.0, 0.0, 1.0], 0.5))]
-"""From above and from behind in Σ_I, whose z points down, and from the eye."""
+"""Lights from above and from behind in Σ_I, whose z points down, and from the eye."""
 
 
 class RobotScene:
