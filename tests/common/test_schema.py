@@ -10,6 +10,7 @@ from pydrake.common.yaml import yaml_load_typed
 
 from uvms_drake.common.constraints import NotNegative, OneOf, Positive, Vector
 from uvms_drake.common.errors import InvalidParameter, ScenarioError, require
+from uvms_drake.common.kinds import offer
 from uvms_drake.common.schema import check_values, conform, dump_typed, load_typed, parse_yaml
 
 
@@ -171,4 +172,7 @@ def test_the_constraints_of_a_schema_are_checked_at_load_and_in_python(raw, text
 
 
 def test_drakes_own_loader_reads_a_schema_with_constraints():
+    offer(Springs, Spring)
     assert yaml_load_typed(schema=Spring, data="{stiffness: 2, limit: 3}").limit == 3.0
+    with pytest.raises(InvalidParameter):
+        load_typed(Spring, {"limit": -3.0})
