@@ -44,8 +44,8 @@ GAP = 0.03
 SAMPLES = 1000
 """Number of samples for the first value that is reached."""
 MOST_BOXES, MOST_WORK = 40_000, 16_000_000
-"""Boxes of a constant, and their vertices times rows of a block, of which norms are taken: one of one
-more joint has twice the vertices. An arm of four joints is below it at 40 000 boxes."""
+"""Boxes of a constant; vertices of boxes times rows of a block, of which norms are taken: one of
+a joint more has twice the vertices. An arm of four joints is below it at 40 000 boxes."""
 ROUNDING = 1e-9
 """Relative allowance for rounding: a few thousand operations of relative error 1e-16."""
 PROVABLE = {"J_position_max": "position", "J_attitude_max": "attitude", "J_max": "task",

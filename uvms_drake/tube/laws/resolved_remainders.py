@@ -6,7 +6,8 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import wrap_angle
-from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.frames.spatial import cross, cross_motion, times
+from uvms_drake.model.uvms_model import Kinematics
 from uvms_drake.tube.search.search_problem import (
     NominalMotion,
     SearchProblem,
@@ -35,8 +36,8 @@ def remainders(model: ContactModel, nominal: NominalMotion, nominal_u: np.ndarra
     J_bar = model.extended(nominal.kinematics.J_chi)
     y_bar = np.concatenate([nominal.kinematics.chi, nominal.config[..., 6:]], axis=-1)
     y_dot = times(J_bar, nominal.zeta)
-    J_bar_rate = model.task_jacobian_rate(nominal.kinematics, nominal.zeta)
-    y_ddot = times(J_bar_rate, nominal.zeta) + times(J_bar, nominal_u + nominal.drift)
+    y_ddot = jacobian_rate_times(nominal.kinematics, nominal.zeta, nominal.zeta) + times(
+        J_bar, nominal_u + nominal.drift)
 
     # The real state, and the input of the law in it.
     config = model.configuration(y_bar + e_y)
@@ -47,8 +48,8 @@ def remainders(model: ContactModel, nominal: NominalMotion, nominal_u: np.ndarra
     zeta_ref = seen - sigma * p
     zeta = zeta_ref + r
     e_dot = times(J, zeta) - y_dot
-    J_rate = model.task_jacobian_rate(real, zeta)
-    zeta_ref_dot = times(inverse, y_ddot - sigma * e_dot - times(J_rate, zeta_ref))
+    zeta_ref_dot = times(inverse, y_ddot - sigma * e_dot - jacobian_rate_times(
+        real, zeta, zeta_ref))
     f, M = model.drift_and_inertia(real, zeta)
     u_remainder = zeta_ref_dot - f + sigma * r - sigma**2 * p - nominal_u
     # Less the linear parts of (1).
@@ -56,6 +57,36 @@ def remainders(model: ContactModel, nominal: NominalMotion, nominal_u: np.ndarra
     return np.concatenate([
         seen - nominal.zeta, attitude, u_remainder,
         times(M, u_remainder + nominal_u) - times(nominal.M, nominal_u)], axis=-1)
+
+
+def jacobian_rate_times(kinematics: Kinematics, zeta: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Returns J̇_x w (..., 6+n) along 𝔮̇ = Γζ, of real or complex numbers.
+
+    As in `UvmsModel.task_jacobian_rate`, J = A X_E [I, s₁ … s_n], and a screw is carried along by
+    its link: d/dt(X_E s) = X_E (V − V_E) × s. With ȯ = T ω_E, Ṫ = −T Ė T for E = T⁻¹.
+    """
+    screw, A_E, X_E = kinematics.screw, kinematics.A_E, kinematics.J_links[..., -1, :, :6]
+    carried = np.cumsum(screw * zeta[..., 6:, None], axis=-2)  # Vⱼ − V₀ of the joints
+    V_E = zeta[..., :6] + (carried[..., -1, :] if screw.shape[-2] else 0.0)
+    tip = w[..., :6] + np.sum(screw * w[..., 6:, None], axis=-2)
+    moved = cross_motion(zeta[..., :6] - V_E, w[..., :6]) + np.sum(cross_motion(
+        zeta[..., None, :6] + carried - V_E[..., None, :], screw) * w[..., 6:, None], axis=-2)
+    own, along = times(X_E, V_E), times(X_E, tip)
+    o_zeta, o_w = times(A_E, own)[..., 3:], times(A_E, along)[..., 3:]
+    turned = np.concatenate([cross(own[..., 3:], along[..., :3]),
+                             -_rate_of_inverse(kinematics.chi[..., 3:], o_zeta, o_w)], axis=-1)
+    rate = times(A_E, turned + times(X_E, moved))
+    return np.concatenate([rate, np.zeros_like(w[..., 6:] * rate[..., :1])], axis=-1)
+
+
+def _rate_of_inverse(rpy: np.ndarray, rate: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Returns Ė w (..., 3), E = T⁻¹ of `euler.inverse_rate_matrix`, with `rate` = ȯ (..., 3)."""
+    sin, cos = np.sin(rpy), np.cos(rpy)
+    sf, st, cf, ct = sin[..., 0], sin[..., 1], cos[..., 0], cos[..., 1]
+    across = rate[..., 0] * w[..., 1] + rate[..., 1] * w[..., 2] * st
+    about = rate[..., 0] * w[..., 2] * ct
+    return np.stack([-rate[..., 1] * w[..., 2] * ct, cf * about - sf * across,
+                     -sf * about - cf * across], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from uvms_drake.tube.estimates import (
     no_estimates,
     together,
 )
+from uvms_drake.tube.laws.resolved_remainders import jacobian_rate_times
 from uvms_drake.tube.search.ascent import first_order
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import (
@@ -297,7 +298,7 @@ def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal: Nominal
     J_bar = output_jacobian(model, config_bar, at, rows)
     y_dot = times(J_bar, zeta_bar)
     y_ddot = (times(J_bar, nominal_u + nominal.drift)
-              + output_bias(model, config_bar, at, zeta_bar, rows))
+              + output_bias(config_bar, at, zeta_bar, rows))
 
     # The real state, and the acceleration of the law in it but for w.
     config = configuration_of(model, rows, config_bar, at, x)
@@ -307,7 +308,7 @@ def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal: Nominal
     x_dot = np.broadcast_to(x_dot, config.shape)
     e_dot = np.concatenate([x_dot[..., :6], times(J[..., 6:, 6:], x_dot[..., 6:])], axis=-1)
     zeta = times(inverse, y_dot + e_dot)
-    zeta_dot = times(inverse, y_ddot - output_bias(model, config, real, zeta, rows))
+    zeta_dot = times(inverse, y_ddot - output_bias(config, real, zeta, rows))
     f, M = model.drift_and_inertia(real, zeta)
     u_remainder = zeta_dot - f - nominal_u
     turned = pose_difference(real.chi, at.chi + 0.0 * real.chi)[..., 3:]
@@ -323,11 +324,11 @@ def output_jacobian(model: ContactModel, config: np.ndarray, kinematics: Kinemat
     return np.concatenate([J_eta, model.extended(kinematics.J_chi)[..., rows, :]], axis=-2)
 
 
-def output_bias(model: ContactModel, config: np.ndarray, kinematics: Kinematics,
-                zeta: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def output_bias(config: np.ndarray, kinematics: Kinematics, zeta: np.ndarray, rows: np.ndarray
+                ) -> np.ndarray:
     """Returns J̇_y ζ (..., 6+n)."""
-    J_rate = model.task_jacobian_rate(kinematics, zeta)[..., rows, :]
-    return np.concatenate([vehicle_motion(config, zeta)[2], times(J_rate, zeta)], axis=-1)
+    return np.concatenate([vehicle_motion(config, zeta)[2],
+                           jacobian_rate_times(kinematics, zeta, zeta)[..., rows]], axis=-1)
 
 
 def configuration_of(model: ContactModel, rows: np.ndarray, nominal_config: np.ndarray,
