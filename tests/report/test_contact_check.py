@@ -10,8 +10,7 @@ from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.model.surface.unknown_contact import HoldForces, UnknownContact
 from uvms_drake.report.contact_check import departures, force_bands, has_stood, summarise_bands
 from uvms_drake.report.summary import broken, format_bands, summarise
-from uvms_drake.tube.contact.hold_band import hold_band
-from uvms_drake.tube.ultimate_bounds import tip_errors
+from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
 HOLD = HoldRadii(time=0.5, depth=3e-4, position=4e-4, advance=0.01, standing=0.0025, reading=1.5,
                  age=0.03)

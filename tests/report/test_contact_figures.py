@@ -15,8 +15,7 @@ from uvms_drake.report.figure_style import COLUMN_WIDTH, STYLE
 from uvms_drake.report.figures import make_figures
 from uvms_drake.report.html import format_report
 from uvms_drake.station.contact.bounds import safe_depth_margin
-from uvms_drake.tube.contact.hold_band import hold_band
-from uvms_drake.tube.ultimate_bounds import tip_errors
+from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
 PANELS = ["force along $n$ [N]", "depth [mm]", "stiffness [N/m]", "", "depth [mm]"]
 

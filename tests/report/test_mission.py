@@ -18,8 +18,7 @@ from uvms_drake.report.metrics import summarise_contact
 from uvms_drake.report.mission import COLUMNS, inspection_table, learned_normals
 from uvms_drake.report.signals import attempts_of, losses_of
 from uvms_drake.report.summary import format_summary, summarise
-from uvms_drake.tube.contact.hold_band import hold_band
-from uvms_drake.tube.ultimate_bounds import tip_errors
+from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,8 @@ from uvms_drake.report.signals import attempts_of, has_mission
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.contact.hold import STANDING
 from uvms_drake.station.record import Record
-from uvms_drake.tube.contact.force_ripple import ripple
-from uvms_drake.tube.contact.hold_band import hold_band
-from uvms_drake.tube.ultimate_bounds import tip_errors
+from uvms_drake.tube.contact.sensor_error import ripple
+from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
 NOTHING = 1e-3
 """Rounding of a force [N]."""

@@ -12,7 +12,7 @@ from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
-from uvms_drake.tube.contact.force_ripple import ripple
+from uvms_drake.tube.contact.sensor_error import ripple
 
 LAST_SECONDS = 2.0
 """Length of the window at the end over which the force is averaged [s]."""

@@ -14,8 +14,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.contact.hold_band import hold_band
-from uvms_drake.tube.ultimate_bounds import tip_errors
+from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
-"""Tests of `uvms_drake.tube.loops.row_gains`, against a simulation of all pulses of a force."""
+"""Tests of `uvms_drake.tube.row_gains`, against a simulation of all pulses of a force."""
 
 import numpy as np
 import pytest
 
-from uvms_drake.tube.loops.row_gains import Gains, instant_gains, lagged_gains
+from uvms_drake.tube.row_gains import Gains, instant_gains, lagged_gains
 
 STEPS = 20
 """Pulses in a period."""

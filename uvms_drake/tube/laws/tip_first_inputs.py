@@ -16,10 +16,10 @@ from uvms_drake.tube.contact.sensor_error import (
 )
 from uvms_drake.tube.contact.sensor_gains import OperatorNorms, Suprema
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
+from uvms_drake.tube.estimates import Check, largest_of, no_estimates, together
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.loops.row_gains import instant_gains, lagged_gains, moments
-from uvms_drake.tube.rows.image import Arm
-from uvms_drake.tube.search.estimate import Check, largest_of, no_estimates, together
+from uvms_drake.tube.laws.tip_first_image import Arm
+from uvms_drake.tube.row_gains import instant_gains, lagged_gains, moments
 
 VEHICLE, ATTITUDE, TIP, DEPTH, JOINTS = "vehicle", "attitude", "position", "depth", "joints"
 """The blocks by their names in the budget; `DEPTH` is the row n·e_p, `JOINTS` x_q of (2)."""

@@ -1,14 +1,15 @@
-"""Tests of `uvms_drake.tube.resolved.image`."""
+"""Tests of `uvms_drake.tube.laws.resolved_image`."""
 
 import numpy as np
 import pytest
 
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.tube.resolved.image import input_gain, tube_image
-from uvms_drake.tube.resolved.remainders import remainders
+from uvms_drake.tube.laws.resolved_image import tube_image
+from uvms_drake.tube.laws.resolved_remainders import remainders
+from uvms_drake.tube.row_gains import input_gain
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.nominal_motion import nominal_motion
+from uvms_drake.tube.search.search_problem import nominal_motion
 
 K, SIGMA, D = 20.0, 5.0, 0.1
 WEIGHTS = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 1.0, 0.5, 0.8, 1.0])

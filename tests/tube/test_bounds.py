@@ -1,4 +1,4 @@
-"""`tube.resolved.bounds` on random systems whose constants are known."""
+"""`tube.row_gains` on random systems whose constants are known."""
 
 import math
 
@@ -8,7 +8,7 @@ from support.random_systems import COUNT, integrate, norm, run_resolved
 from support.tube_bounds import resolved_preimage_tube, resolved_velocity_radius, rise
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.tube.resolved.bounds import (
+from uvms_drake.tube.row_gains import (
     joint_rate_radius,
     preimage_shift,
     resolved_tube,

@@ -17,12 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.tube.resolved.bounds import attitude_radii, joint_rate_radius, preimage_shift
-from uvms_drake.tube.resolved.search_problems import RemainderProblem, turning_problem
-from uvms_drake.tube.resolved.sensor_effect import SensorEffect
+from uvms_drake.tube.contact.sensor_error import SensorEffect
+from uvms_drake.tube.estimates import Check, Estimate, largest_of, together
+from uvms_drake.tube.laws.resolved_remainders import RemainderProblem, turning_problem
+from uvms_drake.tube.row_gains import (
+    attitude_radii,
+    input_gain,
+    joint_rate_radius,
+    preimage_shift,
+)
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import Check, Estimate, largest_of, together
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.search.search_memo import once
 from uvms_drake.tube.search.search_problem import Part, SearchProblem
@@ -102,19 +107,6 @@ def _filled(parts: list[Part]) -> list[Part]:
 def _blocks(size: int) -> tuple[slice, slice, slice]:
     """Returns the components of ν₁, ν₂ and q̇."""
     return slice(0, 3), slice(3, 6), slice(6, size)
-
-
-def input_gain(k: float, sigma: float) -> float:
-    """Returns the L₁ norm of ((k + σ)s + kσ)/((s + k)(s + σ)), symmetric in k and σ.
-
-    Its impulse response (k² e^{−kt} − σ² e^{−σt})/(k − σ) changes its sign once, at
-    t* = 2 ln(k/σ)/(k − σ); with F(t) the integral up to t and F(∞) = 1, the norm is 2F(t*) − 1.
-    """
-    if abs(k - sigma) < 1e-6 * k:
-        sigma = k * (1.0 - 1e-6)
-    t_star = 2.0 * np.log(k / sigma) / (k - sigma)
-    part = (k * (1.0 - np.exp(-k * t_star)) - sigma * (1.0 - np.exp(-sigma * t_star))) / (k - sigma)
-    return float(2.0 * part - 1.0)
 
 
 def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.ndarray, *,

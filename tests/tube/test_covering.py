@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.tube.constants.covering` and of `boxes`, whose bounds it uses."""
+"""Tests of `uvms_drake.tube.covering`."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,9 +10,8 @@ from support.tiny_robots import drill, drill_attitude_norm, oblique, telescope, 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.tube.constants.boxes import BLOCKS, JacobianBoxes
-from uvms_drake.tube.constants.constants import sampled_values
-from uvms_drake.tube.constants.covering import BATCH, PROVABLE, cover, prove_constants
+from uvms_drake.tube.constants import sampled_values
+from uvms_drake.tube.covering import BATCH, BLOCKS, PROVABLE, JacobianBoxes, cover, prove_constants
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 BOUNDS = ConstraintSet(
@@ -140,7 +139,7 @@ def test_large_multipliers_give_a_bound_where_only_curvature_makes_a_state_feasi
     for k in range(5):
         value, flat = g.value[0, :, k], np.abs(g.slope[0, :, k]) < 0.05
         others = np.all(np.delete(g.value[0], k, axis=1) < 0.0, axis=1)
-        monkeypatch.setattr("uvms_drake.tube.constants.boxes._multipliers", only(k))
+        monkeypatch.setattr("uvms_drake.tube.covering._multipliers", only(k))
         for i in boxes._free:
             half = np.zeros(centres.shape[1])
             half[i] = 0.3
@@ -354,7 +353,7 @@ def test_an_arm_without_special_geometry_is_covered_too():
 def test_the_same_arguments_give_the_same_proof(model, monkeypatch):
     first = prove_constants(model, BOUNDS, ("J_attitude_max",), max_boxes=300, samples=100)
     # The same budget as so many boxes: of q1, q2, q3 and φ, 16 vertices, of 3 rows.
-    monkeypatch.setattr("uvms_drake.tube.constants.covering.MOST_WORK", 300 * 16 * 3)
+    monkeypatch.setattr("uvms_drake.tube.covering.MOST_WORK", 300 * 16 * 3)
     again = prove_constants(model, BOUNDS, ("J_attitude_max",), samples=100)
     assert 300 <= first["J_attitude_max"].samples < 300 + 2 * BATCH
     assert first["J_attitude_max"].to_data() == again["J_attitude_max"].to_data()

@@ -1,8 +1,8 @@
-"""Tests of `uvms_drake.tube.search.estimate`."""
+"""Tests of `uvms_drake.tube.estimates`."""
 
 import numpy as np
 
-from uvms_drake.tube.search.estimate import Estimate, largest_of, unrefuted
+from uvms_drake.tube.estimates import Estimate, largest_of, unrefuted
 
 
 def test_a_claim_that_a_second_search_beats_is_refuted():
