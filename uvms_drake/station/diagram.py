@@ -24,7 +24,7 @@ from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
-from uvms_drake.visual.illustration import Illustration
+from uvms_drake.visual.scene import Illustration
 
 UNLOGGED = {"plant_state", "configuration"}
 """Outputs of vectors of a plant that are no signals: they are `state` in other coordinates."""
