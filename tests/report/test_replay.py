@@ -2,17 +2,14 @@
 
 import re
 from base64 import b64decode
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from screenshots import write_still
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
-from uvms_drake.control.limits import TubeRadii
 from uvms_drake.report import replay
 from uvms_drake.report.replay import frame_indices, moment_of, write_replay
-from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.visual.contact import KNOWN
 from uvms_drake.visual.scene import Scene
 

@@ -1,4 +1,4 @@
-"""A contact in the picture: the surface, the forces on it, its estimate, and what was pressed on.
+"""Contact in the picture: surface, forces, estimate, and the paint of the pressed places.
 
 A recording keeps no change of colour (see `stage`), so a dot of the paint keeps its colour, and
 another one takes its place where the force has changed.
@@ -51,7 +51,7 @@ Estimate = Mapping[str, np.ndarray]
 def draw_surface(stage: Stage, law: Surface, goal: np.ndarray) -> Callable[[np.ndarray], None]:
     """Draws a surface about a place (3,); returns the function that deforms it by a tip at χ.
 
-    A wall has a dent as deep as the tip; another shape is undeformed; what is none is a spring.
+    A wall has a dent as deep as the tip; other shapes are undeformed; without a shape it is a spring.
     """
     path, normal, count = f"{NED}/wall", law.normal, SQUARES * FINE + 1
     if normal is not None:
