@@ -100,7 +100,7 @@ class SensedContact(UnknownContact, Contact):
         """Returns the true surface: the nominal model has none."""
         return check_surface(true)
 
-    def check(self, scenario: "Scenario") -> None:
+    def check_in(self, scenario: "Scenario") -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this contact."""
         require(scenario.motion == "dynamic", "contact", type(self).__name__,
                 "!KnownSurface, if the motion is kinematic")
