@@ -51,7 +51,7 @@ Estimate = Mapping[str, np.ndarray]
 def draw_surface(stage: Stage, law: Surface, goal: np.ndarray) -> Callable[[np.ndarray], None]:
     """Draws a surface about a place (3,); returns the function that deforms it by a tip at χ.
 
-    A wall has a dent as deep as the tip; other shapes are undeformed; without a shape it is a spring.
+    A wall has a dent as deep as the tip; other shapes keep theirs; one without a shape is a spring.
     """
     path, normal, count = f"{NED}/wall", law.normal, SQUARES * FINE + 1
     if normal is not None:
@@ -170,7 +170,7 @@ class DrawnEstimate:
                 stage, f"{board}/{name}/number", unit, 9999.0, LINE, color)
 
     def show(self, estimate: Estimate, tip: np.ndarray) -> None:
-        """Draws the estimate with the tip at a place (3,) in Σ_I; hides what is not known."""
+        """Draws the estimate with the tip at a place (3,) in Σ_I; unknown parts are hidden."""
         depths = {name: float(estimate[name][0]) if estimate else np.nan
                   for name in ("safe_depth", "contact_depth", "stiffness_estimate")}
         explored = depths["safe_depth"] + self._margin
