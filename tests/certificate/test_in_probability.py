@@ -20,7 +20,7 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.certificate.in_probability import ProbabilityCertificate, read_any_certificate
 from uvms_drake.certificate.probability_table import format_probability, sentences
-from uvms_drake.command.run import sound
+from uvms_drake.command.certificates import sound
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario

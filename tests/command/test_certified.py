@@ -200,7 +200,7 @@ def test_a_stale_certificate_is_refused(committed, capsys):
     assert capsys.readouterr().err == (
         f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; use "
         "another --output, or make it again: uvms-drake certify girona500_ideal --set "
-        f"disturbance.bound=0.09 --set duration=0.1 --output {committed}\n")
+        f"duration=0.1 --set disturbance.bound=0.09 --output {committed}\n")
     assert written(committed) == {"certificate.json"}
     assert path.read_text(encoding="utf-8") == text
 

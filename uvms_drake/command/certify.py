@@ -11,11 +11,11 @@ from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     write_certificate,
 )
+from uvms_drake.command.certificates import note
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.largest import find_largest, take_largest
 from uvms_drake.command.paper import beside_the_paper, check_paper, take_paper
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
-from uvms_drake.command.run import note
 from uvms_drake.command.workers import take_workers
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
