@@ -26,9 +26,8 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Signals
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.sensing.hold_last_value import HoldLastValue
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at, keyed
-from uvms_drake.station.plant import applied_disturbance
+from uvms_drake.station.plant import applied_disturbance, make_simulated_uvms
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.series_connection import (
@@ -146,13 +145,13 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     Raises:
         InvalidParameter: A value of the scenario cannot be used, or a port is missing.
     """
-    motion, builder, signals = motion_of(scenario), DiagramBuilder(), Signals()
-    motion.check(scenario)
-    uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, scenario.start.config))
+    builder, signals = DiagramBuilder(), Signals()
+    uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(
+        scenario, None, scenario.start.config))
     builder.AddNamedSystem("controller", controller)
     WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
     is_tube = controller.HasInputPort("force_valid")
-    add_signals(motion, scenario.contact, signals, uvms=uvms,
+    add_signals(scenario.contact, signals, uvms=uvms,
                 tube_mpc=controller if is_tube else None)
 
     # Sensors.

@@ -18,7 +18,6 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 
 
-
 @dataclass(frozen=True)
 class Campaign:
     """Everything that the runs share; run number `index` is a function of this and of `index`."""

@@ -17,12 +17,7 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.command.files import folder, take_scenario
-from uvms_drake.command.paper import (
-    beside_the_paper,
-    check_comparisons,
-    print_laws,
-    take_comparisons,
-)
+from uvms_drake.command.own_simulation import certify_own
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.command.run import note
 from uvms_drake.command.workers import take_workers
@@ -30,8 +25,6 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.output import output_folder
 from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
@@ -58,7 +51,6 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.add_argument("--tune", type=float, metavar="BANDWIDTH",
                          help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
                               "force error")
-    take_comparisons(certify)
     runs = certify.add_argument_group("certificate in probability, from drawn runs")
     runs.add_argument("--runs", type=int, metavar="N",
                       help="draw N runs of the declared distribution and bound the probability "
@@ -81,7 +73,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     if args.runs is not None:
         from uvms_drake.command.campaign.certify_runs import certify_by_runs
 
-        _require_default(args, ("tolerances", "sweep_gains", "tune", "paper", "compare_laws"),
+        _require_default(args, ("tolerances", "sweep_gains", "tune"),
                          "with --runs")
         return certify_by_runs(args, names)
     _require_default(args, ("confidence", "seed", "workers", "scheduler"), "without --runs")
@@ -98,9 +90,11 @@ def certify_scenario(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, set_options(args.overrides))
     require(args.tune is None or 0.0 < args.tune < np.inf, "--tune", args.tune, "positive")
-    with reported_in(source):
-        _check_studies(args, motion_of(scenario), scenario.ancillary)
     path = args.output if args.output is not None else Path("out") / scenario.name
+    if scenario.simulation:
+        return certify_own(args, scenario, path)
+    with reported_in(source):
+        _check_studies(args, scenario.ancillary)
     with output_folder(path, names, replaces=True) as output:
         with reported_in(source):
             model = check_inputs(scenario)  # Before anything is announced.
@@ -109,14 +103,13 @@ def certify_scenario(args: argparse.Namespace) -> int:
             with closing(Bar(CERTIFYING, stream_of(args), is_steady=False)) as progress:
                 certificate = certified_once(scenario, progress, model)
             seconds = time.perf_counter() - started
-            certificate = beside_the_paper(args, certificate, scenario, model)
         write_certificate(certificate, output.folder)
         _draw_budget(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
     force = force_bounds(
         certificate, scenario.contact.force_limit(scenario.limits), scenario.task.force)
     print(format_overview(certificate, force, seconds))
-    print(f"\n{format_certificate(certificate)}" if args.full or args.paper else
+    print(f"\n{format_certificate(certificate)}" if args.full else
           "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     # Requested studies.
@@ -143,7 +136,6 @@ def certify_scenario(args: argparse.Namespace) -> int:
         step = largest_step(scheme, np.array([-law.k, -law.sigma]))
         if step < scenario.simulator.max_step_size:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
-    print_laws(args, scenario, model)
     return 0 if certificate.certified else 1
 
 
@@ -169,13 +161,9 @@ def _draw_budget(certificate: Certificate, folder: Path) -> None:
             draw_budget(budget, margin).savefig(folder / BUDGET_FILE)
 
 
-def _check_studies(args: argparse.Namespace, motion: Motion, law: AncillaryLaw) -> None:
+def _check_studies(args: argparse.Namespace, law: AncillaryLaw) -> None:
     """Raises `InvalidParameter` for the first requested study that does not apply."""
     from uvms_drake.studies.pareto_front import check_pareto_front
 
     if args.sweep_gains:
-        check_pareto_front(motion, law)
-    check_comparisons(args, motion, law)
-    for option in ("tune", "tolerances"):
-        require(getattr(args, option) in (None, False) or motion.has_forces,
-                "motion", motion.name, f"dynamic, for --{option.replace('_', '-')}")
+        check_pareto_front(law)

@@ -1,4 +1,4 @@
-"""The paper on the command line: the sub-command `errata`, and two options of `certify`.
+"""The sub-command `errata` of the paper.
 
 No other file outside of `papers` imports a paper; scenarios name one by their key `modules`.
 """
@@ -8,16 +8,11 @@ import logging
 import sys
 from contextlib import closing
 
-from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.command.files import folder, take_quiet
 from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.output import output_folder
 from uvms_drake.common.progress import part_of
-from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.scenario.scenario import Scenario
 
 ERRATA_FILE = "errata.md"
 
@@ -55,45 +50,3 @@ def list_errata(args: argparse.Namespace) -> int:
     if args.output is not None:
         print(f"written to {args.output}: {', '.join(sorted(output.kept))}", file=sys.stderr)
     return 0 if all(erratum.wrong for erratum in errata) else 1
-
-
-def take_comparisons(certify: argparse.ArgumentParser) -> None:
-    """Adds the options of `certify` that compare with the paper."""
-    certify.add_argument("--paper", action="store_true",
-                         help="also search for the constants of the paper's Lemma, and print its "
-                              "radii with these gains and this disturbance")
-    certify.add_argument("--compare-laws", action="store_true",
-                         help="also print both laws with several gains: certified radius, radius "
-                              "reached by an adversary, radius of the paper")
-
-
-def check_comparisons(args: argparse.Namespace, motion: Motion, law: AncillaryLaw) -> None:
-    """Raises `InvalidParameter` for the first requested comparison that does not apply."""
-    if args.paper:
-        from uvms_drake.papers.nikou2018.comparison import check_comparison
-
-        check_comparison(motion, law)
-    if args.compare_laws:
-        from uvms_drake.papers.nikou2018.compare_laws import check_laws
-
-        check_laws(motion)
-
-
-def beside_the_paper(args: argparse.Namespace, certificate: Certificate, scenario: Scenario,
-                     model: ContactModel) -> Certificate:
-    """Returns the certificate, with the paper's radii if they are requested."""
-    if not args.paper:
-        return certificate
-    from uvms_drake.papers.nikou2018.comparison import with_paper
-
-    return with_paper(certificate, scenario, model)
-
-
-def print_laws(args: argparse.Namespace, scenario: Scenario, model: ContactModel) -> None:
-    """Prints the comparison of both laws, if it is requested."""
-    if args.compare_laws:
-        from uvms_drake.papers.nikou2018.compare_laws import compare_laws, format_laws
-
-        with closing(Bar("comparing both laws", stream_of(args))) as progress:
-            rows = compare_laws(scenario, model, progress=progress)
-        print(f"\n{format_laws(rows)}")

@@ -40,7 +40,6 @@ from uvms_drake.report.mission.mission_figure import draw_mission
 from uvms_drake.report.robot.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits
 from uvms_drake.report.thrusters import draw_thrusters, part_of
-from uvms_drake.station.motions.motions import motion_of, motions
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -64,7 +63,7 @@ def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, fl
         output_dir: Folder of the files, created if missing.
         bounds: Ultimate bounds of the run's certificate, if it has one.
     """
-    figures = FIGURES | motion_of(record.scenario).figures() | {FORCE: partial(
+    figures = FIGURES | {FORCE: partial(
         draw_contact, certified=(bounds or {}).get("force"))}
     paths, folder = [], Path(output_dir)
     certified_for = [f"certified for {about}: {statement}" for about, statement in scope_of(
@@ -93,17 +92,10 @@ def _add_footer(figure: Figure, paragraphs: Sequence[str]) -> None:
 
 def figures_of(scenario: Scenario) -> list[str]:
     """Returns the names of the figures of a scenario's run."""
-    motion = motion_of(scenario)
     missing = {name for name, there in (
         (JOINTS, len(scenario.start.q) > 0), (THRUSTERS, part_of(scenario.actuation)),
-        (MISSION, scenario.mission.steps), (COVERAGE, scenario.mission.steps),
-        (FORCE, motion.has_forces), (INPUTS, motion.has_forces)) if not there}
-    return [name for name in (*FIGURES, *motion.figures()) if name not in missing]
-
-
-def all_figures() -> list[str]:
-    """Returns the names of the figures of any scenario's run."""
-    return [*FIGURES, *(name for motion in motions() for name in motion().figures())]
+        (MISSION, scenario.mission.steps), (COVERAGE, scenario.mission.steps)) if not there}
+    return [name for name in FIGURES if name not in missing]
 
 
 def draw_contact(record: Record, certified: float | None = None) -> Figure:
@@ -198,19 +190,19 @@ def draw_inputs(record: Record) -> Figure:
 
 
 def draw_disturbance(record: Record) -> Figure:
-    """Draws the components of d, or w, and its norm against the bound.
+    """Draws the components of d and its norm against the bound.
 
     The norm of the effective disturbance is drawn too, if it differs.
     """
     figure, axes = panels(2, 2.8)
-    motion = motion_of(record.scenario)
-    symbol, unit = motion.disturbance_symbol, motion.disturbance_unit
-    blocks = (slice(0, 3), slice(3, 6), slice(6, None))
+    unit = "m/s², rad/s²"
+    blocks = ((slice(0, 3), "surge, sway, heave"), (slice(3, 6), "roll, pitch, yaw"),
+              (slice(6, None), "joints"))
     alike = float(np.max(np.ptp(record.disturbance, axis=1))) < SAME
     if alike:
         axes[0].plot(record.time, record.disturbance[:, 0], color=BLUE,
                      label=f"each of the {record.disturbance.shape[1]} components, all equal")
-    for block, color, name in zip(blocks, XYZ, motion.disturbance_blocks, strict=False):
+    for (block, name), color in zip(blocks, XYZ, strict=True):
         if not alike:
             axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
                          label=name)
@@ -222,9 +214,9 @@ def draw_disturbance(record: Record) -> Figure:
         axes[1].plot(record.time, effective, color=ORANGE, linewidth=0.8,
                      label="with model errors and the water's motion")
     bound = declared.d_bound
-    axes[1].axhline(bound, **{**LIMIT, "label": rf"bound $\tilde{{{symbol}}}$ = {bound:.3g}"})
-    axes[0].set_ylabel(f"${symbol}_i$ [{unit}]")
-    scaled = rf"\hat{{W}}^{{-1}}{symbol}" if np.size(declared.weights) else symbol
+    axes[1].axhline(bound, **{**LIMIT, "label": rf"bound $\tilde{{d}}$ = {bound:.3g}"})
+    axes[0].set_ylabel(f"$d_i$ [{unit}]")
+    scaled = r"\hat{W}^{-1}d" if np.size(declared.weights) else "d"
     axes[1].set_ylabel(rf"$\|{scaled}\|_2$ [{unit}]")
     margin_above_zero(axes[1])
     legend_over(axes[1], 3)

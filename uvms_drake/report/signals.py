@@ -8,7 +8,7 @@ from uvms_drake.control.limits import Limit, tighten
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.station.diagram import bounds_disturbance
-from uvms_drake.station.motions.motions import limits_of
+from uvms_drake.station.problem import limits_of
 from uvms_drake.station.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9

@@ -35,7 +35,6 @@ from uvms_drake.report.signals import (
 from uvms_drake.report.surface_class_check import departures
 from uvms_drake.report.thrusters import format_thrusters, summarise_thrusters
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
@@ -239,7 +238,7 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     return {"bound": declared.d_bound,
             "semi_axes": (declared.d_bound * declared.relative_weights(record.disturbance.shape[1])
                           if weighted else None),
-            "unit": motion_of(record.scenario).disturbance_unit,
+            "unit": "m/s², rad/s²",
             "worst": np.max(declared.norm(record.effective_disturbance)),
             "applied": np.max(declared.norm(record.disturbance)),
             "exceeded": (

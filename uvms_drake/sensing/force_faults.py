@@ -18,7 +18,6 @@ class ForceFault(SensorFault):
     """A fault of the measured force 𝔉_s, of any sensor."""
 
     place = "force"
-    needs_forces = True
 
 
 @dataclass

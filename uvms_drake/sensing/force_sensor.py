@@ -122,7 +122,6 @@ class ForceSensor(Sensor):
     of an ATI Mini45 (SI-145-5), 1/16 N and 1/752 N m, and about that of 16 bits over this range.
     """
 
-    needs_forces = True
 
     rate: float = 100.0
     """Samples per second [Hz]."""

@@ -11,9 +11,8 @@ from uvms_drake.model.signals.sensor_actuator import (
 )
 from uvms_drake.sensing.tip_pose import TipPose
 from uvms_drake.station.contact.mission import add_mission
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import keyed
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.series_connection import (
     add_actuation,
@@ -39,18 +38,18 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
 
         name: controller
         input_ports:
-        - state (configuration, if the motion is kinematic)
-        - force (with dynamic motion)
+        - state
+        - force
         - payload, payload_at_rest (optional, if the hand holds one)
         - desired_force, place, deepest (optional, as of make_station)
         - stop (optional, of a mission, in place of these three)
         output_ports:
-        - tau (zeta, if the motion is kinematic)
+        - tau
         - nominal_state, u, ... (each signal)
         - plan
         - solve_seconds
 
-    - `state`: true (𝔮, ζ) (2(6+n)); `configuration`: 𝔮 (6+n).
+    - `state`: true (𝔮, ζ) (2(6+n)).
     - `force`: true wrench 𝔉 (6) on the surface [N, N m], for the force sensor; read with one only.
     - `payload`, `payload_at_rest` (6) [N, N m]: by which the hand holds the payload of
       `scenario.model_error`, from the plant, for the force sensor; zero if unconnected.
@@ -64,47 +63,40 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
     """
-    motion, model = motion_of(scenario), model or load_model(scenario)
-    motion.check(scenario)
+    model = model or load_model(scenario)
     builder, signals = DiagramBuilder(), Signals()
-    controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(
-        scenario, model, motion.make_ocp(scenario, model)))
+    controller = builder.AddNamedSystem("tube_mpc", scenario.contact.make_controller(
+        scenario, model, make_ocp(scenario, model)))
 
     # True signals come from outside; the pose of the end-effector follows from the state. Only a
     # payload's is zero if unconnected, as of a `PassThrough`; a `Gain` wants its input.
-    size = controller.GetInputPort(motion.measured).size()
-    state = builder.AddNamedSystem(motion.measured, Gain(1.0, size))
-    true = state.get_output_port()
-    builder.ExportInput(state.get_input_port(), motion.measured)
-    signals[motion.measured] = true
-    if motion.has_forces:
-        payload = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
-        for name in ("force", *payload):
-            source = builder.AddNamedSystem(
-                name, Gain(1.0, 6) if name == "force" else PassThrough(6))
-            builder.ExportInput(source.get_input_port(), name)
-            signals[name] = source.get_output_port()
-        tip = builder.AddNamedSystem("tip", TipPose(model))
-        builder.Connect(true, tip.get_input_port())
-        signals["chi"] = tip.get_output_port()
+    payload = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
+    for name, source in (("state", Gain(1.0, 2 * model.size)), ("force", Gain(1.0, 6)),
+                         *((name, PassThrough(6)) for name in payload)):
+        builder.AddNamedSystem(name, source)
+        builder.ExportInput(source.get_input_port(), name)
+        signals[name] = source.get_output_port()
+    true, tip = signals["state"], builder.AddNamedSystem("tip", TipPose(model))
+    builder.Connect(true, tip.get_input_port())
+    signals["chi"] = tip.get_output_port()
     given = set(signals)
 
     # Sensing, the mission or the ports in its place, and actuation.
     measured = add_chain(builder, model, true, signals, keyed("sensing", scenario.sensing),
                          scenario.seed)
-    builder.Connect(measured, controller.GetInputPort(motion.measured))
-    add_signals(motion, scenario.contact, signals, tube_mpc=controller)
+    builder.Connect(measured, controller.GetInputPort("state"))
+    add_signals(scenario.contact, signals, tube_mpc=controller)
     add_force_measurement(builder, scenario, model, controller, measured, signals)
     if controller.HasInputPort("place"):
         add_mission(builder, scenario, model, controller, measured, signals, None)
-    if motion.has_forces and not scenario.mission.steps:
+    if not scenario.mission.steps:
         builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")
     applied = add_actuation(builder, scenario, model, controller, signals)
 
     # The applied command has the name of the plant's input; every other signal has its own.
-    builder.ExportOutput(applied, motion.effect)
+    builder.ExportOutput(applied, "tau")
     for name, port in signals.items():
-        if name not in given | {motion.effect}:
+        if name not in given | {"tau"}:
             builder.ExportOutput(port, name)
     for name in ("plan", "solve_seconds"):
         builder.ExportOutput(controller.GetOutputPort(name), name)

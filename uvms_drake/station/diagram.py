@@ -16,11 +16,16 @@ from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
+from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.station.contact.mission import add_mission
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at, keyed
-from uvms_drake.station.plant import applied_disturbance
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.plant import applied_disturbance, make_simulated_uvms
+from uvms_drake.station.problem import (
+    disturbance_weights,
+    load_model,
+    make_ocp,
+    start_state,
+)
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.station.series_connection import (
@@ -29,7 +34,7 @@ from uvms_drake.station.series_connection import (
     add_force_measurement,
     add_signals,
 )
-from uvms_drake.visual.controls import DisturbanceSlider
+from uvms_drake.visual.controls import DisturbanceSlider, ForceSlider
 from uvms_drake.visual.illustration import Illustration
 from uvms_drake.visual.objects.contact_knowledge import KNOWN
 
@@ -39,7 +44,7 @@ SAMPLED = ("report", "solve_seconds")
 ILLUSTRATED = {"state": "state", "nominal_state": "nominal_state", "u": "u",
                "nominal_input": "nominal_input", "force": "force",
                "desired_force": "desired_force", **{name: name for name in KNOWN}}
-"""Signal for each port of an `Illustration`; a motion may lack some."""
+"""Signal for each port of an `Illustration`; some may be missing."""
 
 MONITOR_SLACK = 0.01
 """Relative excess that is not an exit: a constant d takes the deviation to its bound exactly, and
@@ -73,7 +78,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
 
         name: station
         input_ports:
-        - desired_force (optional, with dynamic motion)
+        - desired_force (optional)
         - place (optional, with a sensed contact)
         - deepest (optional, with a sensed contact)
         - stop (optional, with a mission and without meshcat)
@@ -90,8 +95,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     `desired_force` (6) [N, N m] and `place` (3) [m] change the task during a run, see `NominalMpc`
     and `PressControl`; unconnected, they stay the scenario's. With a mission, a
     `MissionControl` sets both, and `deepest`; `stop` (1) above zero, or a button in Meshcat, stops
-    it. With kinematic motion the controller reads `configuration`, and its velocity ζ = u goes to
-    the plant. The other ports are in `station/README.md`.
+    it. The other ports are in `station/README.md`.
 
     Args:
         scenario: Everything the run depends on.
@@ -103,33 +107,39 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
     """
-    builder, motion = DiagramBuilder(), motion_of(scenario)
-    motion.check(scenario)
-    model = model or load_model(scenario)
-    weights = motion.weights(scenario.disturbance, model.size)
+    builder, model = DiagramBuilder(), model or load_model(scenario)
+    weights = disturbance_weights(scenario, model)
 
     # Plant and controller.
-    ocp = motion.make_ocp(scenario, model)
+    ocp = make_ocp(scenario, model)
     start = start_state(scenario, ocp)[: model.size]
-    uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
-    controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, model, ocp))
-    motion.connect_outside(builder, scenario, uvms, controller, meshcat)
+    uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(scenario, None, start))
+    controller = builder.AddNamedSystem("tube_mpc", scenario.contact.make_controller(
+        scenario, model, ocp))
+    WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
+    # The desired force comes from a mission, from a slider in Meshcat, or from outside.
+    desired = controller.GetInputPort("desired_force")
+    if not scenario.mission.steps and meshcat is None:
+        builder.ExportInput(desired, "desired_force")
+    elif not scenario.mission.steps:
+        slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
+        builder.Connect(slider.get_output_port(), desired)
     signals = Signals()
-    add_signals(motion, scenario.contact, signals, uvms=uvms, tube_mpc=controller)
+    add_signals(scenario.contact, signals, uvms=uvms, tube_mpc=controller)
 
     # The parts between them.
-    true = uvms.GetOutputPort(motion.measured)
+    true = uvms.GetOutputPort("state")
     measured = add_chain(
         builder, model, true, signals,
         faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
-    builder.Connect(measured, controller.GetInputPort(motion.measured))
+    builder.Connect(measured, controller.GetInputPort("state"))
     add_force_measurement(builder, scenario, model, controller, measured, signals)
     if controller.HasInputPort("place"):
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)
     applied = add_actuation(builder, scenario, model, controller, signals)
     exerted = add_chain(builder, model, applied, signals,
                         faults_at("actuation", scenario.faults), scenario.seed)
-    builder.Connect(exerted, uvms.GetInputPort(motion.effect))
+    builder.Connect(exerted, uvms.GetInputPort("tau"))
     solver_faults = faults_at("solver", scenario.faults)
     if solver_faults:
         source = SolverFaults.AddToBuilder(
@@ -145,7 +155,6 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         disturbance=(
             signals["disturbance"] if bounds_disturbance(declared.d_bound, certified) else None),
         pair=controller.GetOutputPort("pair") if shared else None,
-        run_bound=motion.run_bound(scenario.ancillary, declared.d_bound),
         along_run=scenario.contact.bounded_along_run,
         period=scenario.log_period, begin=monitor_begin(scenario.mpc.hover, certified),
         slack=MONITOR_SLACK,
@@ -153,9 +162,10 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     for name in ("deviation", "bound"):
         signals[f"tube_{name}"] = monitor.GetOutputPort(name)
     with within("disturbance"):
-        disturbance = motion.add_disturbance(
-            builder, applied_disturbance(declared, scenario.model_error.share, scenario.faults),
-            model, scenario.seed, signals, monitor)
+        disturbance = applied_disturbance(
+            declared, scenario.model_error.share, scenario.faults).add_to(
+                builder, model, scenario.seed, {**signals, **{
+                    name: monitor.GetOutputPort(name) for name in ("e_y", "r")}})
     if meshcat is not None:
         disturbance = DisturbanceSlider.AddToBuilder(
             builder, meshcat, disturbance=disturbance).get_output_port()

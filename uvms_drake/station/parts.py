@@ -1,7 +1,7 @@
 """Lists of a scenario, of parts and of faults: their keys and checks, and the kinds of faults."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.common.errors import require, within
@@ -11,9 +11,6 @@ from uvms_drake.model.signals.sensor_actuator import Component, Fault, Part
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
 from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
-
-if TYPE_CHECKING:
-    from uvms_drake.station.motions.motion import Motion
 
 offer(Fault, SolverFailure, SolverTimeout, DroppedPeriod, FrozenState, LostState, LostForce,
       FrozenForce, SaturatedForce, JumpedForce, StuckJoint, ExcessDisturbance)
@@ -25,21 +22,19 @@ def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
     return {f"{key}[{i}]": part for i, part in enumerate(parts)}
 
 
-def check_components(key: str, components: Sequence[Component], motion: "Motion") -> None:
+def check_components(key: str, components: Sequence[Component]) -> None:
     """Raises `InvalidParameter` for the first invalid entry of the list `key`."""
     for i, component in enumerate(components):
         with within(f"{key}[{i}]"):
             component.check()
-        require(motion.has_forces or not component.needs_forces, f"{key}[{i}]",
-                type(component).__name__, f"left out, if the motion is {motion.name}")
 
 
-def check_faults(faults: Sequence[Fault], motion: "Motion") -> None:
+def check_faults(faults: Sequence[Fault]) -> None:
     """Raises `InvalidParameter` for the first fault that is invalid, or comes twice."""
     for i, fault in enumerate(faults):
         require(type(fault) not in map(type, faults[:i]), f"faults[{i}]", type(fault).__name__,
                 "of a kind that is not declared twice")
-    check_components("faults", faults, motion)
+    check_components("faults", faults)
 
 
 def faults_at(place: str, faults: Sequence[Fault]) -> dict[str, Any]:

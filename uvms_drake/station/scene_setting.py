@@ -4,8 +4,7 @@ import numpy as np
 
 from uvms_drake.control.limits import resolved_radii, tighten
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motions import limits_of, motion_of
-from uvms_drake.station.problem import shown_surface
+from uvms_drake.station.problem import limits_of, shown_surface
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.visual.limit_use import LimitUse
 from uvms_drake.visual.scene import Setting
@@ -31,7 +30,6 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         radius=float(resolved_radii(scenario.tube).position or 0.0),
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
-        has_forces=motion_of(scenario).has_forces,
         specification=scenario.contact.specification(scenario),
         painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
         if scenario.mission.steps else None)

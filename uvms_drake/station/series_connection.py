@@ -16,13 +16,16 @@ from uvms_drake.model.signals.sensor_actuator import (
 )
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.contact import Contact
-from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.signals import LOGGED_AS
 
+PLANT_SIGNALS = ("state", "chi", "force", "penetration", "disturbance", "acceleration")
+"""Output ports of the plant that are logged."""
+CONTROLLER_SIGNALS = ("nominal_state", "nominal_input", "u", "tau", "lost", "limited",
+                      "accepted_force")
+"""Output ports of the controller that are logged."""
 RESERVED = {"plan", "report", "solve_seconds", "tube_alarm",
             *(field.name for field in fields(Record))}
 """Reserved names of signals: a record's own fields and other outputs."""
@@ -56,24 +59,23 @@ def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signa
     return port
 
 
-def add_signals(motion: Motion, contact: Contact, signals: Signals, *, uvms: System | None = None,
+def add_signals(contact: Contact, signals: Signals, *, uvms: System | None = None,
                 tube_mpc: System | None = None) -> None:
     """Adds the output ports of a plant and of a tube MPC to the signals, by their logged names.
 
     Args:
-        motion: Kind of motion, with the names of its signals.
-        contact: Kind of contact, likewise.
+        contact: Kind of contact, with the names of its signals.
         signals: Signals to add to.
         uvms: The plant; None: its signals are there.
         tube_mpc: The controller; None: its signals are there, or it is another one.
     """
     outputs: list[tuple[System, str]] = []
     if uvms is not None:  # With a payload's, if the hand holds something.
-        outputs += [(uvms, name) for name in (*motion.plant_signals, PAYLOAD, PAYLOAD_AT_REST)
-                    if name in motion.plant_signals or uvms.HasOutputPort(name)]
+        outputs += [(uvms, name) for name in (*PLANT_SIGNALS, PAYLOAD, PAYLOAD_AT_REST)
+                    if name in PLANT_SIGNALS or uvms.HasOutputPort(name)]
     if tube_mpc is not None:
         outputs += [(tube_mpc, name) for name in (
-            *motion.controller_signals, *contact.controller_signals)]
+            *CONTROLLER_SIGNALS, *contact.controller_signals)]
     for system, name in outputs:
         signals[LOGGED_AS.get(name, name)] = system.GetOutputPort(name)
 
@@ -88,10 +90,10 @@ def add_actuation(builder: DiagramBuilder, scenario: Scenario, model: ContactMod
         builder: Builder to add to.
         scenario: Scenario with its actuation and law.
         model: The controller's model.
-        controller: Controller of any kind, with the output port of the motion's command.
+        controller: Controller of any kind, with the output port `tau`.
         signals: Signals that the parts may read and extend.
     """
-    command = controller.GetOutputPort(motion_of(scenario).command)
+    command = controller.GetOutputPort("tau")
     applied = add_chain(builder, model, command, signals,
                         keyed("actuation", scenario.actuation), scenario.seed)
     if applied is not command and controller.HasInputPort("applied"):

@@ -16,9 +16,9 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.motions import limits_of, motion_of
+from uvms_drake.station.problem import limits_of
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 DISTURBANCES = (0.5, 1.0, 1.5, 2.0)
@@ -45,11 +45,10 @@ class ParetoPoint:
     """First condition on the tube or on a limit that fails, or an empty string."""
 
 
-def check_pareto_front(motion: Motion, law: AncillaryLaw) -> None:
-    """Raises `InvalidParameter` if there is no Pareto front with a motion and a law."""
+def check_pareto_front(law: AncillaryLaw) -> None:
+    """Raises `InvalidParameter` if there is no Pareto front with a law."""
     name = type(law).__name__
-    require(motion.has_forces, "motion", motion.name, "dynamic, for a front")
-    require(type(law) in motion.tubes, "ancillary", name, "a law with a certificate, for a front")
+    require(type(law) in TUBES, "ancillary", name, "a law with a certificate, for a front")
     require(np.isfinite(law.k), "ancillary", name, "a law with one k and one σ, for a front")
 
 
@@ -60,9 +59,9 @@ def pareto_front(scenario: Scenario, model: ContactModel,
 
     The model is the controller's.
     """
-    motion, law = motion_of(scenario), cast(Any, scenario.ancillary)
-    check_pareto_front(motion, law)
-    tube_of, surface = motion.tubes[type(law)].tube, model.surface
+    law = cast(Any, scenario.ancillary)
+    check_pareto_front(law)
+    tube_of, surface = TUBES[type(law)].tube, model.surface
     wrench = np.asarray(scenario.task.force, dtype=float)
     chi_des = surface.pose_for(wrench, scenario.task.pose)
     basis, limits = basis_of(scenario, model), limits_of(scenario, model)

@@ -15,7 +15,7 @@ from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import TipErrors
-from uvms_drake.station.motions.motions import limits_of, motion_of
+from uvms_drake.station.problem import limits_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.laws.resolved import resolved_law_tube
 from uvms_drake.tube.resolved.image import input_gain
@@ -32,10 +32,9 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     the controller's.
 
     Raises:
-        InvalidParameter: The bandwidth is not positive, or the motion kinematic.
+        InvalidParameter: The bandwidth is not positive.
         RunFailed: No candidate leaves a margin of every limit.
     """
-    require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to propose gains")
     require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
     surface = model.surface
     wrench = np.asarray(scenario.task.force, dtype=float)

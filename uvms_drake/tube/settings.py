@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-
 from uvms_drake.common.errors import require
 
 MOST_SAMPLES = 1_000_000

@@ -47,9 +47,6 @@ class Signals(dict[str, OutputPort]):
 class Component:
     """Component that a scenario can add to the closed loop."""
 
-    needs_forces: ClassVar[bool] = False
-    """Whether it is defined only where forces move the robot."""
-
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
 

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH, VERMILION
 from uvms_drake.report.robot.solids import robot_triangles
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
@@ -32,11 +31,10 @@ def draw_robot(record: Record) -> Figure:
     scenario, tip, force = record.scenario, record.chi[-1, :3], record.force[-1, :3]
     solids = [(triangles[normals_of(triangles) @ EYE > 0.0], color)
               for triangles, color in robot_triangles(scenario.model, record.config[-1])]
-    presses = motion_of(scenario).has_forces
-    wall = wall_points(check_surface(true_surface(scenario)), tip) if presses else None
+    wall = wall_points(check_surface(true_surface(scenario)), tip)
     if wall is not None:
         solids += wall_triangles(wall)
-    size = float(np.linalg.norm(force)) if presses else 0.0
+    size = float(np.linalg.norm(force))
     arrow = ARROW / size * force if size > 0.0 else np.zeros(3)
     # The picture's axes in Σ_I: to the right, up, and to the eye.
     right = np.cross(EYE, [0.0, 0.0, 1.0]) / np.hypot(*EYE[:2])

@@ -31,7 +31,6 @@ from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.contact import Contact, KnownSurface
-from uvms_drake.station.motions.motions import motion_named
 from uvms_drake.station.parts import check_components, check_faults
 from uvms_drake.station.scenario.cost_check import check_cost
 from uvms_drake.station.scenario.modules import import_modules
@@ -106,9 +105,9 @@ class Scenario:
     """Seed of everything random."""
     duration: float = 20.0
     """Simulated time [s]. A sensor drifts until its end, and a certificate counts with that."""
-    motion: str = "dynamic"
-    """Kind of motion: `dynamic`, forces move the robot; or one that a module registers, as
-    `kinematic` of `papers.nikou2018`, where the velocity ζ is the input."""
+    simulation: str = ""
+    """Module that runs and certifies the scenario in place of the station, by a simulation of its
+    own, as that of a paper, `papers.nikou2018.kinematic_run`."""
     model: str = "girona500_arm5e"
     """Name of a shipped robot, or a robot's folder, from the scenario's file or from where the
     program runs."""
@@ -202,8 +201,7 @@ def check_scenario(scenario: Scenario) -> None:
 
     The parts check their own parameters when they are built; these are the remaining ones.
     """
-    # Motion, seed, start and times.
-    motion = motion_named(scenario.motion)
+    # Seed, start and times.
     require(scenario.seed <= LARGEST_SEED, "seed", scenario.seed, f"at most {LARGEST_SEED}")
     angles = np.asarray(scenario.start.eta, dtype=float)[3:]
     require(bool(np.all(np.abs(angles) <= 2.0 * np.pi)), "start.eta", scenario.start.eta,
@@ -227,13 +225,13 @@ def check_scenario(scenario: Scenario) -> None:
         check_model_error(scenario.model_error)
     with within("surface_error"):
         check_surface_error(scenario.surface_error)
-    check_components("sensing", scenario.sensing, motion)
-    check_components("actuation", scenario.actuation, motion)
+    check_components("sensing", scenario.sensing)
+    check_components("actuation", scenario.actuation)
     for i, part in enumerate(scenario.actuation):
         require(not isinstance(part, IdealWrench) or (len(scenario.actuation) == i + 1 and not any(
             type(each) is Thrusters for each in scenario.actuation)), f"actuation[{i}]",
             "IdealWrench", "the last part, and left out beside !Thrusters")
-    check_faults(scenario.faults, motion)
+    check_faults(scenario.faults)
     _check_simulator(scenario.simulator)
     check_cost(scenario.duration, scenario.log_period, scenario.simulator.max_step_size,
                scenario.mpc.time_step, scenario.mpc.horizon)

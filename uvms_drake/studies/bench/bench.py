@@ -18,8 +18,7 @@ from uvms_drake.common.program import VERSION
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.problem import load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step_size import with_step

@@ -10,10 +10,11 @@ from uvms_drake.certificate.certify import TERMINAL, tightening_margins
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
+from uvms_drake.station.problem import limits_of, make_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
+from uvms_drake.tube.laws import TUBES
 
 FINE = 1.02
 """Largest ratio of a failing value to the reported largest one."""
@@ -44,8 +45,8 @@ class Margin:
 def tube_of(scenario: Scenario, model: ContactModel, basis: Basis
             ) -> tuple[TubeRadii, list[Condition]]:
     """Returns the tube of a scenario, and the conditions on it and on the margin of every limit."""
-    motion, law = motion_of(scenario), scenario.ancillary
-    found = motion.tubes[type(law)].tube(law, basis)
+    law = scenario.ancillary
+    found = TUBES[type(law)].tube(law, basis)
     if not all(condition.holds for condition in found.conditions):
         return found.radii, list(found.conditions)
     found = scenario.contact.in_contact(found, scenario, basis)

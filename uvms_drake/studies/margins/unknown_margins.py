@@ -38,11 +38,11 @@ from uvms_drake.plant.payload import Payload
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.contact import Contact
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.margins.margin import Margin, bracket, tube_of, worst_of
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
+from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.search_memo import SearchMemo, memoising
 from uvms_drake.tube.unmodelled_dynamics import UnmodelledTerm, by_wrench
 
@@ -67,7 +67,7 @@ class Study:
     def __init__(self, scenario: Scenario, model: ContactModel):
         self.scenario = replace(scenario, current=np.zeros(3), waves=[], model_error=ModelError())
         self.model, self._basis = model, basis_of(scenario, model)
-        self._radii = motion_of(scenario).tubes[type(scenario.ancillary)].tube(
+        self._radii = TUBES[type(scenario.ancillary)].tube(
             scenario.ancillary, self._basis).radii
 
     def effects(self, sources: Sources) -> tuple[UnknownEffect, ...]:
