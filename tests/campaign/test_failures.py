@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.missions import SHORT, TIMES, mission_record
+from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
 
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.contact_metrics import mission_metrics
@@ -16,7 +17,6 @@ from uvms_drake.campaign.probability.declared_distribution import (
 from uvms_drake.campaign.probability.failures import certificate_in_probability, failures_of
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.variation import vary
-from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.command.campaign.runs import drawable
 from uvms_drake.common.errors import ScenarioError

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from uvms_drake.campaign.certified_surfaces import moved
 
 from uvms_drake.campaign.campaign import Target, make_campaign
-from uvms_drake.campaign.certified_surfaces import moved
 from uvms_drake.campaign.variation import POSE_REACH, SHIFT_REACH, vary
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout

@@ -1,13 +1,10 @@
 """A certificate in probability for tests."""
 
-from uvms_drake.certificate.drawn_values import DrawnRange
+
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import load_scenario
 
 NAME = "girona500_real_loop"
-RANGES = (DrawnRange("current, horizontal", 0.0, 0.1, "m/s"),
-          DrawnRange("model_error.mass", 0.9, 1.1, ""),
-          DrawnRange("wall, friction", 0.0, 0.5, ""), DrawnRange("task.force", 5.0, 30.0, "N"))
 
 
 def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
@@ -16,6 +13,6 @@ def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
     kinds = dict.fromkeys(FAILURES, 0) | ({"tube": len(failed)} if failed else {})
     return ProbabilityCertificate(**({
         "scenario": NAME, "runs": runs, "failures": len(failed), "confidence": 0.95,
-        "probability": p, "kinds": kinds, "failed": tuple(failed), "apart": {}, "plan": {},
-        "distribution": ("start: anywhere", "wall: any"), "ranges": RANGES, "seed": 3,
+        "probability": p, "kinds": kinds, "failed": tuple(failed),
+        "distribution": ("start: anywhere", "wall: any"), "seed": 3,
         "campaign": "c0ffee", **ProbabilityCertificate.inputs_of(scenario)} | changes))

@@ -25,7 +25,7 @@ from uvms_drake.common.wiring import output_of, release
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Signals
 from uvms_drake.plant.waves import WaterMotion
-from uvms_drake.sensing.hold_last_value import HoldLastValue
+from uvms_drake.sensing.measurements import HoldLastValue
 from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.plant import applied_disturbance, make_simulated_uvms
 from uvms_drake.station.problem import task_place

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
-from uvms_drake.campaign.contact_metrics import contact_metrics
 from uvms_drake.campaign.variation import vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
 from uvms_drake.control.mpc.solver_faults import solver_fault
+from uvms_drake.mission.law import DONE
 from uvms_drake.plant.model_error import FACTORS
-from uvms_drake.report.summary import summarise
+from uvms_drake.report.metrics import metrics
+from uvms_drake.report.mission.mission import OUTCOMES
 from uvms_drake.station.parts import faults_at
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
@@ -69,44 +70,53 @@ def drawn(scenario: Scenario) -> dict[str, Any]:
 
 
 def outcome(record: Record) -> dict[str, Any]:
-    """Returns the figures of merit of a run that `declared` is the base of.
+    """Returns the figures of merit of a run, of `metrics`.
 
     `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of the effective disturbance, and `inside` is
     whether that was at most 1, or d̃ is zero. `margin` is the smallest of `margins`, and
-    `constraint` its name. `noted` are the kinds of event in the log, each with its first time.
-    `limited` is whether the command saturated. `within_at_end` is whether the robot is in its tube
-    at the end, `proportional` whether the deviation stayed within max(1, D/d̃) times its bound; None
-    without a guarantee, see `outside_assumptions`. `logged` is whether an exit of the tube is in
-    the log. `finite` is whether all logged signals are. `apart` is the largest distance from the
-    coupled linear loop over its lines, and `plan` the largest rows by the plan alone over those of
-    the class of plans, if the scenario declares these.
+    `constraint` its name. `limited` is whether the command saturated, `finite` whether all logged
+    signals are. With an unknown wall force error and settling are those along n: its tilt and its
+    friction exert a force normal to n, where none is desired.
     """
-    summary: dict[str, Any] = summarise(record)
-    tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
-    margins = relative_margins(summary["constraints"])
+    found = metrics(record)
+    tube, force, disturbance = found["tube"], found["force"], found["disturbance"]
+    wall, mission = found["wall"], found["mission"]
+    margins = relative_margins(found["constraints"])
     name = min(margins, key=lambda key: margins[key])
     induced = record.effective_disturbance - record.disturbance
-    size = disturbance["worst"] / disturbance["bound"] if disturbance["bound"] > 0.0 else None
-    # First time of each kind of event.
-    noted: dict[str, float] = {}
-    for event in summary["events"]:
-        noted.setdefault(event["kind"], event["time_s"])
-    ratio, limited = tube["worst_ratio"]["trajectory"], "input_limited" in noted
+    bound = disturbance["bound"]
     return {
-        "induced": None if size is None else float(
-            np.max(record.scenario.disturbance.norm(induced)) / disturbance["bound"]),
-        "worst_disturbance": size, "inside": not disturbance["exceeded"],
-        "ratio_set": tube["worst_ratio"]["set"], "ratio_trajectory": ratio,
+        "induced": (float(np.max(record.scenario.disturbance.norm(induced)) / bound)
+                    if bound > 0.0 else None),
+        "worst_disturbance": disturbance["worst"] / bound if bound > 0.0 else None,
+        "inside": not disturbance["exceeded"],
+        "ratio_set": tube["worst_ratio"]["set"],
+        "ratio_trajectory": tube["worst_ratio"]["trajectory"],
         "exits_set": tube["exits"], "exits_trajectory": tube["exits_along_the_run"],
         "margin": margins[name], "constraint": name, "margins": margins,
         "violations": sum(margin < 0.0 for margin in margins.values()),
-        "force_error": force["final_error_norm"], "settling_time_s": force["settling_time_s"],
-        "losses": summary["contact"]["losses"],
-        "mpc_failures": own_failures(record), "noted": noted,
-        "terminal_slack": summary["mpc"]["worst_terminal_slack"], "limited": limited,
+        "force_error": wall["final_error"] if wall else force["final_error_norm"],
+        "settling_time_s": (wall or force)["settling_time_s"],
+        "losses": found["contact"]["losses"],
+        "mpc_failures": own_failures(record),
+        "terminal_slack": found["mpc"]["worst_terminal_slack"],
+        "limited": any(event["kind"] == "input_limited" for event in found["events"]),
         "finite": is_finite(record),
-        **contact_metrics(record),
+        **({"wall": wall} if wall else {}),
+        **({"mission": mission_outcome(mission)} if mission else {}),
     }
+
+
+def mission_outcome(mission: dict[str, Any]) -> dict[str, Any]:
+    """Returns how a mission ended, from its metrics.
+
+    `done` is whether every step of it is; `failures` are the attempts that failed, also of spots
+    that were retried, each by kind and reason; `over_s` is when it was over, None if it was not.
+    """
+    return {"done": mission["outcome"] == OUTCOMES[DONE], "outcome": mission["outcome"],
+            "over_s": mission["over_s"],
+            "failures": [f"{row['kind']} {row['step']}: {row['ended']}"
+                         for row in mission["steps"] if row["ended"] != "done"]}
 
 
 def own_failures(record: Record) -> int:

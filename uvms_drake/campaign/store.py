@@ -110,8 +110,8 @@ def require_same(folder: Path, drafted: Campaign, *, certified: bool) -> None:
     found, base = read_setup(folder), drafted.base
     mpc = replace(found.base.mpc, terminal_radius=base.mpc.terminal_radius)
     scenario = dump_scenario(replace(found.base, tube=base.tube, mpc=mpc))
-    same = replace(found, scenario=scenario, certified=drafted.certified, walls=drafted.walls,
-                   targets=drafted.targets).identity == drafted.identity
+    found_drafted = replace(found, scenario=scenario, certified=drafted.certified)
+    same = found_drafted.identity == drafted.identity
     _require(same and found.certified == certified, folder, NO_OTHER)
 
 

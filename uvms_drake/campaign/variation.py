@@ -20,7 +20,7 @@ from uvms_drake.certificate.certify import first_plan
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
-from uvms_drake.model.signals.sensor_actuator import Fault
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
@@ -63,7 +63,7 @@ def vary(campaign: Campaign, index: int) -> Scenario:
         plan, conditions = first_plan(first, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
-        # An unknown surface, the disturbance, faults, and what the scenario declares as unknown.
+        # An unknown surface, the disturbance, faults, and the unknowns that the scenario declares.
         scenario = base.contact.drawn(scenario, first, rng)
         unknown = as_declared(scenario.unknowns, rng)
         return replace(

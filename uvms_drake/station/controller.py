@@ -9,7 +9,7 @@ from uvms_drake.model.signals.sensor_actuator import (
     PAYLOAD_AT_REST,
     Signals,
 )
-from uvms_drake.sensing.tip_pose import TipPose
+from uvms_drake.sensing.measurements import TipPose
 from uvms_drake.station.contact.mission import add_mission
 from uvms_drake.station.parts import keyed
 from uvms_drake.station.problem import load_model, make_ocp

@@ -13,9 +13,10 @@ from uvms_drake.control.limits import HoldRadii
 from uvms_drake.mission.law import FORCE_LOST, RUNNING, SKIPPED
 from uvms_drake.report.figure_style import STYLE
 from uvms_drake.report.figures import FIGURES, figures_of
+from uvms_drake.report.metrics import summarise_contact
 from uvms_drake.report.mission.attempts import attempts_of, losses_of
 from uvms_drake.report.mission.inspection import COLUMNS, inspection_table, learned_normals
-from uvms_drake.report.summary import format_summary, summarise, summarise_contact
+from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.tube.contact.hold_band import hold_band
 from uvms_drake.tube.ultimate_bounds import tip_errors
 

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from uvms_drake.campaign.certified_surfaces import moved, turns_freely
 
 from uvms_drake.campaign.campaign import make_campaign
-from uvms_drake.campaign.certified_surfaces import moved, turns_freely
 from uvms_drake.campaign.variation import vary
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan

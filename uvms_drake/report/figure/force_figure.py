@@ -17,8 +17,8 @@ from uvms_drake.report.figure_style import (
     legend_above,
     panels,
 )
+from uvms_drake.report.metrics import summarise_force
 from uvms_drake.report.signals import nominal_limits, real_limits, settling_index, wrench_unit
-from uvms_drake.report.summary import summarise_force
 from uvms_drake.station.record import Record
 
 AT_TASK = 1e-3

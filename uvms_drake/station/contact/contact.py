@@ -21,7 +21,7 @@ from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signa
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.model_error import ModelError
-from uvms_drake.sensing.hold_last_value import HoldLastValue
+from uvms_drake.sensing.measurements import HoldLastValue
 from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.station.contact.parameters import Parameter

@@ -29,9 +29,13 @@ from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signa
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
 from uvms_drake.plant.model_error import ModelError
-from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
-from uvms_drake.sensing.hold_last_value import HoldLastValue
-from uvms_drake.sensing.repeated_readings import CHANCE, chance_of_run, run_of_frozen
+from uvms_drake.sensing.force_fault_detector import (
+    CHANCE,
+    ForceFaultDetector,
+    chance_of_run,
+    run_of_frozen,
+)
+from uvms_drake.sensing.measurements import HoldLastValue
 from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.bounds import (
     BETWEEN_KNOTS,
