@@ -12,9 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from make_all import provenance
-
-import uvms_drake as uv
-from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.certificate.coupled.budget import (
     CHANCE,
     MARGIN,
@@ -27,11 +24,6 @@ from uvms_drake.certificate.coupled.budget import (
     start_rows,
 )
 from uvms_drake.certificate.coupled.loop_at_task import loop_parts, press_configuration
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Actuator
-from uvms_drake.station.contact.bounds import depth_left
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.coupled.budget import Source, by_chance, quantile, radii_of, sources_of
 from uvms_drake.tube.coupled.coupled_loop import (
     CoupledLoop,
@@ -41,6 +33,14 @@ from uvms_drake.tube.coupled.coupled_loop import (
     operating_point,
 )
 from uvms_drake.tube.coupled.periodic import STEP
+
+import uvms_drake as uv
+from uvms_drake.actuation.thrusters import Thrusters
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.sensor_actuator import Actuator
+from uvms_drake.station.contact.bounds import depth_left
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.scenario import Scenario
 
 NAME = "bluerov2_real_loop"
 FASTER = ("ancillary.tip={k: 10.0, sigma: 5.0, observer: 1.3}",

@@ -188,7 +188,7 @@ WORDS = {
             "a.b.c", "ancillary.k"],
     "option": ["--seed", "--duration", "--tune", "--runs", "--workers", "--model-error",
                "--replay", "--scheduler", "--output"],
-    "flag": ["--uncertified", "--sweep-gains", "--compare-laws", "--outside", "--no-figures",
+    "flag": ["--uncertified", "--sweep-gains", "--outside", "--no-figures",
              "--fast", "--help", "--version", "-x"]}
 
 

@@ -194,11 +194,8 @@ def test_the_keys_are_listed_with_default_and_meaning(capsys):
 @pytest.mark.parametrize("args", [
     [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"],
     ["certify", "--uncertified"], ["certify", "a", "b"], ["certify", "--tune", "0"],
-    ["certify", "paper_kinematic", "--sweep-gains"],
-    ["certify", "paper_kinematic", "--compare-laws"],
-    ["certify", "paper_kinematic", "--tune", "20"], ["run", "--host", "*"],
+    ["run", "--host", "*"],
     ["run", "--meshcat", "--host", "192.0.2.1", "--uncertified"],
-    ["certify", "girona500_tip_first", "--paper"],
     ["bench", "--seed", "1"], ["bench", "a", "b"]])
 def test_arguments_that_make_no_sense_are_one_line(args, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -272,8 +269,6 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
      "task.pose = [0. , 0. , 0. , 0. , 1.5, 0. ]: must be such that the vehicle's pitch, 1.5,"),
     (["--set", "task.posture=[0, 1.2, 0.7, 0]"], "task.posture = [0. , 1.2, 0.7, 0. ]: must be "
      "such that the vehicle's pitch"),
-    (["--set", "modules=[uvms_drake.papers.nikou2018]", "--set", "motion=kinematic"],
-     "must be left out, if the motion is kinematic"),
     (["--set", f"limits.tau={[9] * 10}"], "limits.tau = [9., 9., 9., 9., 9., 9., 9., 9., 9., 9.]: "
      "must be left out, unless tube.tau has"),
     (["--set", "current=[0, 0]"], "current = [0., 0.]: must be 3 finite numbers"),

@@ -80,7 +80,7 @@ def test_what_is_known_at_an_instant_is_what_was_logged():
     assert np.isnan(moment_of(record, 50).known.contact_depth)
 
 
-@pytest.mark.parametrize("name", ["girona500_bilateral", "paper_kinematic"])
+@pytest.mark.parametrize("name", ["girona500_bilateral"])
 def test_the_papers_surface_and_motion_can_be_shown(name, tmp_path):
     record = replace(synthetic_record(0.2), scenario=load_scenario(name))
     write_replay(record, tmp_path / "replay.html")

@@ -12,8 +12,7 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 from uvms_drake.station.step_bounds import ACCURACY, friction_rate, largest_step, step_error

@@ -14,7 +14,7 @@ from uvms_drake.command.main import main
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.report.robot.robot_sheet import sheet_of
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.studies import first_scenario as module
 from uvms_drake.studies import first_scenario_text as text_module

@@ -6,7 +6,7 @@ from support.quick import FEW
 
 from uvms_drake.certificate.certify import basis_of, tightening_margins
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.station.motions.motions import limits_of
+from uvms_drake.station.problem import limits_of
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.propose_gains import propose_gains
 from uvms_drake.tube.laws.resolved import resolved_law_tube

@@ -156,9 +156,8 @@ class Certificate:
             del data["weights"]
         if not self.budget:
             del data["budget"], data["margin"]
-        for name in ("legs", "paper"):
-            if not data[name]:
-                del data[name]
+        if not data["legs"]:
+            del data["legs"]
         return signed(data)
 
     @staticmethod

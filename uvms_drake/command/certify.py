@@ -17,7 +17,7 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.command.files import folder, take_scenario
-from uvms_drake.command.own_simulation import certify_own
+from uvms_drake.command.paper import certify_own
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.command.run import note
 from uvms_drake.command.workers import take_workers

@@ -35,7 +35,7 @@ from uvms_drake.command.files import (
     write_pictures,
 )
 from uvms_drake.command.interrupt import PROGRAM, postponed
-from uvms_drake.command.own_simulation import run_own
+from uvms_drake.command.paper import run_own
 from uvms_drake.command.progress import CERTIFYING, Bar, alarms_above, stream_of
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.common.output import output_folder

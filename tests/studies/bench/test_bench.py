@@ -19,8 +19,7 @@ from uvms_drake.control.ocp import scp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.problem import load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.step_size import with_step
 from uvms_drake.studies.bench import bench
@@ -34,7 +33,7 @@ from uvms_drake.studies.bench.bench_controller import (
     measure_controller,
     measure_growth,
 )
-from uvms_drake.studies.bench.bench_feedback import _fixed, measure_feedback
+from uvms_drake.studies.bench.bench_feedback import _fixed
 from uvms_drake.studies.bench.bench_plant import (
     DerivativeTimes,
     leaf_systems,
@@ -183,11 +182,6 @@ def test_what_is_timed_is_the_command_of_the_loop(scenario):
         inner = feedback.GetMyContextFromRoot(context)
         tau = feedback.GetOutputPort("tau").Eval(_fixed(feedback, feedback, inner))
         np.testing.assert_array_equal(tau, feedback.GetOutputPort("tau").Eval(inner))
-
-
-def test_where_the_velocity_is_the_input_there_is_no_such_command():
-    paper = load_scenario("paper_kinematic", SHORT)
-    assert measure_feedback(paper, load_model(paper), LITTLE) is None
 
 
 def test_a_watched_station_has_the_same_derivative_and_nothing_is_left_in_caches(scenario):

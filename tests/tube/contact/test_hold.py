@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.force_reading import reading_off
+from uvms_drake.tube.loops.row_loop import RowLoop
 
 from uvms_drake.tube.contact.hold import SETTLED, HoldLaw, TipBounds, growth_of, settled
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.loops.row_loop import RowLoop
 
 K, LAG, PERIOD, KAPPA, GAIN = 45.0, 0.02, 0.01, 900.0, 0.2
 APPROACH = MeasuredForceBounds(

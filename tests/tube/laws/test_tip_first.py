@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.force_reading import reading_off
 from support.tiny_robots import tiny_robot
+from uvms_drake.tube.loops.row_loop import RowLoop
 
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
@@ -20,7 +21,6 @@ from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, reading_in
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
 from uvms_drake.tube.loops.row_gains import moments
-from uvms_drake.tube.loops.row_loop import RowLoop
 from uvms_drake.tube.rows.disturbance_gains import DisturbanceInputs, in_joints, loop_gains
 from uvms_drake.tube.rows.image import arm_of
 from uvms_drake.tube.rows.remainders import configuration_of, output_jacobian, tip_first_remainders

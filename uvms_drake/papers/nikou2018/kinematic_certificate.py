@@ -84,6 +84,7 @@ class KinematicCertificate:
 
 def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertificate:
     """Returns the certificate of a scenario, certified or not; it ends at the first failure."""
+    # Assumptions of the proofs that a scenario can give up.
     progress("tube", 0.0)
     model, y_des, bounds = posed(scenario)
     mpc, settings, n = scenario.mpc, scenario.certificate, model.num_joints
@@ -93,6 +94,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
         ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set", "none", not mpc.terminal_set),
         ("joints of weight zero", "which no terminal set covers", free))]
+    # Tube, and the rest of the limits.
     roll, pitch, tip_pitch, *q_upper = bounds.upper
     nu1, nu2, qdot = bounds.speeds
     declared = ConstraintSet(
@@ -105,15 +107,16 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
     radii: dict[str, Any] = dict(zip(
         ("e", "joints", "z", "nu1", "nu2", "qdot"), found.radii, strict=True))
     radii["roll"], radii["pitch"] = attitude_radii(declared, radii["e"], radii["joints"], n)
-    room = [*bounds.speeds, *np.minimum(bounds.upper, 0.5 * (bounds.upper - bounds.lower))]
+    margins = [*bounds.speeds, *np.minimum(bounds.upper, 0.5 * (bounds.upper - bounds.lower))]
     conditions += [*found.conditions, *(
         Condition(f"tube in limits.{name}", taken, "<", margin, theorem=TIGHTENING,
                   kind="tightening", topic=f"limits.{name}", about=name)
         for name, taken, margin in zip(
-            bounds.names(), bounds.taken(TubeRadii(**radii)), room, strict=True))]
+            bounds.names(), bounds.taken(TubeRadii(**radii)), margins, strict=True))]
     draft = KinematicCertificate(scenario.name, conditions, radii, 0.0)
     if not draft.certified:
         return draft
+    # Second search, terminal set and first plan.
     conditions += unrefuted(found.second())
     progress("terminal set", 0.9)
     problem = KinematicMpc(model, mpc, y_des, bounds.tightened(TubeRadii(**radii)))
@@ -244,7 +247,7 @@ class VelocityProblem(SearchProblem):
 
 
 def terminal_set(mpc: KinematicMpc, samples: int, seed: int) -> tuple[float, float, str]:
-    """Returns the largest ε that passes, its worst margin, and the name of what has it.
+    """Returns the largest ε that passes, its worst margin, and the name of that condition.
 
     The largest aᵀξ where ‖ξ‖_P ≤ ε is ε‖a‖_{P⁻¹}, of ‖Aξ‖ it is ε√λ_max(AP⁻¹Aᵀ). Decrease and the
     vehicle's angles are checked at random states on shells; ε is halved until they pass.
@@ -254,12 +257,12 @@ def terminal_set(mpc: KinematicMpc, samples: int, seed: int) -> tuple[float, flo
     at_task = limited_angles(mpc.model.configuration(mpc.y_des), mpc.y_des)
     free = np.minimum(bounds.upper - at_task, at_task - bounds.lower)
     eye = np.eye(size)
-    linear = {name: (room, eye[[i]]) for name, room, i in zip(
+    linear = {name: (left, eye[[i]]) for name, left, i in zip(
         bounds.names()[5:], free[2:], [4, *range(6, size)], strict=True)} | {
-        name: (room, gain[block]) for name, room, block in zip(
+        name: (left, gain[block]) for name, left, block in zip(
             bounds.names(), bounds.speeds, BLOCKS, strict=False)}
-    largest = {name: room / math.sqrt(np.linalg.eigvalsh(A @ inverse @ A.T)[-1])
-               for name, (room, A) in linear.items()}
+    largest = {name: left / math.sqrt(np.linalg.eigvalsh(A @ inverse @ A.T)[-1])
+               for name, (left, A) in linear.items()}
     name = min(largest, key=lambda each: largest[each])
     states = rng.normal(size=(samples, size)) @ np.linalg.inv(np.linalg.cholesky(P))
     states /= np.sqrt(np.sum(states @ P * states, axis=1, keepdims=True))

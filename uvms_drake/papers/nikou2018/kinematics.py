@@ -93,9 +93,10 @@ class Bounds:
         angles = np.array([limits.roll, limits.pitch, limits.tip_pitch])
         bounds = Bounds(np.array([limits.nu1, limits.nu2, limits.qdot]),
                         np.concatenate([-angles, q_lower]), np.concatenate([angles, q_upper]))
-        for name, size in zip(bounds.names(), [*bounds.speeds, *angles], strict=False):
-            require(0.0 < size < (np.inf if size in bounds.speeds else np.pi / 2), f"limits.{name}",
-                    size, "positive, of an angle below π/2")
+        for i, (name, size) in enumerate(
+                zip(bounds.names(), [*bounds.speeds, *angles], strict=False)):
+            require(0.0 < size < (np.inf if i < len(BLOCKS) else np.pi / 2), f"limits.{name}", size,
+                    "positive, of an angle below π/2")
         return bounds
 
     def tightened(self, tube: TubeRadii) -> "Bounds":
@@ -415,7 +416,7 @@ class DisturbedKinematics(LeafSystem):
 
 @dataclass(frozen=True)
 class Run:
-    """Signals (T, size) of a run, and what they are compared with."""
+    """Signals (T, size) of a run, its scenario and its limits."""
 
     scenario: Scenario
     bounds: Bounds
@@ -467,27 +468,27 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Run:
     model, y_des, bounds = posed(scenario)
     disturbance = scenario.disturbance
     assert isinstance(disturbance, OpenLoopDisturbance)
-    builder, parts = DiagramBuilder(), {}
+    builder = DiagramBuilder()
     with within("mpc"):
         mpc = KinematicMpc(model, scenario.mpc, y_des, bounds.tightened(scenario.tube))
-    parts["robot"] = builder.AddNamedSystem("robot", DisturbedKinematics(
+    # The loop, and its logs.
+    robot = builder.AddNamedSystem("robot", DisturbedKinematics(
         scenario.model, scenario.start.config, np.asarray(scenario.task.frame, dtype=float)))
-    parts["controller"] = builder.AddNamedSystem("controller", KinematicController(
-        mpc, scenario.ancillary))
+    controller = builder.AddNamedSystem("controller", KinematicController(mpc, scenario.ancillary))
     w = disturbance.add_source(builder, 6, scenario.seed).get_output_port()
-    config, zeta = parts["robot"].GetOutputPort("config"), parts["controller"].GetOutputPort("zeta")
-    builder.Connect(config, parts["controller"].GetInputPort("config"))
-    builder.Connect(zeta, parts["robot"].GetInputPort("zeta"))
-    builder.Connect(w, parts["robot"].GetInputPort("disturbance"))
+    config, zeta = robot.GetOutputPort("config"), controller.GetOutputPort("zeta")
+    for port, system in ((config, controller), (zeta, robot), (w, robot)):
+        builder.Connect(port, system.GetInputPort(port.get_name()))
     logs = {name: LogVectorOutput(port, builder, scenario.log_period) for name, port in (
         ("config", config), ("zeta", zeta), ("disturbance", w),
-        ("nominal", parts["controller"].GetOutputPort("nominal")))}
+        ("nominal", controller.GetOutputPort("nominal")))}
     diagram = builder.Build()
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator, simulator)
     simulator.set_monitor(lambda context: progress(
         f"{context.get_time():.1f} of {scenario.duration:g} s",
         context.get_time() / scenario.duration))
+    # The run.
     started = time.perf_counter()
     simulator.AdvanceTo(scenario.duration)
     seconds, context = time.perf_counter() - started, simulator.get_context()

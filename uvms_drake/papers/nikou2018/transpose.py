@@ -1,11 +1,9 @@
 """Law `transpose` of Nikou, Verginis and Dimarogonas (2018), as its proof needs it, and its tube.
 
-With 𝔢 = χ − χ̄, 𝔷 = ζ − ζ̄ and Euler angles compared modulo 2π,
+    u = ū − k 𝔷 − k σ J(𝔮̄)ᵀ 𝔢,   𝔢 = χ − χ̄, 𝔷 = ζ − ζ̄, Euler angles compared modulo 2π
 
-    u = ū − k 𝔷 − k σ J(𝔮̄)ᵀ 𝔢.
-
-It does not act on the arm's self-motion; with `joints`, J_x and 𝔢_y take the place of J and 𝔢, and
-it does. Its tube needs these constants over a `ConstraintSet`, beside those of `tube.constants`:
+does not act on the arm's self-motion; with `joints`, J_x and 𝔢_y take the place of J and 𝔢, and it
+does. Its tube needs these constants over a `ConstraintSet`, beside those of `tube.constants`:
 
     J_min       inf λ_min(J Jᵀ)            J(𝔮) of the paper, χ̇ = J ζ
     Jx_inv_max  sup ‖J_x⁻¹‖                J_x = [J; 0 I], ẏ = J_x ζ, y = (χ, q)
