@@ -29,8 +29,7 @@ OUTSIDE = ["--set", "current=[0.1, 0.0, 0.0]"]
     (["--runs", "2", "--workers", "0"], "--workers = 0"),
     (["--runs", "2", "--set", "seed=4"], "--set = 'seed=4': must be --seed N"),
     (["--runs", "2", "--set", "mpc.deadline=0.1"], "mpc.deadline"),
-    (["--runs", "2", "--tune", "9"], "--tune = 9.0: must be left out with --runs"),
-    (["--runs", "2", "--paper"], "--paper = True: must be left out with --runs"),
+    (["--runs", "2", "--largest", "seed"], "--largest = 'seed': must be left out with --runs"),
     (["--confidence", "0.9"], "--confidence = 0.9: must be left out without --runs"),
     (["--workers", "2"], "--workers = 2: must be left out without --runs"),
     (["--runs", "2", "--workers", "1", "--scheduler", "tcp://x:1"], "not allowed with")])
@@ -40,13 +39,6 @@ def test_bad_input_is_one_line_and_nothing_is_written(capsys, tmp_path, args, wo
     assert (out, err.count("\n")) == ("", 1)
     assert words in err
     assert not (tmp_path / "out").exists()
-
-
-def test_no_mission_is_compared_with_the_linear_loop_of_one_place(capsys, tmp_path):
-    command = ["certify", "jacket_inspection_real", "--runs", "2", "--output", str(tmp_path),
-               "--set", "certificate.linear={}"]
-    assert main(command) == 2
-    assert "must be left out with a mission: the linear loop is" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

@@ -62,14 +62,18 @@ from uvms_drake.station.problem import (
 )
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants.constants import Constant, estimate_constants
-from uvms_drake.tube.constants.covering import prove_constants
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.covering import prove_constants
+from uvms_drake.tube.estimates import (
+    CertificateSettings,
+    Estimate,
+    check_settings,
+    unrefuted,
+)
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import Estimate, unrefuted
 from uvms_drake.tube.search.search_memo import active_memo
-from uvms_drake.tube.settings import CertificateSettings, check_settings
 from uvms_drake.tube.terminal_set import largest_radius
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 

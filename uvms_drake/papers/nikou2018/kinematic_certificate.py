@@ -28,15 +28,13 @@ from uvms_drake.papers.nikou2018.kinematics import (
 from uvms_drake.papers.nikou2018.transpose import Transpose, undetermined_joints
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants.constant_check import checked_constants
-from uvms_drake.tube.constants.constants import estimate_constants
-from uvms_drake.tube.resolved.bounds import attitude_radii
+from uvms_drake.tube.constants import checked_constants, estimate_constants
+from uvms_drake.tube.estimates import CertificateSettings, Estimate, unrefuted
+from uvms_drake.tube.row_gains import attitude_radii
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import Estimate, unrefuted
 from uvms_drake.tube.search.search_problem import SearchProblem
 from uvms_drake.tube.search.second_search import second_search
-from uvms_drake.tube.settings import CertificateSettings
 
 THEOREM = "papers/nikou2018/theory.md#kinematic-tubes"
 GUARANTEE = "control/theory.md#closed-loop-guarantee"

@@ -32,18 +32,18 @@ from uvms_drake.model.frames.euler import COMPLEX_STEP, pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants.constant_check import checked_constants
-from uvms_drake.tube.constants.constants import (
+from uvms_drake.tube.constants import (
     JACOBIAN,
     Constant,
     Matrices,
     MatrixGroup,
     Quantity,
+    checked_constants,
     register_constant,
 )
 from uvms_drake.tube.law_tube import Basis, LawTube, register_tube
-from uvms_drake.tube.resolved.bounds import Tube, attitude_radii
-from uvms_drake.tube.resolved.bounds import check_gains as check_sizes
+from uvms_drake.tube.row_gains import Tube, attitude_radii
+from uvms_drake.tube.row_gains import check_gains as check_sizes
 
 THEOREM = "papers/nikou2018/theory.md#tube-of-the-law-transpose"
 """Theorem of the conditions of `transpose_tube`."""
@@ -123,7 +123,7 @@ def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> 
 def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: float) -> Tube:
     """Returns the tube of 𝔢 = χ − χ̄ under the law `transpose`, u = ū − k𝔯, 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢.
 
-    E and R of (1) of `resolved.bounds` with
+    E and R of (1) of `tube.row_gains` with
 
         a = σJ̲ − L_𝔠,   g = J̄,   b = k − L₂ − σJ̄²,
         G = L₁ + L₂σJ̄ + σL_𝔠J̄ + σJ̃ + σ²J̄³,

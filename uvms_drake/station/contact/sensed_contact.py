@@ -28,14 +28,12 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
-from uvms_drake.plant.model_error import ModelError
 from uvms_drake.sensing.force_fault_detector import (
     CHANCE,
     ForceFaultDetector,
     chance_of_run,
     run_of_frozen,
 )
-from uvms_drake.sensing.measurements import HoldLastValue
 from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.bounds import (
     BETWEEN_KNOTS,
@@ -59,14 +57,12 @@ from uvms_drake.station.contact.drawn_contact import about_drawn, drawn_contact,
 from uvms_drake.station.contact.hold import hold_radii
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.contact.mission_legs import Leg, legs_of
-from uvms_drake.station.contact.parameters import Parameter, contact_parameters
 from uvms_drake.station.problem import posed_task
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
-from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
-from uvms_drake.tube.contact.uneven_motion import unevenness
+from uvms_drake.tube.contact.tip_motion import JERK, second_jerk, tip_jerk, unevenness
+from uvms_drake.tube.estimates import Estimate, largest_of, together
 from uvms_drake.tube.law_tube import Basis, LawTube
-from uvms_drake.tube.search.estimate import Estimate, largest_of, together
 from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
 if TYPE_CHECKING:
@@ -92,9 +88,6 @@ CERTIFIER = "the person who certifies"
 class SensedContact(UnknownContact, Contact):
     """Contact with a measured force; place and stiffness of the wall are unknown."""
 
-    controller_signals: ClassVar[tuple[str, ...]] = (
-        "target", "turn", "safe_depth", "touched", "stiffness_estimate", "stiffness_std",
-        "stiffness_used", "contact_depth")
     bounded_along_run: ClassVar[bool] = False
     draws_surface: ClassVar[bool] = True
     depends_on_duration: ClassVar[bool] = True
@@ -162,38 +155,33 @@ class SensedContact(UnknownContact, Contact):
                 command_path=command_path, solver=solver, press=PressControl(
                     contact.walls, sensing_of(scenario), force, largest, margin))
 
-    def connect_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
-                      controller: Diagram, state: OutputPort, valid: OutputPort | None,
-                      signals: Signals) -> None:
-        """Connects the controller with the measured force, see `Contact.connect_force`.
+    def measured_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
+                       state: OutputPort, valid: OutputPort, signals: Signals
+                       ) -> dict[str, OutputPort]:
+        """Adds the systems of the measured force before the controller, see `Contact`.
 
         ::
 
             valid ─▶ ForceFaultDetector ─▶ HoldLastValue ─▶ TangentialFilter ─▶ law
                              └─ force_valid ─▶ contact estimator
 
-        The filter is only there with a `tangential_lag`.
+        The filter is only there with a `tangential_lag`. A controller without a contact estimator
+        has the last valid value alone.
         """
-        require(valid is not None, "sensing", scenario.sensing,
-                "with a part that measures the force, such as !ForceSensor, for a sensed contact")
-        assert valid is not None  # As required.
+        if "force_lost" not in signals:
+            return super().measured_force(builder, scenario, model, state, valid, signals)
         contact, reading = sensed_contact(scenario), reading_of(scenario)
         detector = ForceFaultDetector.AddToBuilder(
             builder, model, contact.period, repeats=sensing_of(scenario).repeats,
             tare=reading.tare, largest=reading.largest, state=state, force_measured=valid)
         valid = detector.GetOutputPort("force_valid")
         signals["force_status"] = detector.GetOutputPort("force_status")
-        builder.Connect(valid, controller.GetInputPort("force_valid"))
-        signals["force_lost"] = controller.GetOutputPort("force_lost")
-        force = HoldLastValue.AddToBuilder(
-            builder, measured=valid, release=signals["force_lost"]).get_output_port()
-        signals["force_last_valid"] = force
+        given = super().measured_force(builder, scenario, model, state, valid, signals)
         if contact.tangential_lag > 0.0:
-            force = TangentialFilter.AddToBuilder(
+            given[MEASURED_FORCE] = signals["force_filtered"] = TangentialFilter.AddToBuilder(
                 builder, contact.direction, contact.tangential_lag, contact.period,
-                measured=force).get_output_port()
-            signals["force_filtered"] = force
-        builder.Connect(force, controller.GetInputPort(MEASURED_FORCE))
+                measured=given[MEASURED_FORCE]).get_output_port()
+        return {"force_valid": valid, **given}
 
     def force_bounds(self, scenario: "Scenario") -> MeasuredForceBounds:
         """Returns the bounds of the force of all walls of the class, and of its measurement."""
@@ -362,17 +350,6 @@ class SensedContact(UnknownContact, Contact):
         with within("contact"):
             return legs_of(mission.checked(), self.checked(), tube, conditions)
 
-
-    def parameters(self, scenario: "Scenario") -> Iterator[Parameter]:
-        """Yields the parameters of the force sensor and of the wall, and the desired force."""
-        return contact_parameters(scenario)
-
-    def allowances(self, error: ModelError) -> dict[str, float]:
-        """Returns the error of a reading, and the acceleration of a payload that is read."""
-        read = {"contact.force_error": self.force_error}
-        if error.payload.present:
-            read["model_error.payload.acceleration"] = error.payload.acceleration
-        return read
 
     def assumed_settings(self) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""
