@@ -262,9 +262,9 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
     (["/"], "scenario = '/': must be a file: this is a folder"),
     (["/dev/null"], "scenario = '/dev/null': must be a file: this is none"),
     (["--set", "task.pose=[0, 0, 0, 0, 1.5, 0]"],
-     "task.pose = [0. , 0. , 0. , 0. , 1.5, 0. ]: must be such that the vehicle's pitch, 1.5,"),
+     "task.pose = [0. , 0. , 0. , 0. , 1.5, 0. ]: must be such that vehicle pitch, 1.5,"),
     (["--set", "task.posture=[0, 1.2, 0.7, 0]"], "task.posture = [0. , 1.2, 0.7, 0. ]: must be "
-     "such that the vehicle's pitch"),
+     "such that vehicle pitch"),
     (["--set", f"limits.tau={[9] * 10}"], "limits.tau = [9., 9., 9., 9., 9., 9., 9., 9., 9., 9.]: "
      "must be left out, unless tube.tau has"),
     (["--set", "current=[0, 0]"], "current = [0., 0.]: must be 3 finite numbers"),

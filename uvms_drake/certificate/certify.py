@@ -29,8 +29,9 @@ from uvms_drake.certificate.declared_unknowns import (
     unknowns_condition,
     weights_of,
 )
-from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import (
     HoldRadii,
     Limit,
@@ -50,7 +51,7 @@ from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.unknowns import Unknowns
-from uvms_drake.plant.waves import check_waves, largest_speed
+from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.parts import uncovered
 from uvms_drake.station.problem import (
@@ -67,7 +68,6 @@ from uvms_drake.tube.covering import prove_constants
 from uvms_drake.tube.estimates import (
     CertificateSettings,
     Estimate,
-    check_settings,
     unrefuted,
 )
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
@@ -231,14 +231,8 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
         InvalidParameter: It would not.
     """
     model = model or load_model(scenario)
-    with within("certificate"):
-        check_settings(scenario.certificate)
-    vector("current", scenario.current, 3)
-    check_waves(scenario.waves)
-    require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
+    check_values(scenario)
     check_limits(scenario.limits, model.num_joints)
-    with within("ancillary"):
-        scenario.ancillary.check()
     disturbance_weights(scenario, model)
     none = np.zeros(model.size)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))

@@ -9,6 +9,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import within
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -101,6 +102,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
         InvalidParameter: A value of the scenario cannot be used.
     """
     builder, model = DiagramBuilder(), model or load_model(scenario)
+    check_values(scenario)
     own, start = controller is None, scenario.start.config
     if controller is None:
         ocp = make_ocp(scenario, model)

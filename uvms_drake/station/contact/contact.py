@@ -62,7 +62,7 @@ class Contact(ABC):
         """Returns the surface for drawing and for task errors, of the nominal and the true one."""
         return nominal
 
-    def check(self, scenario: "Scenario") -> None:
+    def check_in(self, scenario: "Scenario") -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this contact."""
         require(not scenario.mission.steps, "mission.steps", scenario.mission.steps,
                 "left out, without a sensed contact")
