@@ -8,7 +8,8 @@ from support.unknown_wall import close_to_the_wall
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certify
-from uvms_drake.command.run import BROKEN, print_outcome
+from uvms_drake.command.files import BROKEN
+from uvms_drake.command.run import print_outcome
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.report.summary import summarise

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
 from uvms_drake.command.certificates import announce, kept_certificate, new_certificate, note
 from uvms_drake.command.files import (
+    BROKEN,
     DATA_FILES,
     MAIN_SCENARIO,
     REPLAY_FILE,
@@ -22,6 +23,7 @@ from uvms_drake.command.files import (
     write_pictures,
 )
 from uvms_drake.command.interrupt import postponed
+from uvms_drake.command.paper import run_own
 from uvms_drake.command.progress import Bar, alarms_above, stream_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
@@ -39,9 +41,6 @@ if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
 # Slow imports (simulation, summary, figures, replay) are local to their functions.
-
-BROKEN = 3
-"""Exit status of a completed run that has broken a guarantee or violated a limit."""
 
 EPILOG = f"""\
 scenarios that are shipped (see 'uvms-drake scenarios'):
@@ -100,6 +99,8 @@ def run_scenario(args: argparse.Namespace) -> int:
     scenario, options = load_scenario(args.scenario, args.overrides), set_options(args.overrides)
     source = scenario_source(args.scenario, options)
     path = args.output if args.output is not None else Path("out") / scenario.name
+    if scenario.simulation:
+        return run_own(args, scenario, path)
     with reported_in(source):
         model = load_model(scenario) if args.uncertified else check_inputs(scenario)
     kept = None if args.uncertified else kept_certificate(

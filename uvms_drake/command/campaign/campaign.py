@@ -30,9 +30,8 @@ from uvms_drake.command.campaign.runs import (
     write_results,
 )
 from uvms_drake.command.certificates import note, sound
-from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
+from uvms_drake.command.files import BROKEN, DATA_FILES, picture_files, write_data, write_pictures
 from uvms_drake.command.progress import Bar, stream_of
-from uvms_drake.command.run import BROKEN
 from uvms_drake.command.workers import pool_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own

@@ -23,8 +23,8 @@ from uvms_drake.command.campaign.runs import (
     write_results,
 )
 from uvms_drake.command.certificates import note
+from uvms_drake.command.files import BROKEN
 from uvms_drake.command.progress import stream_of
-from uvms_drake.command.run import BROKEN
 from uvms_drake.command.workers import pool_of
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.output import output_folder
