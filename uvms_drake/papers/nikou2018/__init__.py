@@ -4,7 +4,7 @@ A scenario imports it by its key, `modules: [uvms_drake.papers.nikou2018]`, whic
 `!Transpose`, the constants that its tubes need, its tubes, and `motion: kinematic`.
 """
 
-from uvms_drake.certificate.table import HELP, UNITS
+from uvms_drake.certificate.text import HELP, UNITS
 from uvms_drake.papers.nikou2018 import transpose_tube  # noqa: F401  it registers
 from uvms_drake.papers.nikou2018.kinematics.motion import Kinematic
 from uvms_drake.papers.nikou2018.transpose import Transpose
