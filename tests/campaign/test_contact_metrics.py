@@ -25,7 +25,7 @@ from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.contact.force_ripple import ripple
+from uvms_drake.tube.contact.sensor_error import ripple
 
 pytestmark = pytest.mark.long
 

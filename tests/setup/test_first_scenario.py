@@ -18,7 +18,7 @@ from uvms_drake.setup import first_scenario as module
 from uvms_drake.setup.first_scenario import MARGIN, find_posture, first_scenario, strength_of
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.tube.resolved.image import input_gain
+from uvms_drake.tube.row_gains import input_gain
 
 ROBOTS = ("bluerov2_alpha5", "box_uvms", "girona500_arm5e")
 

@@ -21,22 +21,15 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import Adder, LogVectorOutput
 
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.common.wiring import output_of, release
+from uvms_drake.common.wiring import output_of, outputs, release
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Signals
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.plant.waves import WaterMotion
-from uvms_drake.sensing.measurements import HoldLastValue
+from uvms_drake.station.controller import connect_controller, signals_of
 from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.plant import applied_disturbance
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import (
-    add_actuation,
-    add_chain,
-    add_force_measurement,
-    add_signals,
-)
 
 LOGGED = ("state", "chi", "force", "penetration")
 """Signals of the plant in a `Trace`."""
@@ -146,38 +139,24 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     Raises:
         InvalidParameter: A value of the scenario cannot be used, or a port is missing.
     """
-    motion, builder, signals = motion_of(scenario), DiagramBuilder(), Signals()
+    motion, builder = motion_of(scenario), DiagramBuilder()
     motion.check(scenario)
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, scenario.start.config))
     builder.AddNamedSystem("controller", controller)
     WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
-    is_tube = controller.HasInputPort("force_valid")
-    add_signals(motion, scenario.contact, signals, uvms=uvms,
-                tube_mpc=controller if is_tube else None)
-
-    # Sensors.
-    measured = add_chain(builder, model, signals["state"], signals,
-                         keyed("sensing", scenario.sensing), scenario.seed)
-    builder.Connect(measured, controller.GetInputPort("state"))
-    if is_tube:
-        add_force_measurement(builder, scenario, model, controller, measured, signals)
-    else:
-        faulty = add_chain(builder, model, signals[MEASURED_FORCE], signals,
-                           faults_at("force", scenario.faults), scenario.seed)
-        finite = HoldLastValue.AddToBuilder(builder, measured=faulty)
-        builder.Connect(finite.get_output_port(), controller.GetInputPort("force_measured"))
-
-    # Actuators.
-    signals.setdefault("tau", controller.GetOutputPort("tau"))
-    exerted = add_actuation(builder, scenario, model, controller, signals)
-    builder.Connect(exerted, uvms.GetInputPort("tau"))
-
-    # Events and disturbance.
+    signals = Signals({name: port for name, port in (
+        outputs(uvms) | signals_of(controller)).items() if name != "plant_state"})
     source = builder.AddNamedSystem(
         EVENTS, TouchEvents(events, task_place(scenario), model.size))
     builder.Connect(signals["force"], source.get_input_port())
     if controller.HasInputPort("place"):
         builder.Connect(source.GetOutputPort("place"), controller.GetInputPort("place"))
+    _, exerted = connect_controller(
+        builder, scenario, model, controller, signals["state"], signals,
+        [fault for fault in scenario.faults if fault.place == "force"])
+    builder.Connect(exerted, uvms.GetInputPort("tau"))
+
+    # Disturbance.
     total = builder.AddNamedSystem("disturbances", Adder(2, model.size))
     applied = applied_disturbance(
         scenario.disturbance, scenario.model_error.share, scenario.faults)
@@ -189,9 +168,9 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     logged = {name: signals[name] for name in (*LOGGED, "tau", "wrench_shortfall")
               if name in signals}
     logged |= {"exerted": exerted, "place": source.GetOutputPort("place")}
-    for name in ("limited", "memory"):
-        if controller.HasOutputPort(name):
-            logged[name] = controller.GetOutputPort(name)
+    for name, port in (("limited", "input_limited"), ("memory", "memory")):
+        if controller.HasOutputPort(port):
+            logged[name] = controller.GetOutputPort(port)
     for name, port in logged.items():
         LogVectorOutput(port, builder, scenario.log_period).set_name(f"log.{name}")
     if controller.HasOutputPort("solve_seconds"):

@@ -45,11 +45,10 @@ from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption, setting
-from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import Estimate, check_settings, unrefuted
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import Estimate, unrefuted
-from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 

@@ -9,8 +9,8 @@ from uvms_drake.certificate.declared_unknowns import UnknownEffect
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.search.estimate import Estimate
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import Estimate
 from uvms_drake.tube.ultimate_bounds import HOLD
 
 

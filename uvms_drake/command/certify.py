@@ -7,11 +7,8 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
-import numpy as np
-
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
-    Certificate,
     write_certificate,
 )
 from uvms_drake.command.files import folder, take_scenario
@@ -25,8 +22,6 @@ from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
-BUDGET_FILE = "budget.png"
-
 
 def add_certify(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
@@ -35,8 +30,7 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.set_defaults(command=certify_scenario, parser=certify)
     take_scenario(certify)
     certify.add_argument("--output", type=folder, metavar="DIR",
-                         help="folder of certificate.json and, with a budget, budget.png "
-                              "(default: out/<scenario>)")
+                         help="folder of certificate.json (default: out/<scenario>)")
     certify.add_argument("--full", action="store_true",
                          help="print everything: constants, conditions, tube, budget, estimates")
     take_largest(certify)
@@ -59,7 +53,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
 
     With --runs it is one in probability, and 3 is returned if a run failed.
     """
-    names = [CERTIFICATE_FILE, BUDGET_FILE]
+    names = [CERTIFICATE_FILE]
     if args.runs is not None:
         from uvms_drake.command.campaign.certify_runs import certify_by_runs
 
@@ -89,7 +83,6 @@ def certify_scenario(args: argparse.Namespace) -> int:
             seconds = time.perf_counter() - started
             certificate = beside_the_paper(args, certificate, scenario, model)
         write_certificate(certificate, output.folder)
-        _draw_budget(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
     print(format_overview(certificate, scenario, seconds))
     print(f"\n{certificate}" if args.full or args.paper else "everything: --full")
@@ -103,17 +96,3 @@ def _require_default(args: argparse.Namespace, options: Sequence[str], where: st
         value = getattr(args, name)
         require(value == args.parser.get_default(name), f"--{name.replace('_', '-')}", value,
                 f"left out {where}")
-
-
-def _draw_budget(certificate: Certificate, folder: Path) -> None:
-    """Draws the error budget, if it exists and is finite."""
-    budget, margin = certificate.budget, certificate.margin
-    parts = [part for parts in budget.values() for part in parts.values()]
-    if parts and np.isfinite(parts).all():
-        import matplotlib
-
-        from uvms_drake.report.figure.budget_figure import draw_budget
-        from uvms_drake.report.figure_style import STYLE
-
-        with matplotlib.rc_context(STYLE):
-            draw_budget(budget, margin).savefig(folder / BUDGET_FILE)

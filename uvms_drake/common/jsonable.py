@@ -40,7 +40,7 @@ def from_jsonable(kind: Any, value: Any) -> Any:
     inner = typing.get_args(kind)
     if isinstance(kind, types.UnionType):
         return None if value is None else from_jsonable(inner[0], value)
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
         return kind(**{key: from_jsonable(hints[key], item) for key, item in value.items()})
     match typing.get_origin(kind) or kind:

@@ -17,7 +17,7 @@ from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.certificate.text import format_overview, format_probability, scope
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.program import VERSION
-from uvms_drake.report.figure.contact_estimate_figure import ESTIMATE
+from uvms_drake.report.contact_figures import ESTIMATE
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import SCENARIO_FILE, Record, load_record, unusable_folder
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario

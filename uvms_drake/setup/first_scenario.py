@@ -27,7 +27,7 @@ from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.report.robot.robot_sheet import largest_wrench
 from uvms_drake.setup.holding import Holding, coordinate, what_helps
-from uvms_drake.tube.resolved.image import input_gain
+from uvms_drake.tube.row_gains import input_gain
 
 POSTURES = 3000
 """Random postures among which the search begins."""

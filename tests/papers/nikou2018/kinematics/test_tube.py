@@ -47,7 +47,7 @@ from uvms_drake.papers.nikou2018.kinematics.velocity_radii import (
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.tube.constants.constants import estimate_constants
+from uvms_drake.tube.constants import estimate_constants
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.terminal_set import (
