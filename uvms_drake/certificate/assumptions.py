@@ -26,6 +26,7 @@ from uvms_drake.station.contact.sensed_contact import CERTIFIER
 from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import uncovered
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 
@@ -172,14 +173,14 @@ def _program(time_step: float, safety_factor: float) -> Iterator[Statement]:
            "its samples", CERTIFIER)
 
 
-def assumed_conditions(scenario: Scenario, model: ContactModel) -> list[Condition]:
+def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) -> list[Condition]:
     """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept.
 
     Those that it cannot give up are `assumptions_of`.
     """
     # Axes without a thruster, model errors, options of the MPC, parts of the loop.
     motion, contact, actuation = motion_of(scenario), scenario.contact, scenario.actuation
-    mpc = scenario.mpc
+    mpc, model = scenario.mpc, model or load_model(scenario)
     unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
     assumed: list[tuple[str, str, float]] = [
         *_uncounted(scenario.unknowns, motion, actuation),
@@ -208,7 +209,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel) -> list[Conditio
 
 
 def _uncounted(unknowns: Unknowns, motion: Motion, actuation: Sequence[Actuator]
-                       ) -> list[tuple[str, str, float]]:
+               ) -> list[tuple[str, str, float]]:
     """Returns key, reason and size of the unknowns that `declared_unknowns` leaves out.
 
     It counts forces on a robot whose command acts at once.

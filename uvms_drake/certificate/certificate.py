@@ -1,4 +1,4 @@
-"""Certificates with the hashes of their inputs: file, verdict, and what has changed since.
+"""Certificates with the hashes of their inputs: file, verdict, and changed inputs.
 
 `certificate.json` carries the SHA-256 of its own content, of every file of the robot and of the
 part of the scenario that it depends on. A certificate that was changed by hand, or whose inputs

@@ -68,7 +68,7 @@ class NotCertified(Exception):
 
 
 class Draft:
-    """A certificate in the making: the scenario, its model, and what the stages have found so far.
+    """Certificate in the making: the scenario, its model, and the results of the stages so far.
 
     Args:
         scenario: Scenario to certify.

@@ -1,4 +1,4 @@
-"""The claims of a certificate as data: numbers, the conditions that they need, and assumptions."""
+"""Claims of a certificate as data: numbers, the conditions that they need, and assumptions."""
 
 from dataclasses import dataclass, field
 
@@ -34,7 +34,7 @@ class TerminalResult:
 
 @dataclass(frozen=True)
 class Claims:
-    """The claims about a scenario's closed loop, and the conditions that they need."""
+    """Claims about a scenario's closed loop, and the conditions that they need."""
 
     scenario: str
     law: str
@@ -53,7 +53,7 @@ class Claims:
     """Statements that it rests on and does not compute."""
     constants: tuple[Constant, ...] = ()
     conditions: tuple[Condition, ...] = ()
-    """Those of kind `tightening` have the numbers that tighten limits, proven or estimated."""
+    """Conditions; kind `tightening` has the numbers that tighten limits, proven or estimated."""
     tube: TubeRadii | None = None
     unknowns: tuple[UnknownEffect, ...] = ()
     """Declared unknowns and the acceleration that each causes."""

@@ -105,8 +105,6 @@ def violation(condition: Condition) -> str:
 def help_for(condition: Condition) -> str:
     """Returns the advice on a condition that does not hold; empty if there is none."""
     known = HELP.get(condition.topic, HELP.get(condition.kind, ""))
-    if condition.obstacle:
-        return f"not with this vehicle, because {condition.obstacle}; or {known}"
     found = [text for text in (condition.advice, known) if text]
     return f"what would help: {', or '.join(found)}" if found else ""
 
@@ -141,9 +139,9 @@ def format_overview(claims: Claims, scenario: Scenario, seconds: float | None = 
     failures = [line for each in claims.conditions if not each.holds for line in (
         f"  {violation(each)}", *([f"    {help_for(each)}"] if help_for(each) else []))]
     return "\n".join([
-        f"{claims.scenario}: {verdict(claims)}", *scope(claims), "",
-        *(f"{name:<18}{text}" for name, text in rows),
-        *_section("does not hold", failures)]).rstrip()
+        f"{claims.scenario}: {verdict(claims)}", *scope(claims),
+        *_section("", [f"{name:<18}{text}" for name, text in rows]),
+        *_section("does not hold", failures)])
 
 
 def largest_force(claims: Claims, scenario: Scenario) -> str:
@@ -207,7 +205,7 @@ def format_certificate(claims: Claims) -> str:
         *_section("estimates: claimed value, and the part of it that a second search found", (
             f"  {each.name:<36}{each.claim:>12.4g}{each.ratio:>8.0%}" for each in sorted(
                 claims.estimates, key=lambda each: -each.ratio))),
-        *_section("set and bounds at the task", _bound_rows(claims)),
+        *_section("", _bound_rows(claims)),
         *_section("mission: largest force along n, error bounds with the plan at its target, in "
                   "motion and in a hold", _leg_rows(claims)),
         *_section("the paper's Lemma with these constants", (
@@ -219,9 +217,9 @@ def format_certificate(claims: Claims) -> str:
 
 
 def _section(title: str, rows: Iterable[str]) -> list[str]:
-    """Returns a title with the rows below it; none without rows."""
+    """Returns rows below a title, if there is one; nothing without rows."""
     rows = list(rows)
-    return ["", title, *rows] if rows else []
+    return ["", *([title] if title else []), *rows] if rows else []
 
 
 def _gains(claims: Claims) -> str:

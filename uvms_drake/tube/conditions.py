@@ -29,8 +29,6 @@ class Condition:
     """Key of its advice in words, `certificate.text.HELP`; empty if there is none."""
     about: str = field(default="", kw_only=True)
     """Key of an assumption or step of a mission, or label of a limit's value."""
-    obstacle: str = field(default="", kw_only=True)
-    """Reason why no setting helps, and the needs of the vehicle; empty if there is none."""
     proven: bool = field(default=False, kw_only=True)
     """Whether `left` of a tightening is proven, not estimated."""
 

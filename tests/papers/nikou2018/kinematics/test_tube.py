@@ -23,7 +23,6 @@ from uvms_drake.certificate.certify import (
     certify,
     declared_set,
 )
-from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -106,7 +105,7 @@ def plan(scenario, certificate, ocp) -> KinematicPlan:
 
 def test_the_papers_simulation_is_certified_with_the_printed_weights_and_speeds(
         certificate, scenario):
-    assert certificate.certified, verdict(certificate)
+    assert certificate.certified, certificate.verdict
     assert (certificate.motion, certificate.law) == ("kinematic", "resolved")
     assert certificate.d_bound == pytest.approx(0.2 * np.sqrt(6.0))
     assert (scenario.limits.nu1, scenario.limits.nu2, scenario.limits.qdot) == (2.0, 2.0, 2.0)
@@ -169,7 +168,7 @@ def test_a_declared_radius_is_nothing_to_it_but_that_there_is_one(scenario):
 
 
 def test_the_table_names_everything(certificate):
-    text = format_certificate(certificate)
+    text = str(certificate)
     assert text.splitlines()[0] == (
         f"{NAME}: kinematic motion, law resolved, σ = {certificate.sigma:g} 1/s, w̃ = 0.4899 m/s, "
         "rad/s")
@@ -444,7 +443,7 @@ def test_the_papers_own_numbers_have_no_certificate_and_every_reason_is_named(mo
     assert broken[0].right > 20.0
     assert broken[1].left == 4.0
     assert np.isinf(void.tube.e) and void.terminal is None
-    assert "what would help" in verdict(void)
+    assert "what would help" in void.verdict
     assert Certificate.from_data(void.to_data()).to_data() == void.to_data()
 
 
@@ -459,7 +458,7 @@ def test_what_voids_a_certificate_is_named_with_what_would_help(overrides, begin
     void = certify(load_scenario(NAME, [*FEW, *overrides]))
     assert not void.certified
     assert void.failed.name.startswith(begins)
-    assert "what would help" in verdict(void)
+    assert "what would help" in void.verdict
 
 
 @pytest.mark.parametrize("water", ["current=[0.1, 0, 0]", "waves=[{}]"])
