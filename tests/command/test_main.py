@@ -265,9 +265,9 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
     (["/"], "scenario = '/': must be a file: this is a folder"),
     (["/dev/null"], "scenario = '/dev/null': must be a file: this is none"),
     (["--set", "task.pose=[0, 0, 0, 0, 1.5, 0]"],
-     "task.pose = [0. , 0. , 0. , 0. , 1.5, 0. ]: must be such that the vehicle's pitch, 1.5,"),
+     "task.pose = [0. , 0. , 0. , 0. , 1.5, 0. ]: must be such that vehicle pitch, 1.5,"),
     (["--set", "task.posture=[0, 1.2, 0.7, 0]"], "task.posture = [0. , 1.2, 0.7, 0. ]: must be "
-     "such that the vehicle's pitch"),
+     "such that vehicle pitch"),
     (["--set", "modules=[uvms_drake.papers.nikou2018]", "--set", "motion=kinematic"],
      "must be left out, if the motion is kinematic"),
     (["--set", f"limits.tau={[9] * 10}"], "limits.tau = [9., 9., 9., 9., 9., 9., 9., 9., 9., 9.]: "

@@ -10,7 +10,7 @@ from support.synthetic import desiring, synthetic_record
 
 from uvms_drake.actuation import Thrusters
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.mpc.planner import KEPT
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.disturbance import ConstantDisturbance

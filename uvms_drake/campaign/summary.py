@@ -208,7 +208,8 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
              f"constraint violations: {counts['violations']}; command cut in {counts['limited']} "
              f"runs; exceptions: {counts['exceptions']}; not finite: {counts['not_finite']}",
              f"failed solves: {counts['mpc_failures']}; force never settled: "
-             f"{counts['never_settled']}; terminal set missed by {_number(summary['worst_terminal_slack'])} at most"]
+             f"{counts['never_settled']}; terminal set missed by "
+             f"{_number(summary['worst_terminal_slack'])} at most"]
     unknown = {name: value for name, value in summary["largest_unknown"].items() if value > 0.0}
     if unknown:
         lines.append("largest errors: " + ", ".join(

@@ -30,7 +30,7 @@ from uvms_drake.control.limits import (
     joint_limits,
     resolved_radii,
 )
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp

@@ -68,7 +68,7 @@ def force_bands(record: Record) -> ForceBands:
     recedes = np.zeros(len(goal))
     for attempt in attempts_of(record) if has_mission(record) else ():
         step = record.scenario.mission.steps[attempt.step]
-        recedes[attempt.when] = step.line_speed
+        recedes[attempt.when] = step.speed
     bound, off = np.full(len(goal), np.nan), tip_errors(tube)
     for i in np.flatnonzero(touched):
         bound[i] = contact.band(goal[i], off, recedes[i], lags[i])

@@ -279,11 +279,11 @@ def mission_drawing(record: Record) -> Drawing:
     across = sensed_contact(record.scenario).walls.axes[1:]
     for each in attempts:
         step, when = steps[each.step], each.when
-        if not np.any(step.end):
+        if not np.any(step.along):
             continue
         begin = record.signals["mission_place"][when.start]
-        path = 1e3 * ((record.chi[when, :3] - begin) @ across.T) @ step.end / np.linalg.norm(
-            step.end)
+        path = 1e3 * ((record.chi[when, :3] - begin) @ across.T) @ step.along / np.linalg.norm(
+            step.along)
         pressed += [*(line(np.asarray(one.y)[when], one.style, x=path) for one in forces),
                     _step_band(path, goal[when], slice(None), step)]
         off_line.append(line(1e3 * lateral_errors(record, step, when)[0], x=path))
@@ -295,7 +295,7 @@ def mission_drawing(record: Record) -> Drawing:
 
 def _step_band(x: np.ndarray, goal: np.ndarray, when: slice, step: Any) -> Series:
     """Returns the band of a mission's step about the desired force (T,)."""
-    return band(goal[when] - step.largest_error, goal[when] + step.largest_error, x=x[when],
+    return band(goal[when] - step.tolerance, goal[when] + step.tolerance, x=x[when],
                 color=GREEN, alpha=0.2, label="band of the step")
 
 
@@ -315,10 +315,10 @@ def draw_coverage(record: Record) -> Figure:
         step = mission.steps[attempt.step]
         if step.touches:
             begin = 1e3 * (record.signals["mission_place"][attempt.when.start] - origin) @ across.T
-            end = begin + 1e3 * step.end
+            end = begin + 1e3 * step.along
             axis.plot(*np.array([begin, end])[:, ::-1].T, "o-", color=BLACK, linewidth=5.0,
                       markersize=9.0, markerfacecolor="none", markeredgewidth=0.7, alpha=0.15
-                      if np.any(step.end) else 1.0)
+                      if np.any(step.along) else 1.0)
     strongest = max(step.strongest for step in mission.steps)
     drawn = axis.scatter(place[:, 1], place[:, 0], s=4.0, c=table[:, columns["force_N"]],
                          cmap="viridis", vmin=0.0, vmax=PAINTED * strongest, linewidths=0.0)

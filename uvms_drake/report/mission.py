@@ -55,9 +55,9 @@ def lateral_errors(record: Record, step: Step, when: slice) -> tuple[np.ndarray,
     axes = sensed_contact(record.scenario).walls.axes[1:]
     place = record.signals["mission_place"][when] @ axes.T
     tip = record.chi[when, :3] @ axes.T
-    if not np.any(step.end):
+    if not np.any(step.along):
         return np.linalg.norm(tip - place, axis=1), np.zeros(len(tip))
-    along = np.asarray(step.end) / np.linalg.norm(step.end)
+    along = np.asarray(step.along) / np.linalg.norm(step.along)
     off = (tip - place) @ np.array([-along[1], along[0]])
     return np.abs(off), (place - tip) @ along
 
@@ -114,7 +114,7 @@ def summarise_mission(record: Record) -> dict[str, Any]:
                     "force_rms": np.sqrt(np.mean(error[when]**2)),
                     "force_worst": np.max(np.abs(error[when])),
                     **certified_errors(bands, when),
-                    "within": np.mean(np.abs(error[when]) <= step.largest_error),
+                    "within": np.mean(np.abs(error[when]) <= step.tolerance),
                     "off_rms": np.sqrt(np.mean(off**2)), "off_worst": np.max(off),
                     "behind": np.max(behind)}
         rows.append(row)

@@ -11,7 +11,7 @@ from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.variation import vary
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
-from uvms_drake.control.limits.tip_velocity import TipVelocity
+from uvms_drake.control.limits.speeds import TipVelocity
 from uvms_drake.mission.steps import Approach, Mission, Retreat
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.normal_law import Linear

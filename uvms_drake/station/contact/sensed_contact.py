@@ -14,9 +14,10 @@ from uvms_drake.control.contact.press_target import SEARCH_DEPTH
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, resolved_radii
-from uvms_drake.control.limits.approach_speed import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
+from uvms_drake.control.limits.pose import ToolAngle
+from uvms_drake.control.limits.speeds import ContactSpeed
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solvers import make_solver
