@@ -50,8 +50,7 @@ def certificate(scenario) -> Certificate:
         budget={"depth": {"noise": 1e-3}}, margin={"depth": np.inf},
         legs=(Leg("Hold", 10.0, 8.5, 5.0, 60.0, "", 3.25), Leg("Slide", 12.0, None, 1.0, 2.0, "")),
         terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
-        estimates=(Estimate("ω", 1.1, 0.9),), bounds={"force": 2.5},
-        paper={"printed radius": np.inf}, **fingerprint(scenario))
+        estimates=(Estimate("ω", 1.1, 0.9),), bounds={"force": np.inf}, **fingerprint(scenario))
 
 
 def test_a_certificate_of_each_kind_survives_its_file(certificate, scenario, tmp_path):
@@ -67,7 +66,7 @@ def test_a_certificate_of_each_kind_survives_its_file(certificate, scenario, tmp
     again = from_data(json.loads(json.dumps(to_data(certificate))))
     assert again.conditions == certificate.conditions and again.legs == certificate.legs
     assert again.tube.hold == certificate.tube.hold and again.tube.likely_hold is None
-    assert again.paper["printed radius"] == again.margin["depth"] == np.inf
+    assert again.bounds["force"] == again.margin["depth"] == np.inf
     for found, expected in ((again.weights, certificate.weights), (again.tube.tau, np.inf),
                             (again.constants[0].worst["config"], np.arange(10.0)),
                             (again.terminal.gain, np.eye(10, 20))):

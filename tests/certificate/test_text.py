@@ -8,7 +8,6 @@ import pytest
 from support.probability import made
 from support.snapshot import check_snapshot
 
-import uvms_drake.papers.nikou2018  # noqa: F401  its radii have units
 from uvms_drake.certificate.assumptions import assumed_conditions, assumptions_of
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.claims import TerminalResult
@@ -71,7 +70,7 @@ def full(scenario) -> Certificate:
         unknowns=(UnknownEffect("drag off by 0.02", (0.1, 0.2), 0.3, 0.2),
                   UnknownEffect("a current of 0.1 m/s", (0.2, 0.1), 0.4, 0.3)),
         budget={"depth": {"noise": 1e-3, "d": 2e-3}, "joints": {"noise": 0.0, "d": 1e-3}},
-        margin={"depth": 0.01}, paper={"printed radius": np.inf, "smallest k": 900.0},
+        margin={"depth": 0.01},
         terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
         bounds=HOLDS.bounds | {HOLD: 6.12, LIKELY: 4.95},
         assumptions=assumptions_of(scenario, load_model(scenario)))
@@ -146,7 +145,7 @@ def test_every_topic_of_a_condition_has_its_advice():
     for topic, advice in HELP.items():
         assert help_for(Condition("...", 1.0, "<", 0.0, theorem="t", topic=topic)).endswith(advice)
     assert help_for(tightened("q1", 1.0, 0.0)).endswith(HELP["tightening"])
-    for name in ("girona500_contact", "girona500_real_loop", "paper_kinematic"):
+    for name in ("girona500_contact", "girona500_real_loop"):
         scenario = load_scenario(name)
         for condition in assumed_conditions(scenario):
             assert condition.topic in HELP or condition.about in (

@@ -3,8 +3,8 @@
     limits ──▶ declared set ──▶ constants ──▶ tube ──▶ tightened sets ──▶ terminal set ──▶ plan
 
 Each of the `STAGES` adds its claims and conditions to a draft, and the first whose conditions do
-not hold is the last. The tube depends on the scenario's motion and law, see `Motion.tubes`; a law
-that is not there has no certificate.
+not hold is the last. The tube depends on the law, see `tube.laws.TUBES`; a law that is not there
+has no certificate.
 """
 
 import math
@@ -42,13 +42,20 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.command_path import command_path_of
-from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.problem import (
+    disturbance_weights,
+    limits_of,
+    load_model,
+    make_ocp,
+    start_state,
+)
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption, setting
-from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.estimates import Estimate, unrefuted
-from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.covering import prove_constants
+from uvms_drake.tube.estimates import CertificateSettings, Estimate, unrefuted
+from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
+from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.terminal_set import largest_radius
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
@@ -89,13 +96,12 @@ class Draft:
     start: np.ndarray
 
     def __init__(self, scenario: Scenario, model: ContactModel):
-        self.scenario, self.model, self.motion = scenario, model, motion_of(scenario)
+        self.scenario, self.model = scenario, model
         law, disturbance = scenario.ancillary, scenario.disturbance
-        weights = self.motion.weights(disturbance, model.size)
+        weights = disturbance_weights(scenario, model)
         self.certificate = Certificate(
-            scenario=scenario.name, motion=scenario.motion, law=scenario.law, k=law.k,
-            sigma=law.sigma, d_bound=disturbance.d_bound,
-            weights=None if np.all(weights == 1.0) else weights,
+            scenario=scenario.name, law=scenario.law, k=law.k, sigma=law.sigma,
+            d_bound=disturbance.d_bound, weights=None if np.all(weights == 1.0) else weights,
             assumptions=assumptions_of(scenario, model), **fingerprint(scenario))
 
     def claim(self, **claims: Any) -> None:
@@ -124,7 +130,7 @@ class Draft:
 def constants(draft: Draft) -> None:
     """Searches for the constants of the law's tube, if a tube is known."""
     law = type(draft.scenario.ancillary)
-    if law not in draft.motion.tubes:
+    if law not in TUBES:
         draft.require(assumption(f"certificate of the law {law.__name__}", "none is known",
                                  topic="law", theorem=GUARANTEE))
     draft.basis = basis_of(draft.scenario, draft.model)
@@ -133,7 +139,7 @@ def constants(draft: Draft) -> None:
 def tube(draft: Draft) -> None:
     """Computes the radii: those of the law, then the additional terms of a sensed contact."""
     scenario, law = draft.scenario, draft.scenario.ancillary
-    found = draft.motion.tubes[type(law)].tube(law, draft.basis)
+    found = TUBES[type(law)].tube(law, draft.basis)
     if all(condition.holds for condition in found.conditions):
         found = scenario.contact.in_contact(found, scenario, draft.basis)
     draft.found = found
@@ -244,11 +250,11 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
     Raises:
         InvalidParameter: It would not.
     """
-    model, motion = model or load_model(scenario), motion_of(scenario)
+    model = model or load_model(scenario)
     check_values(scenario)
-    check_limits(scenario.limits, model.num_joints, accelerations=motion.has_forces)
-    motion.weights(scenario.disturbance, model.size)
-    none = np.zeros(model.size if motion.has_forces else 0)
+    check_limits(scenario.limits, model.num_joints)
+    disturbance_weights(scenario, model)
+    none = np.zeros(model.size)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
     start_state(without_tube, make_ocp(without_tube, model))
     return model
@@ -290,29 +296,29 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         model: The controller's model.
         names: Names of the constants; those that the scenario's law needs if None.
     """
-    motion, law, limits = motion_of(scenario), scenario.ancillary, scenario.limits
+    law, limits = scenario.ancillary, scenario.limits
     actuation, settings = scenario.actuation, scenario.certificate
-    limited = not motion.has_forces or scenario.contact.force_limit(limits) is not None
+    limited = scenario.contact.force_limit(limits) is not None
     if not limited and not scenario.contact.takes_static_force(scenario.surface):
         raise NotOffered("surface", type(scenario.surface).__name__,
                          "one that has `static_force_rows`, for limits.static_force")
     require(limited, "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
     declared, contact = declared_set(limits, model), scenario.contact.force_bounds(scenario)
-    weights = motion.weights(scenario.disturbance, model.size)
+    weights = disturbance_weights(scenario, model)
     if names is None:
-        names = motion.tubes[type(law)].constants(law, weights)
+        names = TUBES[type(law)].constants(law, weights)
 
     # Constants, estimated and proven.
     key = {"names": names,
            "set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
            "surface": repr(scenario.surface), "samples": settings.constant_samples,
            "safety_factor": settings.safety_factor, "seed": settings.seed,
-           "files": fingerprint(scenario)["files"], "motion": scenario.motion,
+           "files": fingerprint(scenario)["files"],
            "weights": weights.tolist()}
 
     def search() -> dict:
-        found = motion.constants(names, model, declared, weights, settings)
+        found = constants_of(names, model, declared, weights, settings)
         return {name: constant.to_data() for name, constant in found.items()}
 
     constants = cached(key, search) if names else {}
@@ -327,6 +333,30 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
             limits.tau is not None or limits.thrusters is not None or limits.more),
         largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
         command_path=command_path_of(actuation, model))
+
+
+def constants_of(names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
+                 weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
+    """Returns constants by name; those that decide the tube of `resolved` are proven.
+
+    Args:
+        names: Names of the constants.
+        model: The prediction model.
+        declared: Set of the suprema.
+        weights: Diagonal of Ŵ, see `Basis`.
+        settings: Effort of the searches.
+    """
+    ball = bool(np.all(weights == 1.0))
+    norms = {name if ball else WEIGHTED[name]: name for name in PROVEN.values()}
+    proven = prove_constants(
+        model, declared, tuple(norms[name] for name in names if name in norms),
+        seed=settings.seed, weights=weights)
+    estimated = estimate_constants(
+        model, declared, tuple(name for name in names if name not in norms),
+        samples=settings.constant_samples, safety_factor=settings.safety_factor,
+        seed=settings.seed)
+    return estimated | {name: replace(proven[plain], name=name)
+                        for name, plain in norms.items() if plain in proven}
 
 
 def tightening_margins(found: LawTube, limits: Mapping[str, Limit]) -> list[Condition]:

@@ -39,16 +39,14 @@ class Claims:
     scenario: str
     law: str
     k: float
-    """Gain k of the velocity error [1/s]; of no meaning with kinematic motion."""
+    """Gain k of the velocity error [1/s]."""
     sigma: float
     """Gain σ of the task error [1/s]."""
     d_bound: float
-    """Bound d̃ [m/s², rad/s²] of the disturbance; with kinematic motion w̃ [m/s, rad/s]."""
+    """Bound d̃ [m/s², rad/s²] of the disturbance."""
     weights: np.ndarray | None = None
     """Bounds of each component of the disturbance over d̃, the diagonal of Ŵ: ‖Ŵ⁻¹d‖₂ ≤ d̃; None
     for a ball."""
-    motion: str = "dynamic"
-    """Kind of motion, see `Scenario`."""
     assumptions: tuple[Assumption, ...] = ()
     """Statements that it rests on and does not compute."""
     constants: tuple[Constant, ...] = ()
@@ -68,9 +66,6 @@ class Claims:
     terminal: TerminalResult | None = None
     bounds: dict[str, float] = field(default_factory=dict)
     """Ultimate bounds by name, see `tube.ultimate_bounds`."""
-    paper: dict[str, float] = field(default_factory=dict)
-    """Radii of the paper's Lemma with the same gains and d̃, for comparison; inf if not certified.
-    Empty if they were not asked for."""
 
     @property
     def failed(self) -> Condition | None:
