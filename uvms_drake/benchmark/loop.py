@@ -26,8 +26,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.station.controller import connect_controller, signals_of
-from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.plant import applied_disturbance
+from uvms_drake.station.plant import applied_disturbance, make_simulated_uvms
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -139,9 +138,9 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     Raises:
         InvalidParameter: A value of the scenario cannot be used, or a port is missing.
     """
-    motion, builder = motion_of(scenario), DiagramBuilder()
-    motion.check(scenario)
-    uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, scenario.start.config))
+    builder = DiagramBuilder()
+    uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(
+        scenario, None, scenario.start.config))
     builder.AddNamedSystem("controller", controller)
     WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
     signals = Signals({name: port for name, port in (

@@ -11,7 +11,7 @@ from uvms_drake.control.limits import Limit
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
-from uvms_drake.station.motions.motions import limits_of
+from uvms_drake.station.problem import limits_of
 from uvms_drake.station.scenario.scenario import Scenario
 
 LAST = 3.0

@@ -101,9 +101,7 @@ class SensedContact(UnknownContact, Contact):
         return check_surface(true)
 
     def check_in(self, scenario: "Scenario") -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning with this contact."""
-        require(scenario.motion == "dynamic", "contact", type(self).__name__,
-                "!KnownSurface, if the motion is kinematic")
+        """Returns None: every scenario has a meaning."""
 
     def limits(self) -> list[Limit]:
         """Returns the limits of the tip's velocity and of the tool's angle."""
@@ -125,7 +123,7 @@ class SensedContact(UnknownContact, Contact):
         contact, force = sensed_contact(scenario), scenario.limits.static_force
         require(force is None, "limits.static_force", force,
                 "left out (null) with a sensed contact, whose force contact.force limits")
-        y_des, limits = posed_task(scenario, model, accelerations=True)
+        y_des, limits = posed_task(scenario, model)
         cone = ForceCone.of_surface(contact.walls, largest_normal_force(contact))
         limits = {name: UnderContact(limit, cone) if isinstance(limit, InputLimit) else limit
                   for name, limit in limits.items()}
