@@ -17,7 +17,7 @@ from uvms_drake.campaign.probability.declared_distribution import (
 from uvms_drake.campaign.probability.failures import certificate_in_probability, failures_of
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.variation import vary
-from uvms_drake.certificate.in_probability import ProbabilityCertificate
+from uvms_drake.certificate.certificate import probability_fingerprint
 from uvms_drake.command.campaign.runs import drawable
 from uvms_drake.common.errors import ScenarioError
 from uvms_drake.mission.law import RUNNING, SKIPPED, TIME_OUT
@@ -212,8 +212,8 @@ def test_errors_of_the_thrusters_are_drawn_one_by_one_where_they_are_declared(sc
     for actuation in drawn[:3]:
         each = replace(declared, actuation=actuation)
         assert outside_ranges([entry], drawn_values(each, model)) == []
-        assert (ProbabilityCertificate.inputs_of(each)["inputs"]
-                == ProbabilityCertificate.inputs_of(declared)["inputs"])
+        assert (probability_fingerprint(each)["inputs"]
+                == probability_fingerprint(declared)["inputs"])
     larger = load_scenario(scenario.name, ["actuation.1.error=[0.1, 0.0, -0.11, 0.0, 0.0]"])
     assert outside_ranges([entry], drawn_values(larger, model)) == [
         "thrusters.error is 0.11, declared from 0 to 0.1"]

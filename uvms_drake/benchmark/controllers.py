@@ -13,7 +13,7 @@ from pydrake.systems.framework import System
 from uvms_drake.baselines.baseline import BASELINES, make_baseline
 from uvms_drake.baselines.gains import RobotGains, read_gains
 from uvms_drake.baselines.measured import PressTask
-from uvms_drake.certificate.cache import source_digest
+from uvms_drake.common.cache import source_digest
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import AncillaryLaw

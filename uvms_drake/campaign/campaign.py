@@ -12,8 +12,8 @@ from typing import Any
 
 from pydrake.common.yaml import yaml_load_data
 
-from uvms_drake.certificate.cache import source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
+from uvms_drake.common.cache import source_digest
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 

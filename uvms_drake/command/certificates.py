@@ -7,17 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TextIO, TypeVar
 
-from uvms_drake.certificate.cache import stored
-from uvms_drake.certificate.certificate import Certificate, stale_reason
-from uvms_drake.certificate.in_probability import (
+from uvms_drake.certificate.certificate import (
     AnyCertificate,
-    ProbabilityCertificate,
+    Certificate,
     cache_key,
-    read_any_certificate,
+    from_data,
+    read_certificate,
+    stale_reason,
 )
-from uvms_drake.certificate.table import scope, verdict
+from uvms_drake.certificate.in_probability import ProbabilityCertificate
+from uvms_drake.certificate.text import scope
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.progress import CERTIFYING, Bar
+from uvms_drake.common.cache import stored
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.scenario.remarks import remarks
@@ -37,7 +39,7 @@ def kept_certificate(path: Path, scenario: Scenario, source: str, again: list[st
     """
     if not path.is_file():
         return None
-    certificate = read_any_certificate(path)
+    certificate = read_certificate(path)
     changed = stale_reason(certificate, scenario)
     if not changed:
         return sound(certificate, source)
@@ -62,20 +64,17 @@ def new_certificate(scenario: Scenario, model: ContactModel, source: str, stream
     with reported_in(source), closing(Bar(CERTIFYING, stream, is_steady=False)) as progress:
         worst_case = certified_once(scenario, progress, model)
     known = None if worst_case.certified else stored(cache_key(scenario))
-    found = worst_case if known is None else ProbabilityCertificate.from_data(known)
+    found: AnyCertificate = worst_case if known is None else from_data(known)
     return sound(replace(found, made_by="run"), source)
 
 
 def sound(certificate: AnyCert, source: str) -> AnyCert:
     """Returns a certificate that holds, or raises `RunFailed`; one in probability is none less."""
-    if isinstance(certificate, ProbabilityCertificate):
-        if not certificate.holds:
-            raise RunFailed(f"{source}: {certificate.verdict}; --uncertified takes the scenario's "
-                            "declared tube")
-    elif not certificate.certified:
-        raise RunFailed(f"{source}: {verdict(certificate)}; 'certify --runs N' bounds the "
-                        "probability that a run fails; --uncertified takes the scenario's "
-                        "declared tube")
+    if not certificate.certified:
+        instead = "" if isinstance(certificate, ProbabilityCertificate) else (
+            "; 'certify --runs N' bounds the probability that a run fails")
+        raise RunFailed(f"{source}: {certificate.verdict}{instead}; --uncertified takes the "
+                        "scenario's declared tube")
     return certificate
 
 

@@ -11,10 +11,13 @@ from uvms_drake.campaign.probability.failures import certificate_in_probability
 from uvms_drake.campaign.store import RunLog, require_same, run_log
 from uvms_drake.campaign.summary import format_campaign, summarise_campaign, summarise_times
 from uvms_drake.campaign.variation import vary
-from uvms_drake.certificate.cache import store
-from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
-from uvms_drake.certificate.in_probability import cache_key
-from uvms_drake.certificate.probability_table import format_probability
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    cache_key,
+    to_data,
+    write_certificate,
+)
+from uvms_drake.certificate.text import format_probability
 from uvms_drake.command.campaign.runs import (
     check_draws_and_workers,
     complete,
@@ -26,6 +29,7 @@ from uvms_drake.command.certificates import note
 from uvms_drake.command.files import BROKEN
 from uvms_drake.command.progress import stream_of
 from uvms_drake.command.workers import pool_of
+from uvms_drake.common.cache import store
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -75,7 +79,7 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         campaign, scenario, results, args.confidence)
     with output_folder(path, replaced, replaces=True) as output:
         write_certificate(certificate, output.folder)
-    store(cache_key(scenario), certificate.to_data())
+    store(cache_key(scenario), to_data(certificate))
     print(format_probability(certificate))
     print(f"\n{format_campaign(summary, times, str(folder))}" if args.full else
           "\nall results of the runs: --full")

@@ -129,7 +129,7 @@ class SensedContact(UnknownContact, Contact):
                   for name, limit in limits.items()}
         with within("mpc"):
             return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
-                               contact.walls.facets, turn=contact.turn)
+                               contact.walls.facets)
 
     def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp
                         ) -> Diagram:
@@ -306,9 +306,9 @@ class SensedContact(UnknownContact, Contact):
 
     def goal(self, scenario: "Scenario", model: ContactModel, logs: Mapping[str, np.ndarray]
              ) -> np.ndarray:
-        """Returns the last target, in the attitude of the task, turned as desired."""
+        """Returns the last target, in the attitude of the task."""
         pose = super().goal(scenario, model, logs)
-        return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + logs["turn"][-1]])
+        return np.concatenate([logs["target"][-1], pose[3:]])
 
     def force_direction(self, force: np.ndarray) -> np.ndarray:
         """Returns the direction n into the wall (3,)."""
