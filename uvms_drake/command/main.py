@@ -22,9 +22,8 @@ from uvms_drake.command.compare import add_compare
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.keys import add_keys
 from uvms_drake.command.paper import add_errata
-from uvms_drake.command.plot import add_plot
 from uvms_drake.command.robot import add_robot
-from uvms_drake.command.run import add_run
+from uvms_drake.command.run import add_plot, add_run
 from uvms_drake.command.scenario import add_scenario, add_scenarios
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
