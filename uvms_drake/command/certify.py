@@ -16,6 +16,7 @@ from uvms_drake.certificate.certificate import (
     Certificate,
     write_certificate,
 )
+from uvms_drake.command.campaign import take_workers
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.paper import (
     beside_the_paper,
@@ -25,7 +26,6 @@ from uvms_drake.command.paper import (
 )
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.command.run import note
-from uvms_drake.command.workers import take_workers
 from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.output import output_folder
@@ -79,7 +79,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     """
     names = [CERTIFICATE_FILE, BUDGET_FILE, TOLERANCES_FILE]
     if args.runs is not None:
-        from uvms_drake.command.campaign.certify_runs import certify_by_runs
+        from uvms_drake.command.drawn_runs import certify_by_runs
 
         _require_default(args, ("tolerances", "sweep_gains", "tune", "paper", "compare_laws"),
                          "with --runs")
