@@ -1,4 +1,4 @@
-"""Figures of the benchmark: errors of the force in colour, and the force of every case over time."""
+"""Figures of the benchmark: errors of the force in colour, and the force over time."""
 
 from collections.abc import Sequence
 from itertools import cycle
