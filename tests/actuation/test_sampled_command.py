@@ -1,13 +1,11 @@
-"""Tests of `uvms_drake.actuation.sampled_command`: the loop of a computer, against one by hand."""
+"""Tests of `uvms_drake.actuation.ideal`: the loop of a computer, against one by hand."""
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from uvms_drake.actuation.sampled_command import SampledCommand
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.motions.dynamic import make_simulated_uvms
@@ -103,12 +101,3 @@ def test_at_the_logs_instants_alone_it_is_asked_once_a_period(monkeypatch):
     monkeypatch.setattr(Resolved, "command", counted)
     simulate(scenario_of(0.18, part=SampledCommand(0.02, 0.01)))
     assert len(asked) == 9 + 1
-
-
-@pytest.mark.parametrize(("part", "key"), [
-    (SampledCommand(period=0.0), "period"), (SampledCommand(delay=-0.1), "delay"),
-    (SampledCommand(0.02, 2.1), "delay")])
-def test_a_clock_that_none_is_is_refused(part, key):
-    with pytest.raises(InvalidParameter) as caught:
-        part.check()
-    assert caught.value.key == key

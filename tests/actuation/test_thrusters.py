@@ -10,14 +10,12 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 from support.thrusters import eight_thrusters
 
-from uvms_drake.actuation.sampled_command import SampledCommand
-from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
-from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
+from uvms_drake.actuation.ideal import SampledCommand
+from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
 from uvms_drake.actuation.thrusters import Thrusters, largest_error, with_errors
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.signals.linear import LinearLoop, OperatingPoint
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
 
 TAU = np.array([12.0, -9.0, 7.0, 2.0, 4.0, -3.0, 1.0, 2.0, 3.0, 4.0])
@@ -113,8 +111,7 @@ def test_torques_pass_at_once_and_the_wrench_arrives_but_for_roll(model):
 @pytest.mark.parametrize(("part", "off"), [
     (Thrusters(error=np.array([0.1])), lambda file: ThrusterModel.of(file).off_by(0.1)),
     (Thrusters(error=np.linspace(-0.3, 0.3, 8)),
-     lambda file: ThrusterModel.of(file).off_by(np.linspace(-0.3, 0.3, 8))),
-    (Thrusters(sag=2.0), lambda file: ThrusterModel.of(file, 2.0))])
+     lambda file: ThrusterModel.of(file).off_by(np.linspace(-0.3, 0.3, 8)))])
 def test_model_errors_are_in_the_forces_only(other, part, off):
     bench = Bench(other, part)
     simulator = bench.simulator()
@@ -126,53 +123,6 @@ def test_model_errors_are_in_the_forces_only(other, part, off):
         bench.at(context, "exerted")[:6], ThrusterModel.of(file).B @ forces, atol=1e-6)
     np.testing.assert_allclose(bench.at(context, VEHICLE_WRENCH), TAU[:6], atol=1e-6)
     assert np.max(np.abs(bench.at(context, "exerted")[:6] - TAU[:6])) > 0.3
-
-
-ERRORS = np.array([0.1, -0.05, 0.08, -0.1, 0.02])
-
-
-def test_a_command_of_the_modelled_force_exerts_the_force_that_is_asked_for(model):
-    """Each thruster is off by its own error, and the law reads the modelled force."""
-    part = Thrusters(error=ERRORS)
-    known = part.known(model)
-    asked = np.append(known.B @ Allocation.to(known).forces(TAU[:6]), TAU[6:])
-    modelled = part.modelled(model, asked)
-    bench = Bench(model, part, modelled)
-    simulator = bench.simulator()
-    simulator.AdvanceTo(3.0)
-    context = simulator.get_context()
-    np.testing.assert_allclose(bench.at(context, "exerted"), asked, atol=1e-6)
-    np.testing.assert_allclose(
-        bench.at(context, "thruster_force"),
-        (1.0 + ERRORS) * known.forces_of(bench.at(context, "thruster_command")), rtol=1e-6)
-    assert np.max(np.abs(modelled - asked)) > 0.3
-    np.testing.assert_array_equal(Thrusters().modelled(model, asked), asked)
-
-
-def test_the_axes_that_nothing_drives_get_what_comes_with_the_others(model):
-    """The lateral thruster is off the origin, so that a sway rolls the vehicle."""
-    part = Thrusters()
-    wanted = part.exerted(model, np.append([0.0, 8.0, 0.0, 0.3, 0.0, 0.0], TAU[6:]))
-    bench = Bench(model, part, wanted)
-    simulator = bench.simulator()
-    simulator.AdvanceTo(3.0)
-    np.testing.assert_allclose(bench.at(simulator.get_context(), "exerted"), wanted, atol=1e-6)
-    np.testing.assert_allclose(wanted[:6], [0.0, 8.0, 0.0, 8.0 * 0.021, 0.0, 0.0], atol=1e-3)
-    np.testing.assert_array_equal(wanted[6:], TAU[6:])
-
-
-def test_the_linear_forces_are_off_by_the_errors_with_and_without_a_force_at_the_point(model):
-    part = Thrusters(error=ERRORS)
-    for tau in (TAU, np.zeros(10)):
-        loop = LinearLoop()
-        at = OperatingPoint(model, np.append(AT, np.zeros(10)), PRESSED, tau, tau)
-        command = loop.entry("command", 10)
-        part.linear(loop, at, command, {})
-        sampled = {block.name: value.parts for block, value, *_ in loop.updates}
-        exact, real = (next(iter(sampled[f"{name}, sample 0"].values()))
-                       for name in ("modelled thrust", "thrust"))
-        np.testing.assert_allclose(real, (1.0 + ERRORS)[:, None] * exact, rtol=1e-9, atol=1e-12)
-        assert np.linalg.norm(exact) > 0.5
 
 
 def test_parts_of_the_errors_are_those_of_thrusters_alone(model):
@@ -264,27 +214,10 @@ def test_the_allocation_alone_commands_what_gives_the_wrench(other):
     np.testing.assert_allclose(system.GetOutputPort("shortfall").Eval(context), 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("part", "message"), [
-    (Thrusters(period=0.0), r"^period = 0\.0: must be at least 0\.0001 s$"),
-    (Thrusters(lag=0.0), r"^lag = 0\.0: must be positive, or left out$"),
-    (Thrusters(dead_time=0.012), r"^dead_time = 0\.012: must be a multiple of the period, 0\.01 s"),
-    (Thrusters(dead_time=-0.01), r"^dead_time = -0\.01: must be a multiple"),
-    (Thrusters(sag=np.inf), r"^sag = inf: must be a number$"),
-    (Thrusters(error=np.array([np.nan])), r"^error = \[nan\]: must be numbers between -1 and 1"),
-    (Thrusters(error=np.array([0.1, -1.0])), r"^error = .*: must be numbers between -1 and 1, one"),
-    (Thrusters(error=np.array([[0.1]])), r"^error = .*: must be numbers between -1 and 1, one for"),
-])
-def test_a_setting_without_a_meaning_is_refused(part, message):
-    with pytest.raises(InvalidParameter, match=message):
-        part.check()
-
-
 def test_what_the_robot_does_not_have_is_named(model):
     for thrusters, part, message in (
             (None, Thrusters(), r"^thrusters = None: must be left out: the robot has no thrust"),
             (model.thrusters, Thrusters(error=np.zeros(3)), r"^error = .*: must be 5 finite num"),
-            (model.thrusters, Thrusters(sag=1.0), r"^sag = 1\.0: must be 0: the voltage"),
             (model.thrusters, Thrusters(period=0.02), r"^dead_time = 0\.05: must be a multiple")):
         with pytest.raises(InvalidParameter, match=message):
             Bench(with_thrusters(model, thrusters), part)
-    assert "at once" in Thrusters().assumption()

@@ -23,7 +23,7 @@ def ports_of(controller) -> tuple[dict[str, int], dict[str, int]]:
 def test_it_has_the_documented_ports(short_ocp):
     assert ports_of(make_tube_mpc(short_ocp, Resolved())) == (
         {"state": 20, "force_measured": 6, "vehicle_wrench": 6, "fault": 1},
-        {"tau": 10, "u": 10, "lost": 1, "limited": 1, "pair": 0, "nominal_state": 20,
+        {"tau": 10, "u": 10, "state_lost": 1, "input_limited": 1, "pair": 0, "nominal_state": 20,
          "nominal_input": 10, "plan": 0, "report": 8, "solve_seconds": 1})
 
 

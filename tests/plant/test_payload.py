@@ -13,7 +13,7 @@ from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.payload import Payload, holding_wrench
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.sensing.tool_weight import Tool
+from uvms_drake.sensing.wrist_sensor import Tool
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.sensing.hold_last_value`: the value through a gap."""
+"""Tests of `uvms_drake.sensing.measurements`: the value through a gap."""
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
 from support.scripts import Script, use_fixed_steps
 
-from uvms_drake.sensing.hold_last_value import HoldLastValue
+from uvms_drake.sensing.measurements import HoldLastValue
 
 
 def measured(time):

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from uvms_drake.sensing.force_sensor import ForceSensor, quantised
-from uvms_drake.sensing.repeated_readings import (
+from uvms_drake.sensing.force_fault_detector import (
     CHANCE,
     chance_of_run,
     repeat_probability,
     run_of_frozen,
 )
+from uvms_drake.sensing.force_sensor import ForceSensor
+from uvms_drake.sensing.wrist_sensor import quantised
 
 SIGMA = np.array([0.25, 0.25, 0.25, 0.005, 0.005, 0.005])
 

@@ -13,7 +13,7 @@ from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
+from uvms_drake.sensing.faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.diagram import make_station

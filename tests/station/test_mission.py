@@ -101,7 +101,7 @@ def test_without_a_mission_the_targets_come_from_outside(scenario):
 
 def test_a_button_says_stop_to_it(scenario):
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    station = make_station(scenario, meshcat)
+    station = make_station(scenario, meshcat=meshcat)
     assert not station.HasInputPort("stop")
     context = station.CreateDefaultContext()
     mission = station.GetSubsystemByName("mission")

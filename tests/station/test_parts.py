@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Gain
 
-from uvms_drake.actuation.sampled_command import SampledCommand
+from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.model.signals.sensor_actuator import Part
@@ -127,7 +127,7 @@ def test_the_law_tip_first_counts_with_a_clock_alone():
     ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be at least 0.0001"),
     ("actuation=[!Hold {}]",
      "actuation[0] = '!Hold': must be a mapping tagged !SampledCommand or !Thrusters "
-     "or !LaggedWrench or !IdealWrench")])
+     "or !IdealWrench")])
 def test_a_part_without_a_meaning_is_one_line(override, expected):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("girona500_ideal", [override])

@@ -12,7 +12,7 @@ from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.papers.nikou2018.kinematics.disturbance import TaskAdversary
-from uvms_drake.sensing.hold_last_value import HoldLastValue
+from uvms_drake.sensing.measurements import HoldLastValue
 
 N = np.array([1.0, 0.0, 0.0])
 MADE = {

@@ -19,11 +19,11 @@ from support.coarse_sensors import (
 )
 from support.scripts import Script
 
-from uvms_drake.sensing.faulty_sensor import FaultySensor
-from uvms_drake.sensing.force_error_bound import error_bound
+from uvms_drake.model.signals.sensor_actuator import Signals
+from uvms_drake.sensing.faults import FrozenForce
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector, ForceStatus
-from uvms_drake.sensing.force_faults import FrozenForce
-from uvms_drake.sensing.force_sensor import WristSensor
+from uvms_drake.sensing.force_sensor import error_bound
+from uvms_drake.sensing.wrist_sensor import WristSensor
 from uvms_drake.station.contact.bounds import (
     LONGEST_FREEZE,
     pressing_force,
@@ -65,12 +65,12 @@ def read(scenario, freezes, until, force):
     wrist = WristSensor.AddToBuilder(
         builder, model, sensor, sensor.imperfection(3), force=script.GetOutputPort("force"),
         chi=script.GetOutputPort("chi"), measured_chi=script.GetOutputPort("chi"))
-    measured = FaultySensor.AddToBuilder(
-        builder, FrozenForce(freezes, 9.0), true=wrist.GetOutputPort("force_measured"))
+    measured = FrozenForce(freezes, 9.0).add_to(
+        builder, model, wrist.GetOutputPort("force_measured"), Signals(), 0)
     detector = ForceFaultDetector.AddToBuilder(
         builder, model, sensing.period, repeats=sensing.repeats, tare=reading.tare,
         largest=reading.largest, state=script.GetOutputPort("state"),
-        force_measured=measured.get_output_port())
+        force_measured=measured)
     log = LogVectorOutput(detector.GetOutputPort("force_status"), builder, sensing.period)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(until)

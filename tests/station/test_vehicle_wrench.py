@@ -89,4 +89,4 @@ def test_an_observer_is_told_what_known_actuators_give_and_of_no_fault():
     own = controller.GetMyContextFromRoot(context)
     np.testing.assert_array_equal(controller.GetInputPort("applied").Eval(own), given)
     np.testing.assert_array_equal(controller.GetInputPort(VEHICLE_WRENCH).Eval(own), given[:6])
-    assert brake.GetInputPort("commanded").HasValue(brake.GetMyContextFromRoot(context))
+    assert brake.GetInputPort("signal").HasValue(brake.GetMyContextFromRoot(context))

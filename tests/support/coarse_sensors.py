@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from uvms_drake.sensing.force_faults import ForceFault
-from uvms_drake.sensing.force_sensor import ForceSensor, cut_noise
+from uvms_drake.sensing.faults import ForceFault
+from uvms_drake.sensing.force_sensor import ForceSensor
+from uvms_drake.sensing.wrist_sensor import cut_noise
 from uvms_drake.station.scenario.scenario import Scenario
 
 NEWTONS = (0.01, 0.2, 0.5)

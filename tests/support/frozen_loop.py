@@ -7,7 +7,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
-from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
+from uvms_drake.actuation.thruster_systems import ThrusterDynamics
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.wiring import output_of
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
@@ -22,10 +22,10 @@ from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH, Signals
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion
-from uvms_drake.sensing.force_sensor import WristSensor
+from uvms_drake.sensing.wrist_sensor import WristSensor
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.parts import keyed
-from uvms_drake.station.series_connection import add_chain
+from uvms_drake.station.controller import add_chain
 
 LOG_PERIOD = 0.005
 

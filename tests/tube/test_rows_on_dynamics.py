@@ -9,8 +9,9 @@ from pydrake.systems.framework import LeafSystem
 from support.hovering import Hovering, Lag
 from support.lagging import CONFIG, Motion, run
 from support.transfer import impulse
+from uvms_drake.tube.loops.row_loop import RowLoop
 
-from uvms_drake.actuation.sampled_command import SampledCommand
+from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.outputs import outputs_of
@@ -23,7 +24,6 @@ from uvms_drake.plant.disturbance import (
     OpenLoopDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.tube.loops.row_loop import RowLoop
 
 pytestmark = pytest.mark.slow
 VEHICLE, TIP = (4.0, 2.0), (20.0, 10.0)  # k, σ [1/s]; the vehicle's fast, to be short

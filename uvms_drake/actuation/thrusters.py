@@ -11,7 +11,7 @@
        └─────────────────────────────────────────── (0, τ_q) ─────┘
 
 A force follows its command by Tḟ + f = φ(command a dead time ago), φ its curve, and the torques of
-the joints pass. The controller's model is the same without sag and error. At the start the
+the joints pass. The controller's model is the same without error. At the start the
 thrusters hover: they hold the robot at rest, as far as they can.
 """
 
@@ -22,17 +22,13 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Adder, MatrixGain
 
-from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
-from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
+from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require, require_period
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
-
-SMALL = 1e-3
-"""Force below which a thruster's curve has no secant [N]."""
 
 
 @dataclass
@@ -53,8 +49,6 @@ class Thrusters(Actuator):
     dead_time: float | None = None
     """Dead time from a command to the first change of a force [s], a multiple of `period`; by
     default the file's. Up to one period more passes until a command is sent."""
-    sag: float = 0.0
-    """Voltage drop below the voltage in the controller's model [V]."""
     error: np.ndarray = field(default_factory=lambda: np.zeros(1))
     """Relative error of each thruster's force to the controller's model (m,), or (1,) for all. A
     campaign draws that of each thruster, of either sign and up to this size."""
@@ -64,7 +58,6 @@ class Thrusters(Actuator):
         require_period("period", self.period)
         require(self.lag is None or 0.0 < self.lag < np.inf, "lag", self.lag,
                 "positive, or left out")
-        require(np.isfinite(self.sag), "sag", self.sag, "a number")
         if self.dead_time is not None:
             self._steps(self.dead_time)
         require(np.ndim(self.error) == 1 and bool(np.all(np.abs(self.error) < 1.0)), "error",
@@ -75,16 +68,10 @@ class Thrusters(Actuator):
         return "the proofs take the vehicle's wrench for given at once and on all six axes"
 
     def command_path(self, model: UvmsModel) -> CommandPath:
-        """Returns their clock, dead time and lag, and their largest errors at any command."""
-        known, true = self.known(model), self.true(model)
-        off = [max(abs(real.force_of(at) - curve.force_of(at))
-                   for at in np.union1d(curve.command, real.command))
-               for curve, real in zip(known.curves, true.curves, strict=True)]
-        return CommandPath(
-            thruster_period=self.period, dead_time=known.dead_time, lag=float(np.mean(known.lag)),
-            thruster_error=tuple(map(tuple, (known.B * np.array(off)).T.tolist())),
-            undriven=tuple(map(int, known.undriven)),
-            unknown=("thrusters of different lags",) if np.ptp(known.lag) > 0.0 else ())
+        """Returns their clock, dead time and mean lag."""
+        known = self.known(model)
+        return CommandPath(thruster_period=self.period, dead_time=known.dead_time,
+                           lag=float(np.mean(known.lag)))
 
     def _steps(self, dead_time: float) -> int:
         steps = dead_time / self.period
@@ -94,17 +81,10 @@ class Thrusters(Actuator):
 
     def known(self, model: UvmsModel) -> ThrusterModel:
         """Returns the thrusters of the controller's model."""
-        return self._at(model, 0.0)
-
-    def true(self, model: UvmsModel) -> ThrusterModel:
-        """Returns the real thrusters."""
-        return self._at(model, self.sag).off_by(self.error)
-
-    def _at(self, model: UvmsModel, sag: float) -> ThrusterModel:
         parameters = model.thrusters
         if parameters is None:
             raise InvalidParameter("thrusters", None, "left out: the robot has no thrusters.yaml")
-        found = ThrusterModel.of(parameters, sag)
+        found = ThrusterModel.of(parameters)
         lag = found.lag if self.lag is None else np.full(found.size, self.lag)
         dead_time = found.dead_time if self.dead_time is None else self.dead_time
         return replace(found, lag=lag, dead_time=dead_time)
@@ -132,7 +112,7 @@ class Thrusters(Actuator):
             return gain.get_output_port()
 
         # The real thrusters, which exert the wrench, and those of the controller's model.
-        force, modelled = add("thrusters", self.true(model)), add("thruster_model", known)
+        force, modelled = add("thrusters", known.off_by(self.error)), add("thruster_model", known)
         exerted = builder.AddNamedSystem("exerted", Adder(num_inputs=2, size=size))
         for i, part in enumerate((
                 add_gain("wrench", np.eye(size, 6) @ known.B, force),
@@ -143,15 +123,6 @@ class Thrusters(Actuator):
         signals["wrench_shortfall"] = allocation.GetOutputPort("shortfall")
         signals[VEHICLE_WRENCH] = add_gain("wrench_model", known.B, modelled)
         return exerted.get_output_port()
-
-
-    def _at_rest(self, model: UvmsModel, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns forces that exert τ (6+n,), and of the real ones the secants over them (m,)."""
-        known = self.known(model)
-        forces = Allocation.to(known).forces(tau[:6])
-        real = self.true(model).forces_of(known.commands_of(forces))
-        return forces, np.divide(real, forces, out=1.0 + known.each(self.error),
-                                 where=np.abs(forces) > SMALL)
 
 
 def largest_error(actuation: Sequence[Actuator]) -> float:

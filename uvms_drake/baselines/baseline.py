@@ -71,13 +71,13 @@ def make_baseline(model: UvmsModel, task: PressTask, laws: Parts, gains: RobotGa
         - place (optional)
         output_ports:
         - tau
-        - limited
+        - input_limited
         - reference
         - memory
 
     - `state`: (𝔮, ζ) (2(6+n)) measured; `force_measured`: 𝔉_s (6) [N, N m].
     - `desired_force`, `place`: see `Approach`.
-    - `tau`: τ (6+n) [N, N m]; `limited` (1): 1 while the limit cuts it.
+    - `tau`: τ (6+n) [N, N m]; `input_limited` (1): 1 while the limit cuts it.
     - `reference` (9): see `Reference`.
     - `memory` (m): states of the law named "law".
 
@@ -112,8 +112,8 @@ def make_baseline(model: UvmsModel, task: PressTask, laws: Parts, gains: RobotGa
     builder.ExportInput(force.get_input_port(), "force_measured")
     for name in ("desired_force", "place"):
         builder.ExportInput(approach.GetInputPort(name), name)
-    for name in ("tau", "limited"):
-        builder.ExportOutput(limit.GetOutputPort(name), name)
+    builder.ExportOutput(limit.GetOutputPort("tau"), "tau")
+    builder.ExportOutput(limit.GetOutputPort("limited"), "input_limited")
     builder.ExportOutput(approach.get_output_port(), "reference")
     builder.ExportOutput(systems["law"].GetOutputPort("memory"), "memory")
     diagram = builder.Build()

@@ -17,7 +17,7 @@ from uvms_drake.certificate.certify import first_plan
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
-from uvms_drake.model.signals.sensor_actuator import Fault
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.plant.adversary import ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,

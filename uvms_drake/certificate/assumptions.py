@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_drake.actuation.ideal_wrench import IdealWrench
+from uvms_drake.actuation.ideal import IdealWrench
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.control.limits import Limits
 from uvms_drake.model.contact_model import ContactModel

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.actuation.ideal_wrench import IdealWrench
+from uvms_drake.actuation.ideal import IdealWrench
 from uvms_drake.certificate.advice import longer, roomier, safer, wider
 from uvms_drake.certificate.assumptions import assumptions_of, undriven_axes, unnamed_axes
 from uvms_drake.certificate.cache import cached

@@ -1,6 +1,6 @@
 """Wiring of a system in a Diagram, declaration of the functions of its Context, and its release."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 from pydrake.common.value import AbstractValue
@@ -12,6 +12,7 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     LeafSystem,
     OutputPort,
+    PortDataType,
     System,
     ValueProducer,
 )
@@ -33,6 +34,21 @@ def added(builder: DiagramBuilder, name: str, system: S, **sources: OutputPort |
         if source is not None:
             builder.Connect(source, system.GetInputPort(port))
     return system
+
+
+def outputs(system: System) -> dict[str, OutputPort]:
+    """Returns the output ports of vectors of a system by their names."""
+    ports = [system.get_output_port(i) for i in range(system.num_output_ports())]
+    return {port.get_name(): port for port in ports
+            if port.get_data_type() == PortDataType.kVectorValued}
+
+
+def wire(builder: DiagramBuilder, system: System, signals: Mapping[str, OutputPort]) -> None:
+    """Connects every input port of a system that has a signal of its name, and none as yet."""
+    for i in range(system.num_input_ports()):
+        port = system.get_input_port(i)
+        if port.get_name() in signals and not builder.IsConnectedOrExported(port):
+            builder.Connect(signals[port.get_name()], port)
 
 
 def cached(system: LeafSystem, description: str, calc: Callable[[Context], Any],

@@ -51,15 +51,15 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         output_ports:
         - tau
         - u
-        - lost
-        - limited
+        - state_lost
+        - input_limited
         - pair
         - nominal_state
         - nominal_input
         - plan
         - report
         - solve_seconds
-        - accepted_force (with targets or a press control)
+        - desired_force (with targets or a press control)
         - target, turn, safe_depth, ... (with a press control)
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
@@ -68,8 +68,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     - `applied`: τ (6+n) as known actuators give it, for the law's observer; see `RowObserver`.
     - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `u`: 𝔲 (6+n) [m/s², rad/s²].
-    - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
-    - `limited`: 1 while a limit cuts the law's command, else 0 (1).
+    - `state_lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
+    - `input_limited`: 1 while a limit cuts the law's command, else 0 (1).
     - `pair`: `Pair` of measured and nominal motion, for a `TubeMonitor`.
     - Those of a press control: see `PressControl`; its law takes the measured force, through a
       `HoldLastValue` that `force_lost` releases.
@@ -115,15 +115,17 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     export_inputs(builder, feedback, add_observer(
         builder, ocp.model, law, feedback, state=measured))
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
-    for name in ("tau", "u", "lost", "limited", "pair"):
+    for name in ("tau", "u", "pair"):
         builder.ExportOutput(feedback.GetOutputPort(name), name)
+    builder.ExportOutput(feedback.GetOutputPort("lost"), "state_lost")
+    builder.ExportOutput(feedback.GetOutputPort("limited"), "input_limited")
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
     if pressing is not None:
         pressing.export(builder)
     elif targets is not None:
         builder.ExportInput(mpc.GetInputPort("desired_force"), "desired_force")
-        builder.ExportOutput(mpc.GetOutputPort("accepted_force"), "accepted_force")
+        builder.ExportOutput(mpc.GetOutputPort("accepted_force"), "desired_force")
     diagram = builder.Build()
     diagram.set_name("tube_mpc")
     return diagram

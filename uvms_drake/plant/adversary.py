@@ -75,6 +75,8 @@ class AdversarialDisturbance(Disturbance):
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
                signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds an `Adversary`; see `Disturbance`."""
+        require("e_y" in signals, "kind", self.kind, "another: a function of time alone, or in a "
+                "station with a tube MPC, which has the errors that aim it")
         return Adversary.AddToBuilder(
             builder, model, self, state=signals["state"], e_y=signals["e_y"], r=signals["r"]
         ).get_output_port()

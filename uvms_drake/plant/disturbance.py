@@ -23,7 +23,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require, require_rate, vector
 from uvms_drake.common.wiring import output_of
-from uvms_drake.model.signals.sensor_actuator import Fault
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.uvms_model import UvmsModel
 
 _NEVER_ABOVE_ONE = 1.0 - 8.0 * np.finfo(float).eps  # So that rounding cannot exceed the bound.

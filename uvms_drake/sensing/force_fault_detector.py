@@ -1,5 +1,9 @@
 """Detector of frozen, saturated and missing readings of a force sensor.
 
+Noise moves every reading, and the resolution rounds it: whatever the force, a component repeats the
+last reading with a probability of at most that of the most probable interval of the noise of the
+length of the resolution, and all six with at most the product.
+
 A sensor whose noise exceeds its resolution does not repeat all six components of its reading for
 long: m equal readings in a row, in Σ_I or in the axes of the tip, are none, nor is a force whose
 norm is at the declared end of the range. Until then readings pass that are at least the least force
@@ -29,6 +33,8 @@ from uvms_drake.model.end_effector import force_in_tip
 from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.uvms_model import UvmsModel
 
+CHANCE = 1e-9
+"""Largest probability, per reading, that a working sensor makes the run of a frozen one."""
 SAME = 1e-9
 """Largest difference of two equal forces, by the rounding of a rotation there and back [N, N m]."""
 
@@ -77,6 +83,52 @@ def status(force: np.ndarray, times: np.ndarray, repeats: int, largest: float) -
     if not math.hypot(*force[:3].tolist()) < largest:
         return ForceStatus.SATURATED
     return ForceStatus.FROZEN if 0 < repeats <= max(times.tolist()) else ForceStatus.VALID
+
+
+def repeat_probability(sigma: np.ndarray, multiple: float, resolution: np.ndarray) -> float:
+    """Returns a bound p of the probability that a reading repeats the last one in all components.
+
+    With noise νᵢ, Gaussian and cut to ± mσᵢ, and Φ the normal distribution, p = ∏ pᵢ,
+
+        pᵢ = max(P(|νᵢ| ≤ rᵢ/2), P(νᵢ ≥ mσᵢ − rᵢ)) = max(erf(rᵢ/(2√2 σᵢ)), Φ(rᵢ/σᵢ − m)),
+
+    and 1 for rᵢ ≥ 2mσᵢ. It is 1 for a sensor without noise.
+
+    Args:
+        sigma: σ (6,) [N, N m].
+        multiple: m.
+        resolution: r (6,) [N, N m].
+    """
+    p = 1.0
+    for s, r in zip(np.asarray(sigma, dtype=float), np.asarray(resolution, dtype=float),
+                    strict=True):
+        if s > 0.0 and r < 2.0 * multiple * s:
+            middle = math.erf(r / (2.0 * math.sqrt(2.0) * s))
+            end = 0.5 * math.erfc((multiple - r / s) / math.sqrt(2.0))
+            p *= max(middle, end)
+    return p
+
+
+def chance_of_run(repeated: float, run: int) -> float:
+    """Returns the bound 2p^(N − 1) of the probability that a reading ends a run of N equal ones.
+
+    Twice, since they are compared in two frames.
+    """
+    return float(2.0 * repeated ** (run - 1))
+
+
+def run_of_frozen(repeated: float) -> int:
+    """Returns N, the least number of equal readings in a row whose `chance_of_run` is `CHANCE`.
+
+    0 if there is none: then a frozen sensor cannot be told from a working one.
+
+    Args:
+        repeated: p, see `repeat_probability`.
+    """
+    if repeated >= 1.0:
+        return 0
+    ratio = math.log(0.5 * CHANCE) / math.log(max(repeated, 0.5 * CHANCE))
+    return 1 + math.ceil(ratio - 1e-12)
 
 
 class ForceFaultDetector(LeafSystem):

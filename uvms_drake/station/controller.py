@@ -1,26 +1,41 @@
-"""The controller of any scenario: sensing, tube-based NMPC and actuation in one Diagram."""
+"""Everything between the plant's state and its input: sensing, a controller and actuation."""
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from collections.abc import Sequence
+from dataclasses import fields
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Gain, PassThrough
 
+from uvms_drake.common.errors import require, within
+from uvms_drake.common.wiring import outputs, wire
+from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import (
+    MEASURED_FORCE,
     PAYLOAD,
     PAYLOAD_AT_REST,
+    VEHICLE_WRENCH,
+    Fault,
+    Part,
     Signals,
 )
-from uvms_drake.sensing.tip_pose import TipPose
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.sensing.measurements import TipPose
 from uvms_drake.station.contact.mission import add_mission
 from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.parts import keyed
+from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.problem import load_model
+from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.series_connection import (
-    add_actuation,
-    add_chain,
-    add_force_measurement,
-    add_signals,
-)
+from uvms_drake.visual.controls import ForceSlider
+
+SAMPLED = ("report", "solve_seconds")
+"""Outputs of the MPC that are logged every sampling period."""
+RESERVED = {"plan", "tube_alarm", *SAMPLED, *(field.name for field in fields(Record))}
+"""Reserved names of signals: a record's own fields and other outputs."""
+TARGETS = ("desired_force", "place", "deepest")
+"""Inputs of a controller by which its task is changed during a run."""
 
 
 def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Diagram:
@@ -33,7 +48,8 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
                     desired_force, place, deepest
 
     It is that of `make_station`, for `make_plant` or a plant of one's own: with the scenario's
-    sensors, its mission and its actuators, and without its faults.
+    sensors, its mission and its actuators, and without faults of the state, the solver and the
+    actuators.
 
     .. pydrake_system::
 
@@ -66,48 +82,140 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     """
     motion, model = motion_of(scenario), model or load_model(scenario)
     motion.check(scenario)
-    builder, signals = DiagramBuilder(), Signals()
+    builder = DiagramBuilder()
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(
         scenario, model, motion.make_ocp(scenario, model)))
 
     # True signals come from outside; the pose of the end-effector follows from the state. Only a
     # payload's is zero if unconnected, as of a `PassThrough`; a `Gain` wants its input.
-    size = controller.GetInputPort(motion.measured).size()
-    state = builder.AddNamedSystem(motion.measured, Gain(1.0, size))
-    true = state.get_output_port()
-    builder.ExportInput(state.get_input_port(), motion.measured)
-    signals[motion.measured] = true
+    sizes = {motion.measured: controller.GetInputPort(motion.measured).size()}
     if motion.has_forces:
-        payload = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
-        for name in ("force", *payload):
-            source = builder.AddNamedSystem(
-                name, Gain(1.0, 6) if name == "force" else PassThrough(6))
-            builder.ExportInput(source.get_input_port(), name)
-            signals[name] = source.get_output_port()
+        sizes["force"] = 6
+        if scenario.model_error.payload.present:
+            sizes |= {PAYLOAD: 6, PAYLOAD_AT_REST: 6}
+    given = Signals()
+    for name, size in sizes.items():
+        optional = name in (PAYLOAD, PAYLOAD_AT_REST)
+        source = builder.AddNamedSystem(name, PassThrough(size) if optional else Gain(1.0, size))
+        builder.ExportInput(source.get_input_port(), name)
+        given[name] = source.get_output_port()
+    if motion.has_forces:
         tip = builder.AddNamedSystem("tip", TipPose(model))
-        builder.Connect(true, tip.get_input_port())
-        signals["chi"] = tip.get_output_port()
-    given = set(signals)
-
-    # Sensing, the mission or the ports in its place, and actuation.
-    measured = add_chain(builder, model, true, signals, keyed("sensing", scenario.sensing),
-                         scenario.seed)
-    builder.Connect(measured, controller.GetInputPort(motion.measured))
-    add_signals(motion, scenario.contact, signals, tube_mpc=controller)
-    add_force_measurement(builder, scenario, model, controller, measured, signals)
-    if controller.HasInputPort("place"):
-        add_mission(builder, scenario, model, controller, measured, signals, None)
-    if motion.has_forces and not scenario.mission.steps:
-        builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")
-    applied = add_actuation(builder, scenario, model, controller, signals)
+        builder.Connect(given[motion.measured], tip.get_input_port())
+        given["chi"] = tip.get_output_port()
 
     # The applied command has the name of the plant's input; every other signal has its own.
+    signals = Signals({**given, **signals_of(controller)})
+    _, applied = connect_controller(
+        builder, scenario, model, controller, given[motion.measured], signals,
+        [fault for fault in scenario.faults if fault.place == "force"])
     builder.ExportOutput(applied, motion.effect)
     for name, port in signals.items():
-        if name not in given | {motion.effect}:
+        if name not in {*given, motion.effect}:
             builder.ExportOutput(port, name)
     for name in ("plan", "solve_seconds"):
         builder.ExportOutput(controller.GetOutputPort(name), name)
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram
+
+
+def signals_of(controller: System) -> dict[str, OutputPort]:
+    """Returns the signals of a controller: its outputs of vectors, without the MPC's samples."""
+    return {name: port for name, port in outputs(controller).items() if name not in SAMPLED}
+
+
+def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
+                       controller: System, state: OutputPort, signals: Signals,
+                       faults: Sequence[Fault], meshcat: Meshcat | None = None
+                       ) -> tuple[OutputPort, OutputPort]:
+    """Adds sensing, mission and actuation around a controller.
+
+    An input of the controller is connected if there is a measurement, a target or a fault of its
+    name; its targets are inputs of the Diagram if there is neither mission nor Meshcat. The law
+    that `takes_wrench` reads the thrusters', and an observer the applied command, neither of which
+    knows of faults.
+
+    Args:
+        builder: Builder to add to, with the controller in it.
+        scenario: Scenario with its sensors, mission, law and actuators.
+        model: The controller's model.
+        controller: Controller of any kind, with the output port of the motion's command.
+        state: Output port of the true motion.
+        signals: Signals of plant and controller; those of the parts are added.
+        faults: Faults of sensors, solver and actuators.
+        meshcat: Meshcat of the slider of the force, and of the mission's button.
+
+    Returns:
+        Output ports of the measured motion, and of the command that acts on the robot.
+    """
+    def chain(port: OutputPort, parts: dict[str, Part]) -> OutputPort:
+        return add_chain(builder, model, port, signals, parts, scenario.seed)
+
+    motion = motion_of(scenario)
+    measured = chain(state, faults_at("sensing", faults) | keyed("sensing", scenario.sensing))
+    given = {motion.measured: measured}
+    force_faults = faults_at("force", faults)
+    for key, fault in force_faults.items():
+        require(MEASURED_FORCE in signals, key, type(fault).__name__,
+                "left out: no part measures the force")
+    require(MEASURED_FORCE in signals or not controller.HasInputPort("force_valid"), "sensing",
+            scenario.sensing, "with a part that measures the force, such as !ForceSensor, for a "
+            "sensed contact")
+    if MEASURED_FORCE in signals:
+        require(scenario.ancillary.takes_force, "ancillary", scenario.law,
+                "a law that takes the measured force, such as resolved")
+        valid = chain(signals[MEASURED_FORCE], force_faults)
+        given |= scenario.contact.measured_force(
+            builder, scenario, model, measured, valid, signals)
+    if scenario.mission.steps:
+        given |= add_mission(builder, scenario, model, measured, signals, meshcat)
+    elif meshcat is not None and controller.HasInputPort("desired_force"):
+        slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
+        given["desired_force"] = slider.get_output_port()
+    solver_faults = faults_at("solver", faults)
+    if solver_faults:
+        given["fault"] = SolverFaults.AddToBuilder(
+            builder, list(solver_faults.values()), scenario.seed, scenario.mpc.time_step
+        ).get_output_port()
+
+    command = controller.GetOutputPort(motion.command)
+    applied = chain(command, keyed("actuation", scenario.actuation))
+    if applied is not command:
+        given["applied"] = applied
+    if VEHICLE_WRENCH in signals and scenario.ancillary.takes_wrench:
+        given[VEHICLE_WRENCH] = signals[VEHICLE_WRENCH]
+    wire(builder, controller, given)
+    for name in TARGETS:
+        if controller.HasInputPort(name) and not builder.IsConnectedOrExported(
+                controller.GetInputPort(name)):
+            builder.ExportInput(controller.GetInputPort(name), name)
+    return measured, chain(applied, faults_at("actuation", faults))
+
+
+def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signals: Signals,
+              parts: dict[str, Part], seed: int) -> OutputPort:
+    """Adds parts in series and returns the output port of the last one.
+
+    The names of their systems begin with their keys.
+
+    Args:
+        builder: Builder to add to.
+        model: The controller's model.
+        port: Output port that feeds the first part.
+        signals: Signals that the parts may read and extend.
+        parts: The parts by their keys in the scenario.
+        seed: Seed of their random numbers.
+    """
+    for key, part in parts.items():
+        size, known, before = port.size(), len(signals), len(builder.GetSystems())
+        with within(key):
+            port = part.add_to(builder, model, port, signals, seed)
+            require(isinstance(port, OutputPort), "add_to", port, "the output port to go on from")
+            require(port.size() == size, "size", port.size(), f"{size}, as before it")
+            added = list(signals)[known:]
+            require(not set(added) & RESERVED, "signals", added,
+                    f"called otherwise than {', '.join(sorted(RESERVED))}")
+        for system in builder.GetSystems()[before:]:
+            system.set_name(f"{key}.{system.get_name()}")
+    return port

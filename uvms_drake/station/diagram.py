@@ -5,41 +5,29 @@ from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import within
+from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.mpc.planner import MPC_REPORT
-from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
-from uvms_drake.station.contact.mission import add_mission
+from uvms_drake.plant.waves import WaterMotion
+from uvms_drake.station.controller import SAMPLED, connect_controller, signals_of
 from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.parts import faults_at, keyed
 from uvms_drake.station.plant import applied_disturbance
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.station.series_connection import (
-    add_actuation,
-    add_chain,
-    add_force_measurement,
-    add_signals,
-)
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
-from uvms_drake.visual.objects.contact_knowledge import KNOWN
 
-SAMPLED = ("report", "solve_seconds")
-"""Outputs of the MPC that are logged every sampling period."""
-
-ILLUSTRATED = {"state": "state", "nominal_state": "nominal_state", "u": "u",
-               "nominal_input": "nominal_input", "force": "force",
-               "desired_force": "desired_force", **{name: name for name in KNOWN}}
-"""Signal for each port of an `Illustration`; a motion may lack some."""
+UNLOGGED = {"plant_state", "configuration"}
+"""Outputs of vectors of a plant that are no signals: they are `state` in other coordinates."""
 
 MONITOR_SLACK = 0.01
 """Relative excess that is not an exit: a constant d takes the deviation to its bound exactly, and
@@ -49,15 +37,16 @@ MONITOR_FLOOR = 1e-4
 exactly zero. At most a tenth of the tube's smallest radius counts, see `monitor_floor`."""
 
 
-def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
-                 certified: bool = False, model: ContactModel | None = None) -> Diagram:
+def make_station(scenario: Scenario, *, controller: System | None = None,
+                 meshcat: Meshcat | None = None, certified: bool = False,
+                 model: ContactModel | None = None) -> Diagram:
     """Returns the closed loop as a Diagram named "station", which starts as the scenario says.
 
     ::
 
-                       ┌──────┐ state   ┌─────────┐ (force) ┌──────────┐
-        disturbance ──▶│ uvms │────────▶│ sensing │────────▶│ tube_mpc │◀── fault
-                   ┌──▶└──────┘         └─────────┘         └──────────┘
+                       ┌──────┐ state   ┌─────────┐ (force) ┌────────────┐
+        disturbance ──▶│ uvms │────────▶│ sensing │────────▶│ controller │◀── fault
+                   ┌──▶└──────┘         └─────────┘         └────────────┘
                    │                   ┌───────────┐ tau     ▲   │
                    └───────────────────│ actuation │◀────────┼───┘
                                        └───────────┘─────────┘ (vehicle_wrench)
@@ -65,9 +54,13 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     Sensing and actuation are series of parts, none by default: the scenario's, and its faults of
     sensors and of actuators, next to the robot. The logs and a `TubeMonitor` read the true state
     and the commanded τ. The signal `force_measured` of a part of sensing goes to the law, see
-    `add_force_measurement`, the signal `vehicle_wrench` of a part of actuation to a law that
+    `Contact.measured_force`, the signal `vehicle_wrench` of a part of actuation to a law that
     `takes_wrench`. An observer reads the output of the parts of actuation, with this wrench, as the
     applied input; it does not know of faults.
+
+    A controller of one's own has the input port `state`, in general `force_measured`, and others of
+    these names if it wants to; and the output port `tau`. Its other outputs of vectors are logged.
+    There is no tube about it, and so no monitor.
 
     .. pydrake_system::
 
@@ -95,6 +88,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
 
     Args:
         scenario: Everything the run depends on.
+        controller: A controller of one's own in place of the scenario's tube MPC.
         meshcat: Meshcat of an `Illustration`; None: no picture.
         certified: Whether the tube is certified: then it is monitored from the start, else only
             after the robot has hovered.
@@ -106,56 +100,42 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     builder, motion = DiagramBuilder(), motion_of(scenario)
     motion.check(scenario)
     model = model or load_model(scenario)
-    weights = motion.weights(scenario.disturbance, model.size)
+    own, start = controller is None, scenario.start.config
+    if controller is None:
+        ocp = motion.make_ocp(scenario, model)
+        start = start_state(scenario, ocp)[: model.size]
+        controller = motion.make_controller(scenario, model, ocp)
 
-    # Plant and controller.
-    ocp = motion.make_ocp(scenario, model)
-    start = start_state(scenario, ocp)[: model.size]
+    # Plant and controller, and the parts between them.
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
-    controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, model, ocp))
-    motion.connect_outside(builder, scenario, uvms, controller, meshcat)
-    signals = Signals()
-    add_signals(motion, scenario.contact, signals, uvms=uvms, tube_mpc=controller)
-
-    # The parts between them.
+    builder.AddNamedSystem("tube_mpc" if own else "controller", controller)
+    signals = Signals({name: port for name, port in (
+        outputs(uvms) | signals_of(controller)).items() if name not in UNLOGGED})
     true = uvms.GetOutputPort(motion.measured)
-    measured = add_chain(
-        builder, model, true, signals,
-        faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
-    builder.Connect(measured, controller.GetInputPort(motion.measured))
-    add_force_measurement(builder, scenario, model, controller, measured, signals)
-    if controller.HasInputPort("place"):
-        add_mission(builder, scenario, model, controller, measured, signals, meshcat)
-    applied = add_actuation(builder, scenario, model, controller, signals)
-    exerted = add_chain(builder, model, applied, signals,
-                        faults_at("actuation", scenario.faults), scenario.seed)
+    measured, exerted = connect_controller(
+        builder, scenario, model, controller, true, signals, scenario.faults, meshcat)
     builder.Connect(exerted, uvms.GetInputPort(motion.effect))
-    solver_faults = faults_at("solver", scenario.faults)
-    if solver_faults:
-        source = SolverFaults.AddToBuilder(
-            builder, list(solver_faults.values()), scenario.seed, scenario.mpc.time_step)
-        builder.Connect(source.get_output_port(), controller.GetInputPort("fault"))
+    if exerted is not controller.GetOutputPort(motion.command):
+        signals["exerted"] = exerted
+    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+    wire(builder, uvms, outputs(water))
 
     # The monitor, and the disturbance, which may be aimed with the monitor's errors.
-    shared = measured is true and controller.HasOutputPort("pair")
-    declared, radii = scenario.disturbance, set_wise_radii(scenario.tube, scenario.ancillary)
-    monitor = TubeMonitor.AddToBuilder(
-        builder, model, scenario.ancillary, declared.d_bound, radii, weights=weights,
-        state=signals["state"], nominal_state=signals["nominal_state"],
-        disturbance=(
-            signals["disturbance"] if bounds_disturbance(declared.d_bound, certified) else None),
-        pair=controller.GetOutputPort("pair") if shared else None,
-        run_bound=motion.run_bound(scenario.ancillary, declared.d_bound),
-        along_run=scenario.contact.bounded_along_run,
-        period=scenario.log_period, begin=monitor_begin(scenario.mpc.hover, certified),
-        slack=MONITOR_SLACK,
-        floor=monitor_floor(radii))
-    for name in ("deviation", "bound"):
-        signals[f"tube_{name}"] = monitor.GetOutputPort(name)
+    errors: dict[str, OutputPort] = {}
+    if own:
+        pair = controller.GetOutputPort("pair") if measured is true and (
+            controller.HasOutputPort("pair")) else None
+        monitor = add_monitor(builder, scenario, model, signals, pair, certified=certified)
+        errors = outputs(monitor)
+        for name in ("deviation", "bound"):
+            signals[f"tube_{name}"] = errors.pop(name)
+        for name in ("report", "alarm"):
+            builder.ExportOutput(monitor.GetOutputPort(name), f"tube_{name}")
     with within("disturbance"):
         disturbance = motion.add_disturbance(
-            builder, applied_disturbance(declared, scenario.model_error.share, scenario.faults),
-            model, scenario.seed, signals, monitor)
+            builder, applied_disturbance(
+                scenario.disturbance, scenario.model_error.share, scenario.faults),
+            model, scenario.seed, errors | signals)
     if meshcat is not None:
         disturbance = DisturbanceSlider.AddToBuilder(
             builder, meshcat, disturbance=disturbance).get_output_port()
@@ -166,20 +146,50 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         builder.ExportOutput(port, name)
         LogVectorOutput(port, builder, scenario.log_period).set_name(f"log.{name}")
     for name in SAMPLED:
-        port = controller.GetOutputPort(name)
-        builder.ExportOutput(port, name)
-        LogVectorOutput(port, builder, scenario.mpc.time_step).set_name(f"log.{name}")
-    builder.ExportOutput(controller.GetOutputPort("plan"), "plan")
-    for name in ("report", "alarm"):
-        builder.ExportOutput(monitor.GetOutputPort(name), f"tube_{name}")
-    if meshcat is not None:
-        Illustration.AddToBuilder(
-            builder, meshcat, setting_of(scenario, model, certified=certified),
-            plan=controller.GetOutputPort("plan"),
-            **{port: signals[name] for port, name in ILLUSTRATED.items() if name in signals})
+        if controller.HasOutputPort(name):
+            port = controller.GetOutputPort(name)
+            builder.ExportOutput(port, name)
+            LogVectorOutput(port, builder, scenario.mpc.time_step).set_name(f"log.{name}")
+    if controller.HasOutputPort("plan"):
+        builder.ExportOutput(controller.GetOutputPort("plan"), "plan")
+    if meshcat is not None and own:
+        picture = builder.AddNamedSystem("illustration", Illustration(
+            meshcat, setting_of(scenario, model, certified=certified)))
+        wire(builder, picture, {**signals, "plan": controller.GetOutputPort("plan")})
     station = builder.Build()
     station.set_name("station")
     return station
+
+
+def add_monitor(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
+                signals: Mapping[str, OutputPort], pair: OutputPort | None, *, certified: bool
+                ) -> TubeMonitor:
+    """Adds the monitor of the scenario's tube.
+
+    Args:
+        builder: Builder to add to.
+        scenario: Scenario with law, tube and disturbance.
+        model: The controller's model.
+        signals: Signals of the loop.
+        pair: Output port of the controller's `Pair`, if the state that it measures is the true one.
+        certified: As of `make_station`.
+    """
+    declared, motion = scenario.disturbance, motion_of(scenario)
+    radii = set_wise_radii(scenario.tube, scenario.ancillary)
+    monitor = builder.AddNamedSystem("tube_monitor", TubeMonitor(
+        model, scenario.ancillary, declared.d_bound, radii,
+        weights=motion.weights(declared, model.size),
+        run_bound=motion.run_bound(scenario.ancillary, declared.d_bound),
+        along_run=scenario.contact.bounded_along_run, period=scenario.log_period,
+        begin=monitor_begin(scenario.mpc.hover, certified), slack=MONITOR_SLACK,
+        floor=monitor_floor(radii)))
+    read = {name: signals[name] for name in ("state", "nominal_state")}
+    if bounds_disturbance(declared.d_bound, certified):
+        read["disturbance"] = signals["disturbance"]
+    if pair is not None:
+        read["pair"] = pair
+    wire(builder, monitor, read)
+    return monitor
 
 
 def monitor_begin(hover: float, certified: bool) -> float:
@@ -212,9 +222,9 @@ def set_wise_radii(radii: TubeRadii, law: AncillaryLaw) -> dict[str, float]:
 def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     """Returns the logs so far, from a root context: `time` (T,), signals (T, size), MPC's samples.
 
-    The samples are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`, `mpc_violation`,
-    `mpc_iterations`, `mpc_refused`, `mpc_rows` (K,), see `MPC_REPORT`, and `step_seconds` (K,),
-    wall time.
+    The samples, of an MPC alone, are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`,
+    `mpc_violation`, `mpc_iterations`, `mpc_refused`, `mpc_rows` (K,), see `MPC_REPORT`, and
+    `step_seconds` (K,), wall time.
     """
     def log(name: str) -> VectorLog:
         return cast(VectorLogSink, station.GetSubsystemByName(f"log.{name}")).FindLog(context)
@@ -223,10 +233,13 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     logged = [name.removeprefix("log.") for name in sinks if name.startswith("log.")]
     logs = {name: log(name).data().T.copy() for name in logged if name not in SAMPLED}
     logs["time"] = log("state").sample_times().copy()
+    if not all(f"log.{name}" in sinks for name in SAMPLED):
+        return logs
     # A root Context from GetMyContextFromRoot would keep itself alive for ever.
     alone = station.GetSystemPathname() == f"::{station.get_name()}"
     own = context if alone else station.GetMyContextFromRoot(context)
-    logs["tube_report"] = station.GetOutputPort("tube_report").Eval(own).copy()
+    if station.HasOutputPort("tube_report"):
+        logs["tube_report"] = station.GetOutputPort("tube_report").Eval(own).copy()
     # A sink publishes before the update of the same instant: the last sample is in the Context.
     ports = [station.GetOutputPort(name) for name in SAMPLED]
     samples = np.vstack([

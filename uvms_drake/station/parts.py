@@ -7,10 +7,17 @@ from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.kinds import offer
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
-from uvms_drake.model.signals.sensor_actuator import Component, Fault, Part
+from uvms_drake.model.signals.fault import Fault
+from uvms_drake.model.signals.sensor_actuator import Component, Part
 from uvms_drake.plant.disturbance import ExcessDisturbance
-from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
-from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
+from uvms_drake.sensing.faults import (
+    FrozenForce,
+    FrozenState,
+    JumpedForce,
+    LostForce,
+    LostState,
+    SaturatedForce,
+)
 
 if TYPE_CHECKING:
     from uvms_drake.station.motions.motion import Motion

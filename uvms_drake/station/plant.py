@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Fault
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.station.motions.motions import motion_of

@@ -62,6 +62,7 @@ SIGNALS: dict[str, Signal] = {
     "nominal_input": Signal(INPUT, BODY, "nominal MPC: ū"),
     "tau": Signal((*BODY_WRENCH, TORQUES), BODY, "ancillary law: command τ = M𝔲"),
     "zoh_command": Signal((*BODY_WRENCH, TORQUES), BODY, "actuation: τ under the hold"),
+    "exerted": Signal((*BODY_WRENCH, TORQUES), BODY, "actuation: τ on the robot"),
     "acceleration": Signal(INPUT, BODY, "plant: ζ̇"),
     "disturbance": Signal(INPUT, BODY, "disturbance: d"),
     "effective_disturbance": Signal(
@@ -103,9 +104,6 @@ SIGNALS: dict[str, Signal] = {
     "tube_bound": Signal(tuple(FIELD_UNITS.items()), "", "tube monitor: bounds along the run"),
 }
 """Every signal of a station that is logged each `log_period`."""
-LOGGED_AS = {"lost": "state_lost", "limited": "input_limited",
-             "accepted_force": "desired_force"}
-"""Signal of a station for each port of a controller with another name."""
 MPC_SIGNALS = {
     "mpc_time": Signal((("", "s"),), "", "nominal MPC: instants of its samples"),
     "mpc_status": Signal(FLAG, "", "nominal MPC: outcome of a sample"),

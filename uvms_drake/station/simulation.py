@@ -53,7 +53,7 @@ def simulate(
     model = model or load_model(scenario)
     if scenario.simulator.max_step_size == 0.0:
         scenario = with_step(scenario, model)
-    station = make_station(scenario, meshcat, certified=certified, model=model)
+    station = make_station(scenario, meshcat=meshcat, certified=certified, model=model)
     try:
         simulator = Simulator(station)
         ApplySimulatorConfig(scenario.simulator, simulator)

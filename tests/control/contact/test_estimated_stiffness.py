@@ -9,7 +9,7 @@ from uvms_drake.control.contact.stiffness_estimate import (
     stiffness_std,
     with_reading,
 )
-from uvms_drake.sensing.force_sensor import quantised
+from uvms_drake.sensing.wrist_sensor import quantised
 from uvms_drake.station.contact.bounds import sensed_contact, sensing_of
 from uvms_drake.station.scenario.scenario import load_scenario
 

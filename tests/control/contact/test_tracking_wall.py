@@ -20,17 +20,17 @@ from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import FAILED, MPC_REPORT
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
-from uvms_drake.sensing.faulty_sensor import FaultySensor
-from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
-from uvms_drake.sensing.force_faults import (
+from uvms_drake.sensing.faults import (
     ForceFault,
     FrozenForce,
     JumpedForce,
     LostForce,
 )
-from uvms_drake.sensing.force_sensor import cut_noise
+from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
+from uvms_drake.sensing.wrist_sensor import cut_noise
 
 WALLS = SurfaceClass(DIRECTION, stiffness=2000.0, dissipation=2.0)
 SENSING = EstimatorSettings(force_max=20.0, noise=0.2, period=0.02, window=0.02)
@@ -97,7 +97,7 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
     builder.Connect(robot.GetOutputPort("force"), sampled.get_input_port())
     given = sampled.get_output_port()
     if fault is not None:
-        given = FaultySensor.AddToBuilder(builder, fault, true=given).get_output_port()
+        given = fault.add_to(builder, ocp.model, given, Signals(), 0)
     watch = ForceFaultDetector.AddToBuilder(
         builder, ocp.model, sensing.period, repeats=sensing.repeats,
         state=robot.GetOutputPort("state"), force_measured=given)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.hovering import Hovering, Lag
 
+from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.actuation.joint_brake import StuckJoint
-from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.control.feedback.disturbance_observer import estimate
 from uvms_drake.control.laws import Resolved, TipFirst
@@ -16,7 +16,7 @@ from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.limits import Limits
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH
 from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
+from uvms_drake.sensing.faults import FrozenState, LostState
 from uvms_drake.sensing.navigation import Channel, Drift, Dvl, Navigation
 
 LAW = TipFirst(BlockGains(1.5, 0.4, 3.0), BlockGains(20.0, 10.0, 5.0), observer_period=0.05)

@@ -1,6 +1,5 @@
 """Tests of `control.feedback.feedforward_preview`."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,9 +80,8 @@ def test_of_an_unknown_wall_it_is_the_change_of_the_planned_force(model):
 def test_only_a_law_that_takes_the_wrench_has_a_preview(short_ocp):
     path = CommandPath(delay=0.02, dead_time=0.08, lag=0.15)
     assert committed_intervals(TipFirst(), path, H) == 2
-    assert committed_intervals(TipFirst(), replace(path, lag=0.3), H) == 2
-    for law, none in ((Resolved(), path), (TipFirst(), IDEAL_PATH),
-                      (TipFirst(), replace(path, foreseen=False))):
+    assert committed_intervals(TipFirst(), path._replace(lag=0.3), H) == 2
+    for law, none in ((Resolved(), path), (TipFirst(), IDEAL_PATH)):
         assert committed_intervals(law, none, H) == 0
         assert not make_tube_mpc(short_ocp, law, command_path=none).HasSubsystemNamed(
             "previewed_forces")

@@ -60,7 +60,7 @@ from uvms_drake.control.ocp import scp
 from uvms_drake.papers.nikou2018 import Kinematic
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.report.events import events
-from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
+from uvms_drake.sensing.faults import FrozenState, LostState
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions.dynamic import Dynamic
 from uvms_drake.station.parts import check_faults

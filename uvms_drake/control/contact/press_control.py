@@ -40,7 +40,7 @@ class PressControl:
 
     Output ports of the controller:
 
-    - `accepted_force`: desired force, clipped by `DesiredForce` (6) [N, N m].
+    - `desired_force`: desired force, clipped by `DesiredForce` (6) [N, N m].
     - `target`: target of the end-effector (3) in Σ_I [m].
     - `turn`: desired turn of the reference about the vertical, after the wall's normal (1) [rad];
       zero without `ocp.turn`.
@@ -113,9 +113,9 @@ class PressSystems:
         builder.ExportInput(self.desired.GetInputPort("desired_force"), "desired_force")
         for name in ("place", "deepest"):
             builder.ExportInput(self.press.GetInputPort(name), name)
+        builder.ExportOutput(self.desired.GetOutputPort("accepted_force"), "desired_force")
         for system, names in (
-            (self.desired, ("accepted_force",)), (self.press, ("target",)),
-            (self.normal, ("turn",)),
+            (self.press, ("target",)), (self.normal, ("turn",)),
             (self.estimator, ("safe_depth", "touched", "stiffness_estimate", "stiffness_std",
                               "stiffness_used", "contact_depth", "force_lost")),
         ):

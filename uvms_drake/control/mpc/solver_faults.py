@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
-from uvms_drake.model.signals.sensor_actuator import Fault, check_times, is_active
+from uvms_drake.model.signals.fault import Fault
 
 PRECEDENCE = (DROPPED, FAILED, TIMED_OUT)
 """Statuses by rank: of two faults at the same instant the earlier one here counts."""
@@ -36,7 +36,7 @@ class SolverFault(Fault):
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         require(0.0 <= self.probability <= 1.0, "probability", self.probability, "between 0 and 1")
-        check_times(self.start, self.duration)
+        super().check()
 
     def assumption(self) -> None:
         """Returns None: the last plan is continued, as the proofs allow."""
@@ -77,7 +77,7 @@ def solver_fault(faults: Sequence[SolverFault], seed: int, index: int, period: f
     """
     time = (index + SAMPLE_TOLERANCE) * period
     for fault in sorted(faults, key=lambda fault: PRECEDENCE.index(fault.status)):
-        if is_active(fault.start, fault.duration, time):
+        if fault.is_active(time):
             sequence = np.random.SeedSequence([seed, index, fault.status])
             if np.random.Generator(np.random.Philox(sequence)).random() < fault.probability:
                 return fault.status

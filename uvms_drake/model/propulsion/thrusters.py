@@ -61,27 +61,6 @@ class ThrustCurve:
         return float(np.interp(force, *(forward if force > 0.0 else back)))
 
 
-@dataclass(frozen=True)
-class Unlimited(ThrustCurve):
-    """Thruster whose force is the command, without limits; the table has two points of the line."""
-
-    command: np.ndarray = field(default_factory=lambda: np.array([-1.0, 1.0]))
-    force: np.ndarray = field(default_factory=lambda: np.array([-1.0, 1.0]))
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """∓∞."""
-        return -np.inf, np.inf
-
-    def force_of(self, command: float) -> float:
-        """Returns the command."""
-        return command
-
-    def command_of(self, force: float) -> float:
-        """Returns the force."""
-        return force
-
-
 def curve_at(kind: ThrusterKind, voltage: float | None) -> ThrustCurve:
     """Returns the curve at a voltage [V]: at each command the force is linear in the voltage.
 
@@ -122,19 +101,11 @@ class ThrusterModel:
     """Indices of the driven axes."""
 
     @staticmethod
-    def of(parameters: ThrusterParameters, sag: float = 0.0) -> "ThrusterModel":
-        """Returns the model of a robot's file.
-
-        Args:
-            parameters: Checked parameters of the file.
-            sag: Drop of the voltage below the file's [V].
-        """
-        voltage = parameters.voltage
-        require(sag == 0.0 or voltage is not None, "sag", sag,
-                "0: the voltage of the thrusters is unknown")
+    def of(parameters: ThrusterParameters) -> "ThrusterModel":
+        """Returns the model of the checked parameters of a robot's file."""
         thrusters = list(parameters.thrusters.values())
         kinds = [parameters.kinds[item.kind] for item in thrusters]
-        curves = {name: curve_at(kind, None if voltage is None else voltage - sag)
+        curves = {name: curve_at(kind, parameters.voltage)
                   for name, kind in parameters.kinds.items()}
         return ThrusterModel(
             tuple(parameters.thrusters), thrust_map(thrusters),

@@ -1,20 +1,14 @@
-"""Interface of sensors, actuators and faults between plant and controller.
-
-A part is one file in `sensing/` or `actuation/`, a fault one with the system that it adds.
-"""
+"""Interface of sensors and actuators between plant and controller, the `Part`s of the loop."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.signals.command_path import CommandPath
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.model.uvms_model import UvmsModel
-
-ONLY_ONCE = 1e9
-"""Period [s] of an event that occurs once in a run; events of Drake's systems have a period."""
 
 MEASURED_FORCE = "force_measured"
 """Name of the signal 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates. If a part
@@ -74,7 +68,7 @@ class ForceReading(NamedTuple):
     """Duration of the tare at the start, without contact [s]."""
     repeated: float = 1.0
     """Largest probability that a reading repeats the last one in all six components, see
-    `sensing.repeated_readings`; 1: none is known."""
+    `sensing.force_fault_detector`; 1: none is known."""
     largest: float = np.inf
     """Largest norm of a force that is surely within the sensor's range [N]."""
     constant: np.ndarray = np.zeros(6)
@@ -139,12 +133,8 @@ class Part(Component, ABC):
         return None
 
     def command_path(self, model: UvmsModel) -> CommandPath:
-        """Returns the path of a command through it, by the controller's model; default: unknown.
-
-        Args:
-            model: The controller's model.
-        """
-        return CommandPath(unknown=("a part without a known delay",))
+        """Returns the path of a command through it, by the controller's model; default: ideal."""
+        return IDEAL_PATH
 
 
 class Sensor(Part):
@@ -153,22 +143,3 @@ class Sensor(Part):
 
 class Actuator(Part):
     """Part between the controller's command and the robot, of the list `actuation`."""
-
-
-class Fault(Component):
-    """Fault in a run."""
-
-    place: ClassVar[Literal["sensing", "force", "actuation", "solver", "disturbance"]]
-    """Place in the loop: a series of parts, of which that of the force carries `MEASURED_FORCE`; or
-    the solver or the disturbance."""
-
-
-def check_times(start: float, duration: float | None) -> None:
-    """Raises `InvalidParameter` unless a fault's times [s] have a meaning."""
-    require(0.0 <= start < np.inf, "start", start, "zero or positive")
-    require(duration is None or 0.0 < duration < np.inf, "duration", duration, "positive")
-
-
-def is_active(start: float, duration: float | None, time: float) -> bool:
-    """Returns whether `time` [s] is in [start, start + duration)."""
-    return start <= time and (duration is None or time < start + duration)

@@ -13,7 +13,7 @@ from uvms_drake.model.signals.sensor_actuator import ForceReading
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 from uvms_drake.model.uvms_model import read_uvms
-from uvms_drake.sensing.repeated_readings import run_of_frozen
+from uvms_drake.sensing.force_fault_detector import run_of_frozen
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.search.constraint_set import ConstraintSet

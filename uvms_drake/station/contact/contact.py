@@ -21,7 +21,7 @@ from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signa
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.plant.model_error import ModelError
-from uvms_drake.sensing.hold_last_value import HoldLastValue
+from uvms_drake.sensing.measurements import HoldLastValue
 from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.station.contact.parameters import Parameter
@@ -49,8 +49,6 @@ class Contact(ABC):
     has to have its surface only.
     """
 
-    controller_signals: ClassVar[tuple[str, ...]] = ()
-    """Output ports of the controller that are logged besides those of the motion."""
     bounded_along_run: ClassVar[bool] = True
     """Whether the law's bound along a run holds, which covers d alone."""
     draws_surface: ClassVar[bool] = False
@@ -101,25 +99,26 @@ class Contact(ABC):
             return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
                                  command_path, solver)
 
-    def connect_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
-                      controller: Diagram, state: OutputPort, valid: OutputPort | None,
-                      signals: Signals) -> None:
-        """Connects the controller with the measured force; by default with its last valid value.
+    def measured_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
+                       state: OutputPort, valid: OutputPort, signals: Signals
+                       ) -> dict[str, OutputPort]:
+        """Adds what is between a measured force and a controller; by default the last valid value.
 
         Args:
             builder: Builder to add to.
             scenario: The scenario.
             model: The controller's model.
-            controller: The controller of `make_controller`.
             state: Output port of the measured (𝔮, ζ).
-            valid: Output port of 𝔉_s (6), which may not be finite; None: no part measures it.
-            signals: Signals, to which those of the measurement are added.
+            valid: Output port of 𝔉_s (6), which may not be finite.
+            signals: Signals of the loop, to which those of the measurement are added.
+
+        Returns:
+            Ports by the names of the controller's inputs.
         """
-        if valid is None:
-            return
-        force = HoldLastValue.AddToBuilder(builder, measured=valid).get_output_port()
+        force = HoldLastValue.AddToBuilder(
+            builder, measured=valid, release=signals.get("force_lost")).get_output_port()
         signals["force_last_valid"] = force
-        builder.Connect(force, controller.GetInputPort(MEASURED_FORCE))
+        return {MEASURED_FORCE: force}
 
     def first_problem(self, scenario: "Scenario", model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:

@@ -7,9 +7,9 @@ bounds, so each is named here with the theorem that covers it; an empty theorem 
 from typing import TYPE_CHECKING, NamedTuple
 
 from uvms_drake.model.signals.sensor_actuator import Part
+from uvms_drake.sensing.force_fault_detector import CHANCE
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import Navigation
-from uvms_drake.sensing.repeated_readings import CHANCE
 from uvms_drake.station.contact.bounds import LONGEST_FREEZE, sensed_contact, sensing_of
 from uvms_drake.station.parts import faults_at
 
@@ -39,12 +39,12 @@ def measurement_path(scenario: "Scenario") -> list[PathElement]:
     elements, measures_state = [], False
     if faults_at("sensing", scenario.faults):
         measures_state = True
-        elements.append(PathElement("FaultySensor", "fault of the measured state"))
+        elements.append(PathElement("FaultySignal", "fault of the measured state"))
     for part in scenario.sensing:
         elements += _of_part(part, measures_state)
         measures_state = measures_state or not isinstance(part, ForceSensor)
     if faults_at("force", scenario.faults):
-        elements.append(PathElement("FaultySensor", "fault of the measured force"))
+        elements.append(PathElement("FaultySignal", "fault of the measured force"))
     elements += [_detector(scenario), PathElement(
         "HoldLastValue", "passes valid readings; there is no gap, and of a reading that is lost "
         "nothing is proven", DETECTION, SENSOR_MAKER)]

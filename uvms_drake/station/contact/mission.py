@@ -3,8 +3,9 @@
 from typing import TYPE_CHECKING
 
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.mission.system import MissionControl
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
@@ -15,40 +16,32 @@ from uvms_drake.visual.controls import HomeButton
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario
 
-LOGGED = {"mission_place": "due_place", "mission_force": "due_force",
-          "mission_progress": "progress"}
-"""Output of the mission for each signal."""
+LOGGED = {"due_place": "mission_place", "due_force": "mission_force",
+          "progress": "mission_progress"}
+"""Signal for each output of the mission that is logged."""
 
 
 def add_mission(builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
-                controller: Diagram, state: OutputPort, signals: Signals,
-                meshcat: Meshcat | None) -> None:
-    """Adds the mission, or exports the ports of its targets if there is none.
+                state: OutputPort, signals: Signals, meshcat: Meshcat | None
+                ) -> dict[str, OutputPort]:
+    """Adds the mission, and returns the ports of its targets by the names of those inputs.
 
     Args:
         builder: Builder to add to.
         scenario: The scenario, with a sensed contact.
         model: The controller's model.
-        controller: Controller of `make_tube_mpc` with a `PressControl`.
         state: Output port of the measured (𝔮, ζ).
-        signals: Signals of the loop, to which the mission's are added.
+        signals: Signals of the loop, with the estimate of the contact; the mission's are added.
         meshcat: Meshcat of a stop button; None: an input port `stop`.
     """
-    asked = ("place", "deepest")
-    if not scenario.mission.steps:
-        for name in asked:
-            builder.ExportInput(controller.GetInputPort(name), name)
-        return
-    mission = MissionControl.AddToBuilder(
-        builder, scenario.mission, model, sensed_contact(scenario).walls, task_place(scenario),
-        state=state, force_last_valid=signals["force_last_valid"], touched=signals["touched"],
-        force_lost=signals["force_lost"])
-    for name in (*asked, "desired_force"):
-        builder.Connect(mission.GetOutputPort(name), controller.GetInputPort(name))
-    stop = mission.GetInputPort("stop")
+    mission = builder.AddNamedSystem("mission", MissionControl(
+        scenario.mission, model, sensed_contact(scenario).walls, task_place(scenario)))
+    wire(builder, mission, {**signals, "state": state})
     if meshcat is None:
-        builder.ExportInput(stop, "stop")
+        builder.ExportInput(mission.GetInputPort("stop"), "stop")
     else:
-        builder.Connect(HomeButton.AddToBuilder(builder, meshcat).get_output_port(), stop)
-    for name, port in LOGGED.items():
-        signals[name] = mission.GetOutputPort(port)
+        wire(builder, mission, outputs(HomeButton.AddToBuilder(builder, meshcat)))
+    asked = outputs(mission)
+    for port, name in LOGGED.items():
+        signals[name] = asked.pop(port)
+    return asked

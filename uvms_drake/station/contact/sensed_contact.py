@@ -29,9 +29,12 @@ from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signa
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
 from uvms_drake.plant.model_error import ModelError
-from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
-from uvms_drake.sensing.hold_last_value import HoldLastValue
-from uvms_drake.sensing.repeated_readings import CHANCE, chance_of_run, run_of_frozen
+from uvms_drake.sensing.force_fault_detector import (
+    CHANCE,
+    ForceFaultDetector,
+    chance_of_run,
+    run_of_frozen,
+)
 from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.bounds import (
     BETWEEN_KNOTS,
@@ -88,9 +91,6 @@ CERTIFIER = "the person who certifies"
 class SensedContact(UnknownContact, Contact):
     """Contact with a measured force; place and stiffness of the wall are unknown."""
 
-    controller_signals: ClassVar[tuple[str, ...]] = (
-        "target", "turn", "safe_depth", "touched", "stiffness_estimate", "stiffness_std",
-        "stiffness_used", "contact_depth")
     bounded_along_run: ClassVar[bool] = False
     draws_surface: ClassVar[bool] = True
     depends_on_duration: ClassVar[bool] = True
@@ -160,38 +160,33 @@ class SensedContact(UnknownContact, Contact):
                 command_path=command_path, solver=solver, press=PressControl(
                     contact.walls, sensing_of(scenario), force, largest, margin))
 
-    def connect_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
-                      controller: Diagram, state: OutputPort, valid: OutputPort | None,
-                      signals: Signals) -> None:
-        """Connects the controller with the measured force, see `Contact.connect_force`.
+    def measured_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
+                       state: OutputPort, valid: OutputPort, signals: Signals
+                       ) -> dict[str, OutputPort]:
+        """Adds what is between the measured force and the controller, see `Contact`.
 
         ::
 
             valid ─▶ ForceFaultDetector ─▶ HoldLastValue ─▶ TangentialFilter ─▶ law
                              └─ force_valid ─▶ contact estimator
 
-        The filter is only there with a `tangential_lag`.
+        The filter is only there with a `tangential_lag`. A controller without a contact estimator
+        has the last valid value alone.
         """
-        require(valid is not None, "sensing", scenario.sensing,
-                "with a part that measures the force, such as !ForceSensor, for a sensed contact")
-        assert valid is not None  # As required.
+        if "force_lost" not in signals:
+            return super().measured_force(builder, scenario, model, state, valid, signals)
         contact, reading = sensed_contact(scenario), reading_of(scenario)
         detector = ForceFaultDetector.AddToBuilder(
             builder, model, contact.period, repeats=sensing_of(scenario).repeats,
             tare=reading.tare, largest=reading.largest, state=state, force_measured=valid)
         valid = detector.GetOutputPort("force_valid")
         signals["force_status"] = detector.GetOutputPort("force_status")
-        builder.Connect(valid, controller.GetInputPort("force_valid"))
-        signals["force_lost"] = controller.GetOutputPort("force_lost")
-        force = HoldLastValue.AddToBuilder(
-            builder, measured=valid, release=signals["force_lost"]).get_output_port()
-        signals["force_last_valid"] = force
+        given = super().measured_force(builder, scenario, model, state, valid, signals)
         if contact.tangential_lag > 0.0:
-            force = TangentialFilter.AddToBuilder(
+            given[MEASURED_FORCE] = signals["force_filtered"] = TangentialFilter.AddToBuilder(
                 builder, contact.direction, contact.tangential_lag, contact.period,
-                measured=force).get_output_port()
-            signals["force_filtered"] = force
-        builder.Connect(force, controller.GetInputPort(MEASURED_FORCE))
+                measured=given[MEASURED_FORCE]).get_output_port()
+        return {"force_valid": valid, **given}
 
     def force_bounds(self, scenario: "Scenario") -> MeasuredForceBounds:
         """Returns the bounds of the force of all walls of the class, and of its measurement."""

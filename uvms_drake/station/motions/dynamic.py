@@ -1,23 +1,21 @@
 """Dynamic motion: forces move the robot, d is added to its acceleration."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import vector
-from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant
-from uvms_drake.plant.waves import WaterMotion, check_waves
+from uvms_drake.plant.waves import check_waves
 from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.problem import true_surface
 from uvms_drake.tube.constants.constants import Constant, estimate_constants
@@ -26,7 +24,6 @@ from uvms_drake.tube.law_tube import PROVEN, WEIGHTED
 from uvms_drake.tube.laws import DYNAMIC_TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
-from uvms_drake.visual.controls import ForceSlider
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario
@@ -39,9 +36,6 @@ class Dynamic(Motion[DynamicOcp]):
     name = "dynamic"
     has_forces = True
     measured, command, effect = "state", "tau", "tau"
-    plant_signals = ("state", "chi", "force", "penetration", "disturbance", "acceleration")
-    controller_signals: ClassVar[tuple[str, ...]] = (
-        "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "accepted_force")
     tubes = DYNAMIC_TUBES
     disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
     disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
@@ -70,27 +64,10 @@ class Dynamic(Motion[DynamicOcp]):
         """Returns the tube-based NMPC of the scenario's kind of contact."""
         return scenario.contact.make_controller(scenario, model, ocp)
 
-    def connect_outside(self, builder: DiagramBuilder, scenario: "Scenario", uvms: Diagram,
-                        controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Adds the water's motion; the desired force comes from a slider in Meshcat or outside.
-
-        Or from a mission, if there is one.
-        """
-        WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
-        desired = controller.GetInputPort("desired_force")
-        if scenario.mission.steps:
-            return
-        if meshcat is None:
-            builder.ExportInput(desired, "desired_force")
-        else:
-            slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
-            builder.Connect(slider.get_output_port(), desired)
-
     def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
-                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+                        seed: int, signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds the source of d; see `Motion`."""
-        errors = {name: monitor.GetOutputPort(name) for name in ("e_y", "r")}
-        return disturbance.add_to(builder, model, seed, {**signals, **errors})
+        return disturbance.add_to(builder, model, seed, signals)
 
     def completed(self, scenario: "Scenario", model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:

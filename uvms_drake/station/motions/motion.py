@@ -5,15 +5,12 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import within
-from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw, RunBound
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.signals import Components
@@ -32,8 +29,8 @@ AnyOcp = TypeVar("AnyOcp", bound=Ocp)
 class Motion(ABC, Generic[AnyOcp]):
     """Kind of motion, the input of the simulated robot: forces, or its velocity; a dataclass.
 
-    A plant has the output ports `plant_signals`; one of them, `measured`, goes to the controller's
-    input port of the same name. The controller's output `command` goes to the plant's input
+    The plant's output port `measured` goes to the controller's input port of the same name. The
+    controller's output `command` goes to the plant's input
     `effect`.
     """
 
@@ -47,10 +44,6 @@ class Motion(ABC, Generic[AnyOcp]):
     """Name of the controller's output port that moves the robot."""
     effect: ClassVar[str]
     """Name of the plant's input port for the command."""
-    plant_signals: ClassVar[tuple[str, ...]]
-    """Output ports of the plant that are logged."""
-    controller_signals: ClassVar[tuple[str, ...]]
-    """Output ports of the controller that are logged."""
     tubes: ClassVar[Theories]
     """Theories of the laws that have a certificate."""
     disturbance_symbol: ClassVar[str]
@@ -93,13 +86,8 @@ class Motion(ABC, Generic[AnyOcp]):
         """Returns the tube-based NMPC that solves a problem of `make_ocp`."""
 
     @abstractmethod
-    def connect_outside(self, builder: DiagramBuilder, scenario: "Scenario", uvms: Diagram,
-                        controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Connects the external inputs of the loop: the water's motion, the desired force."""
-
-    @abstractmethod
     def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
-                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+                        seed: int, signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds the source of d or w and returns its port; see `Disturbance`."""
 
     def run_bound(self, law: AncillaryLaw, d_bound: float) -> RunBound | None:

@@ -23,7 +23,8 @@ from uvms_drake.control.laws import AncillaryLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.mission.steps import Mission
-from uvms_drake.model.signals.sensor_actuator import Actuator, Fault, Sensor
+from uvms_drake.model.signals.fault import Fault
+from uvms_drake.model.signals.sensor_actuator import Actuator, Sensor
 from uvms_drake.model.surface import Surface, UnilateralPlane
 from uvms_drake.plant import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, check_model_error

@@ -137,7 +137,7 @@ def _structural_conditions(law: TipFirst, basis: Basis, rows: np.ndarray) -> lis
     failed += [assumption(f"undriven {name}", "of which no bound is known", topic="undriven",
                           theorem=THEOREM)
                for name in law.undriven]
-    if basis.command_path.vehicle_age > 0.0 or basis.command_path.unknown:
+    if any(basis.command_path):
         failed.append(assumption("actuation that delays a command", "of which no tube is proven",
                                  topic="actuation path", theorem=THEOREM))
     failed += [assumption(f"an observer of {key}", "of which no tube is proven",

@@ -18,5 +18,5 @@ def test_it_has_the_documented_ports():
     ocp = make_ocp(load_scenario("paper_kinematic"))
     assert ports_of(make_kinematic_tube_mpc(ocp, Resolved())) == (
         {"configuration": 10, "fault": 1},
-        {"u": 10, "lost": 1, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 8,
+        {"u": 10, "state_lost": 1, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 8,
          "solve_seconds": 1})

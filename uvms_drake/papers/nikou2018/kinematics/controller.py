@@ -33,7 +33,7 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, law: AncillaryLaw,
         - fault (optional)
         output_ports:
         - u
-        - lost
+        - state_lost
         - nominal_state
         - nominal_input
         - plan
@@ -42,7 +42,7 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, law: AncillaryLaw,
 
     - `configuration`: 𝔮 measured (6+n), in the paper's order.
     - `u`: the velocity command ζ (6+n) [m/s (3), rad/s (3+n)].
-    - `lost`: 1 while the measured 𝔮 is not finite and ζ is the plan's own, else 0 (1).
+    - `state_lost`: 1 while the measured 𝔮 is not finite and ζ is the plan's own, else 0 (1).
     - The others: see `NominalMpc`.
 
     Args:
@@ -60,7 +60,7 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, law: AncillaryLaw,
     builder.ExportInput(configuration.get_input_port(), "configuration")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportOutput(feedback.GetOutputPort("zeta"), "u")
-    builder.ExportOutput(feedback.GetOutputPort("lost"), "lost")
+    builder.ExportOutput(feedback.GetOutputPort("lost"), "state_lost")
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
     diagram = builder.Build()

@@ -1,21 +1,18 @@
 """Kinematic motion: the velocity is the input, w is added to the end-effector's velocity."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.kinds import register
-from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw, RunBound
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.papers.nikou2018.kinematics.controller import make_kinematic_tube_mpc
 from uvms_drake.papers.nikou2018.kinematics.disturbance import add_tip_disturbance
@@ -48,8 +45,6 @@ class Kinematic(Motion[KinematicOcp]):
     name = "kinematic"
     has_forces = False
     measured, command, effect = "configuration", "u", "zeta"
-    plant_signals = ("state", "disturbance")
-    controller_signals = ("nominal_state", "nominal_input", "u", "lost")
     tubes = KINEMATIC_TUBES
     disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
     disturbance_blocks = ("position", "orientation")
@@ -97,15 +92,10 @@ class Kinematic(Motion[KinematicOcp]):
         with within("ancillary"):
             return make_kinematic_tube_mpc(ocp, scenario.ancillary, solver)
 
-    def connect_outside(self, builder: DiagramBuilder, scenario: "Scenario", uvms: Diagram,
-                     controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Adds nothing: there is no current, and the task is constant."""
-
     def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
-                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+                        seed: int, signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds the source of w; see `Motion`."""
-        return add_tip_disturbance(
-            builder, disturbance, seed, {**signals, "e": monitor.GetOutputPort("e")})
+        return add_tip_disturbance(builder, disturbance, seed, signals)
 
     def run_bound(self, law: AncillaryLaw, d_bound: float) -> RunBound:
         """Returns the bound along a run of χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃."""

@@ -1,8 +1,7 @@
-"""Zero-order hold of the last finite measurement over a gap."""
+"""Systems behind sensors: hold of the last value over a gap, pose of a measured end-effector."""
 
 import numpy as np
 from pydrake.systems.framework import (
-    BasicVector,
     Context,
     DiagramBuilder,
     DiscreteValues,
@@ -11,7 +10,9 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import added, output_of
+from uvms_drake.model.signals.sensor_actuator import Signals
+from uvms_drake.model.uvms_model import UvmsModel
 
 
 class HoldLastValue(LeafSystem):
@@ -47,22 +48,21 @@ class HoldLastValue(LeafSystem):
         self._release_port = self.DeclareVectorInputPort("release", 1)
         self.DeclareDiscreteState(np.full(size, np.nan))
         self.DeclarePerStepDiscreteUpdateEvent(self._remember)
-        self.DeclareVectorOutputPort(
-            "finite", size, self._calc, {self.xd_ticket(), self.all_input_ports_ticket()})
+        output_of(self, "finite", size, self._finite,
+                  {self.xd_ticket(), self.all_input_ports_ticket()})
 
     def _remember(self, context: Context, state: DiscreteValues) -> None:
         measured = self._port.Eval(context)
         if is_finite(measured):
             state.set_value(measured)
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
+    def _finite(self, context: Context) -> np.ndarray:
         measured = self._port.Eval(context)
         if is_finite(measured):
-            output.SetFromVector(measured)
-        elif self._release_port.HasValue(context) and self._release_port.Eval(context)[0] > 0.0:
-            output.SetFromVector(np.zeros_like(measured))
-        else:
-            output.SetFromVector(context.get_discrete_state_vector().value())
+            return measured
+        if self._release_port.HasValue(context) and self._release_port.Eval(context)[0] > 0.0:
+            return np.zeros_like(measured)
+        return context.get_discrete_state_vector().value()
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, *, measured: OutputPort,
@@ -71,3 +71,42 @@ class HoldLastValue(LeafSystem):
         """Adds the system and connects it; `release` may be None."""
         return added(builder, name, HoldLastValue(measured.size()), measured=measured,
                      release=release)
+
+
+class TipPose(LeafSystem):
+    """Pose χ of the end-effector in a state.
+
+    .. pydrake_system::
+
+        name: TipPose
+        input_ports:
+        - state
+        output_ports:
+        - chi
+
+    - `state`: (𝔮, ζ) (2(6+n)).
+    - `chi`: χ (6) [m, rad]; NaN if 𝔮 is not finite.
+
+    It has no state.
+
+    Args:
+        model: Supplies χ(𝔮).
+    """
+
+    def __init__(self, model: UvmsModel):
+        super().__init__()
+        self._model = model
+        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
+        output_of(self, "chi", 6, self._chi, {self._state_port.ticket()})
+
+    def _chi(self, context: Context) -> np.ndarray:
+        config = self._state_port.Eval(context)[: self._model.size]
+        return self._model.task_pose(config)[:6] if is_finite(config) else np.full(6, np.nan)
+
+
+def tip_pose(builder: DiagramBuilder, model: UvmsModel, state: OutputPort, signals: Signals
+             ) -> OutputPort:
+    """Returns the port of χ (6) in a measured state; that of the true one exists already."""
+    if state is signals["state"]:
+        return signals["chi"]
+    return added(builder, "tip_pose", TipPose(model), state=state).get_output_port()

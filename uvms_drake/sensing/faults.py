@@ -1,21 +1,76 @@
-"""Faults of the sensor of the contact force, between it and the controller.
+"""Faults of limited duration of the sensors of the state and of the contact force."""
 
-Under faults that are detected an unknown wall is pressed no harder than F_max, as long as its tube
-holds: the safe region stays, plans advance no further without readings, and retreat if they stay
-missing, control/contact/theory.md#retreat-without-readings. Until then, and during the retreat, no
-certificate covers the tube.
-"""
-
+from abc import abstractmethod
 from dataclasses import dataclass, field
+from typing import ClassVar, Literal
 
 import numpy as np
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.sensing.faulty_sensor import SensorFault
+from uvms_drake.model.signals.fault import Fault, FaultySignal
+from uvms_drake.model.signals.sensor_actuator import Part, Signals
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+@dataclass
+class SensorFault(Fault, Part):
+    """Fault of the sensor of the state, or of another vector."""
+
+    place: ClassVar[Literal["sensing", "force"]] = "sensing"
+
+    start: float = 0.0
+    """Beginning of the fault, just after this instant [s]."""
+    duration: float = 0.5
+    """Duration of the fault [s]."""
+
+    @abstractmethod
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
+        """Returns the measurement during the fault; `frozen` is the vector at its start."""
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals, seed: int) -> OutputPort:
+        """Adds a `FaultySignal`; see `Part`."""
+        return FaultySignal.AddToBuilder(
+            builder, self, lambda true, frozen, _: self.faulty(true, frozen), signal=port,
+            watched=port, name="faulty_sensor").get_output_port()
+
+
+@dataclass
+class FrozenState(SensorFault):
+    """Frozen state: that at `start`, or at the beginning of a simulation after it."""
+
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
+        """Returns the measurement at the start."""
+        return frozen
+
+
+@dataclass
+class LostState(SensorFault):
+    """Missing state: not a number."""
+
+    start: float = 1.0
+    """Beginning, just after this instant [s]; above 0: the first plan needs a measured state."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(self.start > 0.0, "start", self.start,
+                "above 0: the first plan needs a measured state")
+        super().check()
+
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
+        """Returns NaN."""
+        return np.full_like(frozen, np.nan)
 
 
 class ForceFault(SensorFault):
-    """A fault of the measured force 𝔉_s, of any sensor."""
+    """Fault of the measured force 𝔉_s, of any sensor.
+
+    Under faults that are detected an unknown wall is pressed no harder than F_max, as long as its
+    tube holds: the safe region stays, plans advance no further without readings, and retreat if
+    they stay missing, control/contact/theory.md#retreat-without-readings. Until then, and during
+    the retreat, no certificate covers the tube.
+    """
 
     place = "force"
     needs_forces = True
@@ -41,7 +96,7 @@ class FrozenForce(ForceFault):
     A force from before the touch, taken for new, would let the tip press without end. After as many
     equal readings as a `ForceFaultDetector` has `repeats`, it is lost. Those before it are older
     than they seem by less than the window W of the safe region allows for. Of a sensor that is as
-    quiet as a frozen one (`sensing.repeated_readings`) it is not detected.
+    quiet as a frozen one (`sensing.force_fault_detector`) it is not detected.
     """
 
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:

@@ -1,14 +1,40 @@
-"""Sampled controller: it runs at a clock's ticks, its command acts a delay later."""
+"""Actuators without dynamics: the wrench as commanded, and a controller that runs at ticks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_period
+from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
+
+
+@dataclass
+class IdealWrench(Actuator):
+    """Force on every axis of vehicle and joints as commanded, at once and without limit.
+
+    It adds no system, and comes last in the list. A certificate is for such a wrench; if the
+    robot's own thrusters leave axes undriven, the scenario has to name them here.
+    """
+
+    undriven: list[str] = field(default_factory=list)
+    """Axes of the vehicle that its own thrusters do not drive, of surge, sway, heave, roll, pitch
+    and yaw."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(set(self.undriven) <= set(AXES), "undriven", self.undriven, f"of {', '.join(AXES)}")
+
+    def assumption(self) -> None:
+        """Returns None: the proofs are about this wrench."""
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals, seed: int) -> OutputPort:
+        """Returns `port`."""
+        return port
 
 
 @dataclass
@@ -37,7 +63,7 @@ class SampledCommand(Actuator):
                 f"from 0 to 100 periods, {100.0 * self.period:g} s")
 
     def assumption(self) -> str:
-        """Returns the assumption that it breaks, except in `tube.actuation.zoh_command`."""
+        """Returns the assumption that it breaks."""
         return "the proofs take the feedback for continuous"
 
     def command_path(self, model: UvmsModel) -> CommandPath:
@@ -52,4 +78,3 @@ class SampledCommand(Actuator):
             builder, [clock], vector=port, name="sampled_command").get_output_port()
         signals["zoh_command"] = sampled
         return sampled
-
