@@ -40,12 +40,12 @@ class Run(NamedTuple):
     robot: str
     case: str
     seed: int
-    index: int
+    draw: int
     version: str
     """That of `version_of`."""
 
 
-KEYS = Run._fields[:-1]
+KEYS = ("controller", "robot", "case", "seed", "index")
 """Columns that tell a run from all others in a record."""
 
 
@@ -90,9 +90,9 @@ def run_one(run: Run) -> dict[str, Any]:
     if run.version != version_of(run.controller):
         raise RunFailed("the files of a worker are not those of this process")
     LOGGER.setLevel(logging.ERROR)
-    result: dict[str, Any] = {key: getattr(run, key) for key in KEYS} | {"error": None}
+    result: dict[str, Any] = dict(zip(KEYS, run[:-1], strict=True)) | {"error": None}
     try:
-        scenario, course = drawn_case(run.robot, CASES[run.case], run.seed, run.index)
+        scenario, course = drawn_case(run.robot, CASES[run.case], run.seed, run.draw)
         model = load_model(scenario)
         controller = controller_named(run.controller)(scenario, model)
         trace = run_press(scenario, model, controller, course)
@@ -133,8 +133,8 @@ def completed(wanted: Sequence[Run], folder: Path, pool: Pool, progress: Progres
     found = stored(folder)
     there = [run for run in wanted if run in found]
     require(bool(there), "--finished", str(folder), "left out: the folder has none of these runs")
-    whole = {run.index for run in wanted} - {run.index for run in wanted if run not in found}
-    return [found[run] for run in there if not whole or run.index in whole]
+    whole = {run.draw for run in wanted} - {run.draw for run in wanted if run not in found}
+    return [found[run] for run in there if not whole or run.draw in whole]
 
 
 def write_record(results: Sequence[dict[str, Any]], path: Path) -> None:

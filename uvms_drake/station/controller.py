@@ -11,12 +11,12 @@ from uvms_drake.common.errors import require, within
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
     PAYLOAD,
     PAYLOAD_AT_REST,
     VEHICLE_WRENCH,
-    Fault,
     Part,
     Signals,
 )
