@@ -122,11 +122,11 @@ def draw_forces(results: Results) -> Figure:
         desired = max((result["desired"] for result in first.values()), default=0.0)
         axis.axhline(desired, **DESIRED)
         for name in (name for name in names if name in first):
-            curve, front = first[name][SAMPLED], name == TUBE
+            curve, is_tube = first[name][SAMPLED], name == TUBE
             color, style = lines[name]
             axis.plot(np.array(curve["time"]) - (first[name]["touch"] or 0.0), curve["force"],
-                      color=color, linestyle=style, linewidth=1.3 if front else 0.8,
-                      zorder=3 if front else 2, label=name.replace("_", " "))
+                      color=color, linestyle=style, linewidth=1.3 if is_tube else 0.8,
+                      zorder=3 if is_tube else 2, label=name.replace("_", " "))
         axis.set_title(CASES[case].text.split(":")[0], fontsize=6.5)
         axis.set(ylim=(0.0, 2.0 * desired), xlim=(-1.0, 14.0), xticks=[0.0, 5.0, 10.0])
     for axis in axes[len(cases):]:

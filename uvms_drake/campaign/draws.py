@@ -164,7 +164,7 @@ def _faults(rng: np.random.Generator) -> list[Fault]:
     return [fault(probability)] if rng.uniform() <= FAULT_LIKELY else []
 
 
-def distribution_in_words(scenario: Scenario) -> Iterator[str]:
+def declared_distribution(scenario: Scenario) -> Iterator[str]:
     """Yields a sentence for each part of the distribution that `vary` draws from."""
     x, _, _, roll, _, yaw = POSE_REACH
     yield (f"start: vehicle uniform within {x:g} m, {roll:g} rad of roll and pitch and {yaw:g} rad "

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.draws import distribution_in_words
+from uvms_drake.campaign.draws import declared_distribution
 from uvms_drake.certificate.failure_probability import failure_bound
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import Scenario
@@ -56,7 +56,7 @@ def certificate_in_probability(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,
         probability=failure_bound(len(results), len(failed), confidence),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
-        failed=failed, distribution=tuple(distribution_in_words(campaign.base)),
+        failed=failed, distribution=tuple(declared_distribution(campaign.base)),
         seed=campaign.seed, campaign=campaign.identity,
         mission=", ".join(type(step).__name__.lower() for step in scenario.mission.steps),
         **inputs)

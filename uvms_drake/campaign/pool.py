@@ -83,6 +83,11 @@ def run_all(compute: Callable[[Run], Result], runs: Iterable[Run], pool: Pool
                             f"{named}{', ...' if len(waiting) > NAMED else ''}): {reason}")
 
 
+def make_pool(workers: int | None, scheduler: str | None) -> Pool:
+    """Returns the workers at the address of a scheduler; without one, of this machine."""
+    return local_pool(workers) if scheduler is None else cluster_pool(scheduler)
+
+
 def local_pool(workers: int | None = None) -> Pool:
     """Returns a pool of processes of this machine, one a core, each with a fresh interpreter.
 

@@ -34,7 +34,7 @@ WALL_MEASURES = {
     "settled_s": "from the first touch to within tolerance [s]",
     "error": f"force error, mean of the last {LAST_SECONDS:g} s [N]",
 }
-"""Those of unknown walls."""
+"""Labels of the metrics of unknown walls."""
 SMALL_IS_BAD = "margin"
 COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
 PROMISES = ("exceptions", "not_finite", "exits_set", "exits_trajectory", "violations", "limited")

@@ -6,7 +6,7 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-from uvms_drake.command.campaign import pool_of, take_workers
+from uvms_drake.command.campaign import take_workers
 from uvms_drake.command.files import folder, take_quiet
 from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.output import output_folder
@@ -53,9 +53,10 @@ def run_benchmark(args: argparse.Namespace) -> int:
     from uvms_drake.benchmark.controllers import CONTROLLERS
     from uvms_drake.benchmark.figures import OVERVIEW, figure_name, write_figures
     from uvms_drake.benchmark.table import format_benchmark, summarise
+    from uvms_drake.campaign.pool import make_pool
     from uvms_drake.common.jsonable import jsonable
 
-    pool = pool_of(args)
+    pool = make_pool(args.workers, args.scheduler)
     robots = args.robots or list(ROBOTS)
     runs = runs_of(args.controllers or list(CONTROLLERS), robots, args.cases or list(CASES),
                    args.runs, args.seed)

@@ -1,12 +1,8 @@
 """The sub-command `campaign`, and options of all commands that compute many runs."""
 
 import argparse
-from typing import TYPE_CHECKING
 
 from uvms_drake.command.files import folder, take_scenario
-
-if TYPE_CHECKING:
-    from uvms_drake.campaign.pool import Pool
 
 
 def take_workers(command: argparse.ArgumentParser) -> None:
@@ -16,13 +12,6 @@ def take_workers(command: argparse.ArgumentParser) -> None:
                        help="processes of this machine (default: one for each core)")
     where.add_argument("--scheduler", metavar="ADDRESS",
                        help="of a running Dask cluster, whose workers have this package installed")
-
-
-def pool_of(args: argparse.Namespace) -> "Pool":
-    """Returns the workers of the options."""
-    from uvms_drake.campaign.pool import cluster_pool, local_pool
-
-    return local_pool(args.workers) if args.scheduler is None else cluster_pool(args.scheduler)
 
 
 def add_campaign(commands: argparse._SubParsersAction) -> None:

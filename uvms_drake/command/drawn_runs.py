@@ -22,7 +22,7 @@ from uvms_drake.campaign.draws import vary
 from uvms_drake.campaign.failures import certificate_in_probability
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
 from uvms_drake.campaign.harness import RUNS_FILE, runs, stored
-from uvms_drake.campaign.pool import Pool
+from uvms_drake.campaign.pool import Pool, make_pool
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.summary import (
     all_well,
@@ -35,7 +35,6 @@ from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, wr
 from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.certificate.in_probability import cache_key
 from uvms_drake.certificate.probability_table import format_probability
-from uvms_drake.command.campaign import pool_of
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
 from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.command.run import BROKEN, note, sound
@@ -60,7 +59,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     # The scenario, its certificate, and everything else that the runs have in common.
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, set_options(args.overrides))
-    output, pool = folder_of(args, scenario.name), pool_of(args)
+    output, pool = folder_of(args, scenario.name), make_pool(args.workers, args.scheduler)
     require_own(output, OWN_FILES)
     with reported_in(source):
         scenario = drawable(scenario)
@@ -96,7 +95,7 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
             "at least 0.5 and below 1")
     scenario = load_scenario(args.scenario, args.overrides)
     path = args.output if args.output is not None else Path("out") / scenario.name
-    folder, pool = path / STORE, pool_of(args)
+    folder, pool = path / STORE, make_pool(args.workers, args.scheduler)
     chosen = args.runs
     if (folder / SETUP_FILE).exists():
         chosen = read_setup(folder).runs or chosen
