@@ -24,8 +24,8 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.sensing.wrist_sensor import WristSensor
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.parts import keyed
 from uvms_drake.station.controller import add_chain
+from uvms_drake.station.parts import keyed
 
 LOG_PERIOD = 0.005
 
