@@ -42,7 +42,8 @@ def main() -> None:
             f"duration={arguments.duration}", f"surface.geometry={geometry}",
             f"mission.steps=[{PLACE}, {slides}, !Retreat {{}}]"])
         mission = scenario.mission
-        over = 30.0 + sum(step.time for step in mission.steps if isinstance(step, uv.mission.Slide))
+        over = 30.0 + sum(step.least_time for step in mission.steps
+                          if isinstance(step, uv.mission.Slide))
         scenario.duration = min(arguments.duration, over)
         for row in uv.simulate(scenario).summary()["mission"]["steps"]:
             step = mission.steps[row["step"]]

@@ -23,7 +23,7 @@ ROOMS = (
     ("certificate",),
     ("report",),
     ("campaign",),
-    ("studies", "benchmark"),
+    ("setup", "benchmark"),
     ("papers",),
     ("command",),
 )

@@ -30,8 +30,8 @@ def retired() -> dict[str, str]:
 
 
 RETIRED = retired()
-EXEMPT = {"pareto_front", "check_pareto_front", "format_pareto_front", "loads"}
-"""Identifiers with a retired word that has its textbook meaning in them, or is that of `json`."""
+EXEMPT = {"loads"}
+"""Identifiers with a retired word: that of `json`."""
 
 
 def parsed(path: Path) -> ast.Module:

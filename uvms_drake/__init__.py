@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from uvms_drake.report.figures import make_figures as make_figures
     from uvms_drake.report.summary import summarise as summarise
     from uvms_drake.sensing import Sensor as Sensor
+    from uvms_drake.setup.make_scenario import make_scenario as make_scenario
     from uvms_drake.station.contact.contact import Contact as Contact
     from uvms_drake.station.contact.sensed_contact import SensedContact as SensedContact
     from uvms_drake.station.controller import make_controller as make_controller
@@ -83,7 +84,6 @@ if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import load_scenario as load_scenario
     from uvms_drake.station.simulation import simulate as simulate
     from uvms_drake.station.step_size import with_step as with_step
-    from uvms_drake.studies.make_scenario import make_scenario as make_scenario
     from uvms_drake.tube import laws as tubes  # noqa: F401  a namespace
     from uvms_drake.visual.server import open_meshcat as open_meshcat
 
@@ -113,7 +113,7 @@ _HOME = {
     "make_figures": "report.figures",
     "make_ocp": "station.motions.motions",
     "make_plant": "station.plant",
-    "make_scenario": "studies.make_scenario",
+    "make_scenario": "setup.make_scenario",
     "make_solver": "control.ocp.solvers",
     "make_station": "station.diagram",
     "make_tube_mpc": "control.tube_mpc",

@@ -23,9 +23,8 @@ from problems import (
 )
 from pydrake.solvers import SnoptSolver
 
-from uvms_drake.control.limits.attitude import VehicleAngle
 from uvms_drake.control.limits.inputs import Accelerations
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.pose import Joints, VehicleAngle
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp

@@ -23,7 +23,7 @@ from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Bilinear, Linear
 from uvms_drake.plant.disturbance import unit_vector
-from uvms_drake.report.mission.force_bands import force_bands
+from uvms_drake.report.contact_check import force_bands
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.problem import load_model
 

@@ -12,7 +12,7 @@ import uvms_drake as uv
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.plane import dissipation_factor
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
-from uvms_drake.report.mission.force_bands import has_stood
+from uvms_drake.report.contact_check import has_stood
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.wrist_sensor import Imperfection
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact

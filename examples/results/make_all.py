@@ -139,14 +139,6 @@ def campaigns() -> str:
     return "\n\n".join(parts)
 
 
-def bench() -> str:
-    """Returns the page of step times."""
-    print("bench", file=sys.stderr)
-    with tempfile.TemporaryDirectory() as folder:
-        text = uvms_drake("bench", "--output", folder)
-    return f"# Step times\n\n`uvms-drake bench`\n\n```\n{text.strip()}\n```"
-
-
 def benchmark() -> str:
     """Returns the page of the benchmark of controllers; its runs are kept in out/benchmark."""
     print("benchmark", file=sys.stderr)
@@ -323,20 +315,20 @@ campaign's run is its second one. The rows on the step are its effect: the large
 and force in a run as the chosen step is halved."""
 """Text above the table of speeds."""
 SPEED_READING = """Most of a run are derivatives, and most of a derivative are the law, which
-computes the motion of two robots, and the water: [bench.md](bench.md) has the parts. Each is some
+computes the motion of two robots, and the water. Each is some
 dozens of calls of NumPy on arrays of ten numbers, whose arithmetic is little. A short run has its
 start in it, for which the robot is read three times, and two loops are built: one for the choice of
 the step."""
 """Reading of the table of speeds."""
 PAGES: dict[str, Callable[[], str]] = {
-    "scenarios": scenarios, "campaigns": campaigns, "bench": bench,
-    "benchmark": benchmark, "missions": missions,
+    "scenarios": scenarios, "campaigns": campaigns, "benchmark": benchmark,
+    "missions": missions,
     "probability": partial(probability, REAL, DRAWN, "probability"),
     "probability_bluerov2": partial(
         probability, BLUE, DRAWN_BLUE, "probability_bluerov2", BLUE_SEED, ATTEMPT),
     "each_unknown": each_unknown}
 IMPORT = "robot_import"
-PRINTED = "holds", "unknowns", "adversaries", "solvers", "bluerov2_real_loop"
+PRINTED = "holds", "unknowns", "adversaries", "solvers"
 """Pages with a script of their own; those of the second kind print it."""
 SPEED = "speed"
 """Page beside an older checkout, which `--old` names; without it that page stays as it is."""

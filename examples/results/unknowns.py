@@ -2,9 +2,8 @@
 
 `python examples/results/unknowns.py > examples/results/unknowns.md` starts from `girona500_contact`
 with an unknown of the asked size, takes over the settings that the certificate advises until it
-holds, and makes a run. With the tolerance of `certify --tolerances`, it then finds the largest size
-that is certified. The first two unknowns have a campaign, whose runs draw the unknown up to its
-declared size. It takes two hours on a core.
+holds, and makes a run. The first two unknowns have a campaign, whose runs draw the unknown up to
+its declared size. It takes an hour on a core.
 """
 
 import argparse
@@ -23,10 +22,7 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.command.campaign.campaign import CAMPAIGN_FILE
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.problem import load_model
 from uvms_drake.station.simulation import simulate
-from uvms_drake.studies.margins.unknown_margins import Study, settings_of, unknowns
-from uvms_drake.tube.search.search_memo import SearchMemo
 from uvms_drake.tube.ultimate_bounds import HOLD
 
 BASE, STEPS, DURATION = "girona500_contact", 8, 20.0
@@ -34,18 +30,13 @@ BASE, STEPS, DURATION = "girona500_contact", 8, 20.0
 RUNS, LONGEST = 100, 11.0
 """Runs of a campaign, and their longest duration [s]."""
 ADVICE = re.compile(r"--set (\S+)")
-PARTS, LONG = (0.95, 0.91, 0.8), "mpc.horizon=60"
-"""Fractions of the tolerance that are tried until one is certified, and the horizon with which:
-little of the inputs is left."""
 HEAD = """# Declared unknowns, each alone
 
 {provenance} Command: `python examples/results/unknowns.py`.
 
 `{base}` with an unknown of the asked size, and the settings that `certify` advises one after the
 other. *Hold* is the certified band of the press of 20 N; *exits* of the tube and *off*, the largest
-force error in the hold, are of a run of {duration} s. *Tolerance* is the largest size of
-`certify --tolerances`, *largest certified* the largest tried fraction of it that has a certificate;
-tried are {parts}, with `{longer}`.
+force error in the hold, are of a run of {duration} s.
 
 {rows}
 
@@ -59,8 +50,7 @@ Settings:
 up to its declared size, in a quarter of the runs at it; adversaries have the rest of d.
 """
 """Beginning of the page."""
-COLUMNS = ("unknown", "asked", "certified", "hold [N]", "exits", "off [N]", "largest certified",
-           "tolerance", "ratio", "ends by")
+COLUMNS = ("unknown", "asked", "certified", "hold [N]", "exits", "off [N]")
 CAMPAIGN_COLUMNS = (
     "unknown", "runs", "counted", "exits of the tube", "violated limits",
     "exceptions, failed solves", "touched", "pressed too hard",
@@ -75,8 +65,6 @@ def table_head(columns: Sequence[str]) -> str:
 class Case(NamedTuple):
     """An unknown."""
 
-    tolerance: str
-    """Name of its row among the tolerances."""
     unit: str
     asked: float
     """Size."""
@@ -85,14 +73,14 @@ class Case(NamedTuple):
 
 
 CASES = {
-    "current": Case("current", "m/s", 0.1, lambda size: [f"current=[{size:g},0,0]"]),
-    "mass": Case("mass of all bodies, trimmed", "of it", 0.03,
+    "current": Case("m/s", 0.1, lambda size: [f"current=[{size:g},0,0]"]),
+    "mass": Case("of it", 0.03,
                  lambda size: [f"model_error.mass={1.0 + size:g}"]),
-    "trim": Case("trim: displaced volume", "of it", 0.01,
+    "trim": Case("of it", 0.01,
                  lambda size: [f"model_error.buoyancy={1.0 + size:g}"]),
-    "joint friction": Case("joint friction", "N m", 0.2,
+    "joint friction": Case("N m", 0.2,
                            lambda size: [f"model_error.joint_friction.coulomb=[{size:g}]"]),
-    "payload": Case("payload in the hand", "kg", 0.02,
+    "payload": Case("kg", 0.02,
                     lambda size: [f"model_error.payload.mass={size:g}"])}
 CAMPAIGNS = tuple(CASES)[:2]
 
@@ -117,37 +105,6 @@ def followed(declared: list[str]) -> tuple[list[str], Certificate]:
 def failures(certificate: Certificate) -> str:
     """Returns the conditions that do not hold."""
     return "; ".join(str(each) for each in certificate.conditions if not each.holds)
-
-
-class Largest(NamedTuple):
-    """Largest sizes of an unknown."""
-
-    tolerance: float
-    """That of the tolerances."""
-    certified: float
-    """Largest tried one that is certified; 0 if none."""
-    beyond: str
-    """Condition that ends the tolerance."""
-
-
-def largest_of(case: Case, study: Study, duration: str, known: dict[str, Largest]) -> Largest:
-    """Returns the tolerance of an unknown, and the largest fraction of it that is certified."""
-    unknown = next(each for each in unknowns() if each.name == case.tolerance)
-    if case.tolerance not in known:
-        margin = unknown.margin(study)
-        known[case.tolerance] = Largest(margin.largest, 0.0, margin.ends)
-    found = known[case.tolerance]
-    for part in PARTS:
-        size = float(f"{part * found.tolerance:.3g}")
-        scenario, _ = study.fitted(
-            unknown.declared(size), unknown.sources(size), SearchMemo())
-        certificate = certified_once(uv.load_scenario(BASE, [
-            *case.settings(size), duration, LONG, *ADVICE.findall(settings_of(
-                scenario.model_error, scenario.disturbance, scenario.contact))]))
-        print(f"  {size:g}: {failures(certificate) or 'certified'}", file=sys.stderr)
-        if certificate.certified:
-            return found._replace(certified=size)
-    return found
 
 
 def run_of(settings: list[str], certificate: Certificate) -> dict[str, Any]:
@@ -179,23 +136,20 @@ def campaign_row(name: str, found: dict[str, Any]) -> str:
             f"{found['distributions']['ratio_set']['max']:.2g} |")
 
 
-def rows_of(name: str, study: Study, known: dict[str, Largest]) -> tuple[str, str, list[str]]:
+def rows_of(name: str) -> tuple[str, str, list[str]]:
     """Returns the row of an unknown, its list of settings, and these settings."""
-    case, duration = CASES[name], f"duration={DURATION:g}"
+    case = CASES[name]
     print(name, file=sys.stderr)
-    declared = [*case.settings(case.asked), duration]
+    declared = [*case.settings(case.asked), f"duration={DURATION:g}"]
     settings, certificate = followed(declared)
-    found = largest_of(case, study, duration, known)
-    ratio = "–" if not found.certified else f"{found.certified / found.tolerance:.2f}"
-    asked, largest = f"| {name} | {case.asked:g} {case.unit} |", (
-        f"{found.certified:.3g} | {found.tolerance:.3g} | {ratio} | {found.beyond} |")
+    asked = f"| {name} | {case.asked:g} {case.unit} |"
     if not certificate.certified:
-        return f"{asked} no: {failures(certificate)} | – | – | – | {largest}", "", []
+        return f"{asked} no: {failures(certificate)} | – | – | – |", "", []
     run = run_of([*declared, *settings], certificate)
     exits, bands = run["tube"]["exits"], run["contact"]["force_bands"]["hold"]
     reached = "–" if bands is None else f"{bands['worst_error']:.2g}"
     row = (f"{asked} {len(certificate.conditions)} conditions | ± {certificate.bounds[HOLD]:.3g} | "
-           f"{exits} | {reached} | {largest}")
+           f"{exits} | {reached} |")
     print(row, file=sys.stderr)
     return row, f"* {name}: `--set " + " --set ".join([*declared, *settings]) + "`", [
         *declared, *settings]
@@ -207,19 +161,11 @@ def main() -> None:
     parser.add_argument("unknowns", nargs="*", default=list(CASES))
     parser.add_argument("--campaigns", type=Path,
                         help="folder of campaigns, one each; made where there is none")
-    parser.add_argument("--tolerances", type=Path,
-                        help="tolerances.json of certify; else they are computed")
     args = parser.parse_args()
-    known = {} if args.tolerances is None else {
-        each["name"]: Largest(each["largest"], 0.0, each["ends"])
-        for each in json.loads(args.tolerances.read_text("utf-8"))}
-    scenario = uv.load_scenario(BASE)
-    study = Study(scenario, load_model(scenario))
-    found = {name: rows_of(name, study, known) for name in args.unknowns}
+    found = {name: rows_of(name) for name in args.unknowns}
     print(HEAD.format(
         provenance=provenance(), base=BASE, duration=f"{DURATION:g}", runs=RUNS,
         longest=f"{LONGEST:g}",
-        longer=LONG, parts=", ".join(f"{part:g}" for part in PARTS),
         rows="\n".join([table_head(COLUMNS), *(row for row, _, _ in found.values())]),
         settings="\n".join(line for _, line, _ in found.values() if line)))
     print(table_head(CAMPAIGN_COLUMNS))

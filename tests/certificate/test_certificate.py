@@ -19,8 +19,8 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.search.estimate import Estimate
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import Estimate
 
 
 @pytest.fixture(scope="module")

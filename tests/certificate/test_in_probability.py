@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.probability import NAME, RANGES, made
+from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
+from uvms_drake.tube.coupled.budget import CoupledBudget, Source, Stage
 
 from uvms_drake.campaign.probability.declared_distribution import declared_ranges
 from uvms_drake.certificate.certificate import (
@@ -16,14 +18,12 @@ from uvms_drake.certificate.certificate import (
     stale_reason,
     write_certificate,
 )
-from uvms_drake.certificate.drawn_values import drawn_values, outside_ranges
 from uvms_drake.certificate.in_probability import ProbabilityCertificate, read_any_certificate
 from uvms_drake.certificate.probability_table import format_probability, sentences
 from uvms_drake.command.run import sound
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.coupled.budget import CoupledBudget, Source, Stage
 
 
 def test_the_verdict_is_its_exact_sentence():

@@ -14,10 +14,10 @@ from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants.constants import QUANTITIES, Constant
-from uvms_drake.tube.contact.tip_jerk import JERK
+from uvms_drake.tube.constants import QUANTITIES, Constant
+from uvms_drake.tube.contact.tip_motion import JERK
+from uvms_drake.tube.estimates import Estimate
 from uvms_drake.tube.law_tube import WEIGHTED
-from uvms_drake.tube.search.estimate import Estimate
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},

@@ -177,7 +177,7 @@ def test_any_file_ends_in_a_run_or_in_one_line(tmp_path, capsys, deadline, chunk
 
 
 WORDS = {
-    "": ["run", "plot", "certify", "bench", "campaign", "errata", "scenarios", "keys", "fly", "-h"],
+    "": ["run", "plot", "certify", "campaign", "errata", "scenarios", "keys", "fly", "-h"],
     "scenario": ["girona500_ideal", "girona500_contcat", "paper_kinematic", "/", "", ".", "a\0b",
                  "/dev/null", "nowhere/mine.yaml", "--", "-", "é" * 200, "mine.yaml"],
     "value": ["0", "-1", "1e30", "nan", "inf", "", "x", "010", "1:30", "[1", "{}", "!No {}", "null",
@@ -186,9 +186,9 @@ WORDS = {
             "mpc.horizon", "mpc.time_step", "surface", "surface.stiffness", "task.pose",
             "task.posture", "faults", "start.eta", "motion", "model", "log_period", "base", "", ".",
             "a.b.c", "ancillary.k"],
-    "option": ["--seed", "--duration", "--tune", "--runs", "--workers", "--model-error",
+    "option": ["--seed", "--duration", "--largest", "--runs", "--workers", "--model-error",
                "--replay", "--scheduler", "--output"],
-    "flag": ["--uncertified", "--sweep-gains", "--compare-laws", "--outside", "--no-figures",
+    "flag": ["--uncertified", "--paper", "--full", "--no-figures",
              "--fast", "--help", "--version", "-x"]}
 
 
@@ -226,7 +226,7 @@ def test_any_command_line_is_refused_in_one_line_or_goes_on(
 
     for what in ("uvms_drake.certificate.certify.certified_once",
                  "uvms_drake.papers.nikou2018.errata.all_errata",
-                 "uvms_drake.station.simulation.simulate", "uvms_drake.studies.bench.bench.measure",
+                 "uvms_drake.station.simulation.simulate",
                  "uvms_drake.command.drawn_runs.certified_once",
                  "uvms_drake.campaign.pool.local_pool"):
         monkeypatch.setattr(what, begin)

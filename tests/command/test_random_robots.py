@@ -9,8 +9,8 @@ from support.robot_reading import read_robot
 
 from uvms_drake.command.main import main
 from uvms_drake.model.robot import Robot
+from uvms_drake.setup import first_scenario
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.studies import first_scenario_text
 
 
 @pytest.mark.parametrize("seeds", [
@@ -36,12 +36,12 @@ def test_a_scenario_is_made_for_every_legal_robot(seeds, tmp_path, capsys):
 
 def test_a_scenario_that_run_would_refuse_is_not_written(tmp_path, monkeypatch, capsys):
     """Its limits do not hold the task."""
-    text = first_scenario_text.format_first_scenario
+    text = first_scenario.format_first_scenario
 
     def too_gentle(*args):
         return text(*args).replace("static_force: ", "static_force: 0.")
 
-    monkeypatch.setattr(first_scenario_text, "format_first_scenario", too_gentle)
+    monkeypatch.setattr(first_scenario, "format_first_scenario", too_gentle)
     file = tmp_path / "new" / "folder" / "press.yaml"
     assert main(["scenario", "--new", str(file), "--robot", "box_uvms"]) == 2
     out, err = capsys.readouterr()

@@ -21,7 +21,7 @@ from uvms_drake.mission.law import (
     begin,
     due_at,
 )
-from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+from uvms_drake.mission.steps import REACHED, Approach, Hold, Mission, Retreat, Slide
 
 PERIOD = 0.05
 WALL = 0.3  # m, its depth
@@ -75,7 +75,7 @@ def test_a_job_is_done_step_by_step():
     spent = PERIOD * np.bincount(steps, minlength=7)
     assert spent[1] == pytest.approx(5.0, abs=2 * PERIOD)
     assert spent[4] == pytest.approx(0.2 / 0.02, abs=2 * PERIOD)
-    assert run.tip[0] == pytest.approx(WALL + 0.01 - 0.15, abs=JOB.reached)
+    assert run.tip[0] == pytest.approx(WALL + 0.01 - 0.15, abs=REACHED)
     assert run.t < longest(JOB)
     end = due_at(run.mission, run.state, run.t + 100.0)
     assert (end.force, end.deepest) == (0.0, pytest.approx(WALL + 0.01 - 0.15))
@@ -86,7 +86,7 @@ def test_it_presses_only_at_its_place_and_moves_there_off_the_wall():
     run.go(np.inf)
     for _, step, asked, tip in run.asked:
         if asked.force > 0.0 and step in (0, 3):
-            assert np.linalg.norm(tip[1:] - JOB.steps[step].at) <= JOB.reached + 1e-9
+            assert np.linalg.norm(tip[1:] - JOB.steps[step].at) <= REACHED + 1e-9
         if step == 3 and asked.force == 0.0:
             assert tip[0] < WALL
 
@@ -260,7 +260,7 @@ def test_random_missions_with_random_measurements_all_end_and_never_in_limbo():
     ([Approach(), Hold()], r"steps\[1\] = 'Hold': must be a !Retreat, as the last"),
     ([Approach(timeout=-1.0), Retreat()], r"steps\[0\]\.timeout = -1.0: must be positive"),
     ([Approach(on_failure="hope"), Retreat()], "on_failure = 'hope': must be one of skip, retry"),
-    ([Approach(), Hold(seconds=60.0), Retreat()], r"steps\[1\]\.seconds = 60.0"),
+    ([Approach(), Hold(seconds=60.0), Retreat()], r"steps\[1\]\.timeout = 60.0"),
     ([Approach(), Slide(speed=0.001), Retreat()], "more than the 200 s that it takes"),
     ([Approach(), Slide(along=np.zeros(2)), Retreat()], r"steps\[1\]\.along"),
     ([Approach(), Slide(amplitude=11.0), Retreat()], "less than the force, 10 N"),

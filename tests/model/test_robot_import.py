@@ -10,13 +10,11 @@ from support.robot_files import FILES, FLIP, NAMES, PlainUrdf, turn
 from uvms_drake.command.robot_from import write_robot
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
-from uvms_drake.model.description.meshes import bounding_box
+from uvms_drake.model.description.meshes import bounding_box, format_obj, mesh_volume
 from uvms_drake.model.description.thruster_file import thrust_map
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.robot_import.importer import import_robot
-from uvms_drake.model.robot_import.meshes import format_obj, mesh_volume
 from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.reading.poses import matrix_rpy, rpy_matrix
 from uvms_drake.model.robot_import.water import symmetric
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -228,14 +226,6 @@ def test_a_closed_surface_has_its_volume_and_its_corners_once(tmp_path):
     file.write_text(format_obj(triangles), encoding="utf-8")
     assert file.read_text("utf-8").count("v ") == 4
     np.testing.assert_allclose(bounding_box(file), [[5, 5, 5], [7, 8, 9]])
-
-
-@pytest.mark.parametrize("pitch", [-np.pi / 2, -1.0, 0.0, 0.4, np.pi / 2])
-def test_angles_and_matrices_are_each_other_s_inverse(pitch):
-    R = rpy_matrix(np.array([0.3, pitch, -2.0]))
-    np.testing.assert_allclose(rpy_matrix(matrix_rpy(R)), R, atol=1e-9)
-    np.testing.assert_allclose(R, turn([0, 0, 1], -2.0) @ turn([0, 1, 0], pitch)
-                               @ turn([1, 0, 0], 0.3), atol=1e-12)
 
 
 def test_estimates_are_marked_and_neutral(robots):

@@ -16,9 +16,9 @@ from uvms_drake.model.trim import middle_posture, trim_of
 from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.plant.model_check import model_complaints
 from uvms_drake.plant.robot_loading import complaints_about, sound_robot
+from uvms_drake.setup.make_scenario import make_scenario
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.studies.make_scenario import make_scenario
 
 TIP = '<frame name="tip" attached_to="forearm">'
 END = "</model>"

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from support.drawings import panels_of
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.command.compare import short_names
 from uvms_drake.command.main import main
 from uvms_drake.report.compare import (
+    comparison_drawing,
     differing_keys,
-    draw_comparison,
     format_comparison,
     metrics_of,
     normal_force,
@@ -62,12 +63,13 @@ def test_the_force_of_a_sensed_wall_is_that_along_the_direction_into_it():
 
 def test_every_run_is_a_line_in_every_panel():
     records = [synthetic_record(), synthetic_record(10.0)]
-    axes = draw_comparison(["one", "two"], records).axes
-    for axis in axes:
-        drawn = [line for line in axis.get_lines() if len(line.get_xdata()) > 2]
-        assert {len(line.get_xdata()) for line in drawn} == {len(each.time) for each in records}
-        assert "[" in axis.get_ylabel()
-    np.testing.assert_allclose(axes[0].get_lines()[0].get_ydata(), records[0].force[:, 0])
+    drawing = comparison_drawing(["one", "two"], records)
+    for panel in panels_of(drawing):
+        assert "[" in panel.label
+        for name, record in zip(("one", "two"), records, strict=True):
+            (found,) = (each for each in panel.series if each.style.get("label") == name)
+            assert len(found.y) == len(found.x) == len(record.time)
+    np.testing.assert_allclose(drawing.columns[0][0].series[0].y, records[0].force[:, 0])
 
 
 def test_the_command_writes_table_data_and_picture(tmp_path, capsys):

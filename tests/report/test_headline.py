@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 from support.synthetic import desiring, synthetic_record
 
-from uvms_drake.report.headline import headline
-from uvms_drake.report.summary import format_summary, summarise
+from uvms_drake.report.summary import format_summary, headline, summarise
 
 
 def test_the_normal_error_leads_and_the_tangential_one_is_told_apart():

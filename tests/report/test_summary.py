@@ -8,8 +8,9 @@ import pytest
 from support.probability import made
 from support.synthetic import desiring, synthetic_record
 
+from uvms_drake.actuation import Thrusters
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.mpc.planner import KEPT
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.disturbance import ConstantDisturbance
@@ -503,3 +504,23 @@ def test_a_claim_in_probability_names_walls_that_are_not_declared():
     assert claim["outside"] == [
         "contact.friction was seen to be 0.61, declared up to 0.5"]
     assert summarise_claim(None, seen) is None
+
+
+def test_the_summary_has_each_thrusters_forces_and_limits():
+    """Forces of a sine of 80 N; the third thruster is at its limit in a quarter of the time."""
+    base = synthetic_record(4.0)
+    wave = np.sin(np.pi * base.time)[:, None] * np.ones(5)
+    command = 0.5 * wave
+    command[:, 2] = np.where(base.time < 1.0, 1.0, 0.0)
+    record = replace(base, scenario=replace(base.scenario, actuation=[Thrusters()]), signals={
+        "thruster_command": command, "thruster_force": 80.0 * wave})
+    rows = summarise(record)["thrusters"]
+    assert list(rows) == ["surge_port", "surge_starboard", "heave_bow", "heave_stern", "sway"]
+    row = rows["heave_bow"]
+    assert (row["least"], row["largest"]) == pytest.approx((-80.0, 80.0), rel=1e-2)
+    assert row["rms"] == pytest.approx(80.0 / np.sqrt(2.0), rel=1e-2)
+    assert (row["lower"], row["upper"]) == (-95.122, 104.659)
+    assert row["at_limit"] == pytest.approx(0.25, abs=0.01)
+    assert rows["sway"]["at_limit"] == 0.0
+    assert "heave_bow: -80 to 80 N of -95.12 to 104.7 N, 56." in format_summary(summarise(record))
+    assert summarise(base)["thrusters"] == {}

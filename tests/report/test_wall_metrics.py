@@ -12,7 +12,7 @@ from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.report.wall_metrics import wall_metrics
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.contact.force_ripple import ripple
+from uvms_drake.tube.contact.sensor_error import ripple
 
 STIFFNESS, TILT = 500.0, 0.05
 LARGEST = 45.0

@@ -9,10 +9,8 @@ from support.meshcat import press
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
-from uvms_drake.report.headline import broken
-from uvms_drake.report.mission.inspection import COLUMNS, inspection_table
-from uvms_drake.report.mission.mission import summarise_mission
-from uvms_drake.report.summary import summarise
+from uvms_drake.report.mission import COLUMNS, inspection_table, summarise_mission
+from uvms_drake.report.summary import broken, summarise
 from uvms_drake.station.contact.bounds import largest_force, mission_conditions
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model

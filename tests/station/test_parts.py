@@ -112,16 +112,6 @@ def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(
     assert not broken_assumptions(load_scenario("bluerov2_ideal"))
 
 
-def test_the_law_tip_first_counts_with_a_clock_alone():
-    clock, wrench = "!SampledCommand {}", "!IdealWrench {undriven: [roll]}"
-    assert not broken_assumptions(
-        load_scenario("girona500_tip_first", [f"actuation=[{clock}, {wrench}]"]))
-    for name, more in (("girona500_tip_first", "!Thrusters {}"), ("girona500_tip_first", clock),
-                       ("girona500_contact", "")):
-        assert "actuation[0], SampledCommand: the proofs take the feedback for continuous" in (
-            broken_assumptions(load_scenario(name, [f"actuation=[{clock}, {more}]"])))
-
-
 @pytest.mark.parametrize(("override", "expected"), [
     ("sensing=[{joints: {rate: 0}}]", "sensing[0].joints.rate = 0.0: must be positive, and"),
     ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be at least 0.0001"),

@@ -12,7 +12,7 @@ from support.quick import FEW, search_less
 
 from uvms_drake.certificate.certify import certify
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.limits.approach_speed import ToolAngle
+from uvms_drake.control.limits.pose import ToolAngle
 from uvms_drake.control.plan.points import Points
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel

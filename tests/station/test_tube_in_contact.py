@@ -20,7 +20,7 @@ from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.resolved.bounds import joint_rate_radius, resolved_tube
+from uvms_drake.tube.row_gains import joint_rate_radius, resolved_tube
 
 pytestmark = pytest.mark.long
 

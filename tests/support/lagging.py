@@ -31,7 +31,7 @@ class Motion(NamedTuple):
     wrench: np.ndarray
     """τ_v as it is given (T, 6)."""
     carried: np.ndarray
-    """A = J_ηv M*⁻¹ (T, 6, 6), see `tube.loops.row_loop`."""
+    """A = J_ηv M*⁻¹ (T, 6, 6), see `control.laws.tip_first`."""
     feedback: np.ndarray
     """−(k + σ)ė − kσe − δ̂ of a `TipFirst` (T, 10)."""
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.inputs import Forces
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.ocp.ocp import Ocp
 

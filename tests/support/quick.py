@@ -15,7 +15,7 @@ def search_constants_less(patch: pytest.MonkeyPatch) -> None:
 
     A scenario has to say `FEW[0]`, too.
     """
-    patch.setattr("uvms_drake.tube.constants.constants.START_RANKS", (0,))
+    patch.setattr("uvms_drake.tube.constants.START_RANKS", (0,))
 
 
 def search_less(patch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.resolved.bounds import Tube, joint_rate_radius
+from uvms_drake.tube.row_gains import Tube, joint_rate_radius
 
 
 def rise(tube: Tube, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,9 +10,8 @@ from support.terminal_checks import check_penalty, check_terminal
 from support.tracking import DIRECTION, tracking_ocp
 
 from uvms_drake.control.costs.task_cost import TaskCost
-from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
 from uvms_drake.control.limits.inputs import Accelerations
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.pose import Joints, TipPitch, VehicleAngle
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.ocp import dynamic_ocp
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp

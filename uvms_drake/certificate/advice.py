@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
-from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.limit import Limit
+from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.model.uvms_model import UvmsModel
 

@@ -28,8 +28,8 @@ from uvms_drake.station.parts import uncovered
 from uvms_drake.station.scenario.modules import module_file
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.search.estimate import Estimate
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import Estimate
 from uvms_drake.tube.ultimate_bounds import HOLD
 
 if TYPE_CHECKING:

@@ -58,12 +58,11 @@ from uvms_drake.station.parts import uncovered
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import Estimate, check_settings, unrefuted
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import Estimate, unrefuted
 from uvms_drake.tube.search.search_memo import active_memo
-from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 

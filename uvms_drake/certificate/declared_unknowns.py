@@ -22,8 +22,8 @@ from uvms_drake.plant.model_error import FACTORS, ModelError, add_simulated_uvms
 from uvms_drake.plant.payload import Payload
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.estimates import Estimate
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.search.estimate import Estimate
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.unmodelled_dynamics import (
     Motions,

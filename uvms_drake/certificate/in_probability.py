@@ -43,6 +43,8 @@ FAILURES = {
 }
 """Kinds of failure of a run, in words."""
 
+UNDRAWN = ("name", "description", "modules", "seed", "duration", "simulator", "visual")
+"""Keys of a scenario that two distributions may differ in; a run is kept with its chosen step."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class ProbabilityCertificate:
     files: dict[str, str]
     """SHA-256 of the robot's files, by name."""
     inputs: str
-    """SHA-256 of the scenario without its drawn values."""
+    """SHA-256 of the scenario without `UNDRAWN`."""
     versions: dict[str, str]
     source: str
     """SHA-256 of the package's Python files that made the runs."""
@@ -116,11 +118,11 @@ class ProbabilityCertificate:
     def inputs_of(scenario: Scenario) -> dict[str, Any]:
         """Returns the inputs that a certificate of a scenario has now: hashes and versions.
 
-        Of the scenario all counts but the drawn values, the tube too: it is the declared one. Of
-        the disturbance, bound and weights count: every kind of it is drawn. Faults count whole, for
-        those of a run are drawn beside the scenario's.
+        Of the scenario all counts but `UNDRAWN`, the tube too: it is the declared one.
         """
-        fixed = yaml_load_data(dump_scenario(replace(scenario, name="", description="", seed=0)))
+        fixed = yaml_load_data(dump_scenario(scenario))
+        for key in UNDRAWN:
+            fixed.pop(key, None)
         text = json.dumps(jsonable(fixed, names=True), sort_keys=True, ensure_ascii=False)
         return fingerprint(scenario) | {
             "inputs": hashlib.sha256(text.encode()).hexdigest(), "source": source_digest()}

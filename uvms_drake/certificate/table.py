@@ -9,8 +9,8 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.control.limits import HoldRadii
 from uvms_drake.station.motions.motions import motion_named
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants.constants import QUANTITIES, Constant
-from uvms_drake.tube.contact.tip_jerk import JERK
+from uvms_drake.tube.constants import QUANTITIES, Constant
+from uvms_drake.tube.contact.tip_motion import JERK
 from uvms_drake.tube.law_tube import WEIGHTED
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 

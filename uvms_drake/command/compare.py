@@ -33,11 +33,12 @@ def compare_runs(args: argparse.Namespace) -> int:
     import matplotlib
 
     from uvms_drake.report.compare import (
+        comparison_drawing,
         differing_keys,
-        draw_comparison,
         format_comparison,
         metrics_of,
     )
+    from uvms_drake.report.drawing import draw
     from uvms_drake.report.figure_style import STYLE
     from uvms_drake.report.html import load_run
     from uvms_drake.report.summary import summarise
@@ -54,7 +55,7 @@ def compare_runs(args: argparse.Namespace) -> int:
         (output.folder / "compare.json").write_text(
             json.dumps(data, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         with matplotlib.rc_context(STYLE):
-            draw_comparison(names, records).savefig(output.folder / "compare.png")
+            draw(comparison_drawing(names, records)).savefig(output.folder / "compare.png")
     print(f"{text}\n\nwritten to {args.output}: {', '.join(sorted(output.kept))}")
     return 0
 

@@ -77,9 +77,9 @@ def write_data(record: Record, folder: Path, certificate: AnyCertificate | None 
         folder: Folder to write to.
         certificate: Certificate of the run, if any.
     """
-    from uvms_drake.report.log_table import format_log
-    from uvms_drake.report.mission.attempts import has_mission
-    from uvms_drake.report.mission.inspection import format_inspection
+    from uvms_drake.report.log_export import format_log
+    from uvms_drake.report.mission import format_inspection
+    from uvms_drake.report.signals import has_mission
     from uvms_drake.report.summary import summarise
 
     summary = summarise(record, certificate)

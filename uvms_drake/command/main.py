@@ -1,4 +1,4 @@
-"""The command line: `uvms-drake run`, `certify`, `bench`, `campaign`, ...
+"""The command line: `uvms-drake run`, `certify`, `campaign`, ...
 
 The exit status is 0 for success, 1 if a run failed or a scenario is not certified, 2 for bad input,
 3 if a run broke a guarantee or violated a limit, and 128 + the signal for an interrupted command:
@@ -15,7 +15,6 @@ from typing import NoReturn
 # The matrices are small: threads cost more than they gain, most of all on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from uvms_drake.command.bench import add_bench
 from uvms_drake.command.benchmark import add_benchmark
 from uvms_drake.command.campaign import add_campaign
 from uvms_drake.command.certify import add_certify
@@ -90,8 +89,8 @@ def make_parser() -> argparse.ArgumentParser:
         "Robust interaction control of underwater vehicle-manipulator systems."))
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
-    for add in (add_run, add_plot, add_compare, add_certify, add_bench,
-                add_benchmark, add_campaign, add_errata,
+    for add in (add_run, add_plot, add_compare, add_certify, add_benchmark,
+                add_campaign, add_errata,
                 add_scenarios, add_keys, add_robot, add_scenario):
         add(commands)
     return parser

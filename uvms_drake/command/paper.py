@@ -1,4 +1,4 @@
-"""The paper on the command line: the sub-command `errata`, and two options of `certify`.
+"""The paper on the command line: the sub-command `errata`, and the option `--paper` of `certify`.
 
 No other file outside of `papers` imports a paper; scenarios name one by their key `modules`.
 """
@@ -14,9 +14,8 @@ from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.output import output_folder
 from uvms_drake.common.progress import part_of
-from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motion import Motion
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 
 ERRATA_FILE = "errata.md"
@@ -57,26 +56,19 @@ def list_errata(args: argparse.Namespace) -> int:
     return 0 if all(erratum.wrong for erratum in errata) else 1
 
 
-def take_comparisons(certify: argparse.ArgumentParser) -> None:
-    """Adds the options of `certify` that compare with the paper."""
+def take_paper(certify: argparse.ArgumentParser) -> None:
+    """Adds the option of `certify` that compares with the paper."""
     certify.add_argument("--paper", action="store_true",
                          help="also search for the constants of the paper's Lemma, and print its "
                               "radii with these gains and this disturbance")
-    certify.add_argument("--compare-laws", action="store_true",
-                         help="also print both laws with several gains: certified radius, radius "
-                              "reached by an adversary, radius of the paper")
 
 
-def check_comparisons(args: argparse.Namespace, motion: Motion, law: AncillaryLaw) -> None:
-    """Raises `InvalidParameter` for the first requested comparison that does not apply."""
+def check_paper(args: argparse.Namespace, scenario: Scenario) -> None:
+    """Raises `InvalidParameter` if the paper's radii are requested, but there are none."""
     if args.paper:
         from uvms_drake.papers.nikou2018.comparison import check_comparison
 
-        check_comparison(motion, law)
-    if args.compare_laws:
-        from uvms_drake.papers.nikou2018.compare_laws import check_laws
-
-        check_laws(motion)
+        check_comparison(motion_of(scenario), scenario.ancillary)
 
 
 def beside_the_paper(args: argparse.Namespace, certificate: Certificate, scenario: Scenario,
@@ -88,12 +80,3 @@ def beside_the_paper(args: argparse.Namespace, certificate: Certificate, scenari
 
     return with_paper(certificate, scenario, model)
 
-
-def print_laws(args: argparse.Namespace, scenario: Scenario, model: ContactModel) -> None:
-    """Prints the comparison of both laws, if it is requested."""
-    if args.compare_laws:
-        from uvms_drake.papers.nikou2018.compare_laws import compare_laws, format_laws
-
-        with closing(Bar("comparing both laws", stream_of(args))) as progress:
-            rows = compare_laws(scenario, model, progress=progress)
-        print(f"\n{format_laws(rows)}")

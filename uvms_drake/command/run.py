@@ -191,7 +191,7 @@ def failures_in_words(record: Record, certificate: AnyCertificate | None, summar
     One of the declared distribution of a certificate in probability fails as the certificate's own
     would.
     """
-    from uvms_drake.report.headline import NAMED, broken
+    from uvms_drake.report.summary import NAMED, broken
 
     failed, claim = broken(summary), summary["in_probability"]
     if isinstance(certificate, ProbabilityCertificate) and not claim["outside"]:
@@ -225,7 +225,7 @@ def _announced(certificate: AnyCertificate, scenario: Scenario, model: ContactMo
 def plot_run(args: argparse.Namespace) -> int:
     """Draws figures and report of a finished run, from its data."""
     from uvms_drake.report.html import load_run
-    from uvms_drake.report.mcap_log import MCAP_FILE, write_mcap
+    from uvms_drake.report.log_export import MCAP_FILE, write_mcap
     from uvms_drake.report.summary import summarise
 
     record, certificate = load_run(args.folder)

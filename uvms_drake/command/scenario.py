@@ -105,12 +105,11 @@ def new_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.certificate.certify import check_inputs
     from uvms_drake.common.wiring import release
     from uvms_drake.plant.robot_loading import sound_robot
+    from uvms_drake.setup.first_scenario import first_scenario, format_first_scenario
     from uvms_drake.station.diagram import make_station
     from uvms_drake.station.scenario.scenario import load_scenario
     from uvms_drake.station.scenario.scenario_file import reported_in
     from uvms_drake.station.step_size import with_step
-    from uvms_drake.studies.first_scenario import first_scenario
-    from uvms_drake.studies.first_scenario_text import format_first_scenario
 
     file: Path = args.new
     require(file.suffix == ".yaml" and not file.exists(), "--new", str(file),

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.mission.steps import ROUNDING, Mission
+from uvms_drake.mission.steps import REACHED, ROUNDING, Approach, Mission, Retreat
 
 RUNNING, DONE, SKIPPED, RETREATED = range(4)
 """Outcomes of a mission; of a step `DONE`, or `SKIPPED` if it failed or was left out."""
@@ -140,7 +140,7 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
         return state
     step = mission.steps[state.step]
     state = _seen(mission, state, measured, t)
-    if step.role == "retreat":
+    if isinstance(step, Retreat):
         if measured.stop:
             state = state._replace(after=len(mission.steps), home=True, reason=STOPPED)
         if _there(mission, state):
@@ -151,11 +151,10 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
         return state
     if reason := _failure(mission, state, measured, t):
         return _failed(mission, state, reason, t)
-    if _done(mission, state, t):
+    if step.is_done(t - state.since, t - state.in_band, _there(mission, state), state.searching):
         return _entered(mission, _marked(state, DONE), state.step + 1, t)
-    depth = None if state.searching else step.search_depth(state.tip)
-    if depth is not None and _there(mission, state):
-        return state._replace(searching=True, deepest=depth)
+    if isinstance(step, Approach) and not state.searching and _there(mission, state):
+        return state._replace(searching=True, deepest=float(state.tip[0]) + step.within)
     return state
 
 
@@ -168,21 +167,17 @@ def _seen(mission: Mission, state: State, measured: Measured, t: float) -> State
             tip=measured.tip, deepest=float(measured.tip[0]) if first else state.deepest)
     in_contact = measured.touched and not measured.lost
     asked = due_at(mission, state, t).force
-    good = in_contact and step.is_pressed(measured.force, asked)
+    good = in_contact and asked > 0.0 and abs(measured.force - asked) <= step.tolerance
     since = (t if math.isnan(state.in_band) else state.in_band) if good else np.nan
     return state._replace(in_band=since, touch=t if in_contact else state.touch)
 
 
 def _there(mission: Mission, state: State) -> bool:
     """Returns whether the tip is at the step's destination: back, a place, the end of a line."""
-    return mission.steps[state.step].is_there(
-        state.tip, state.place, state.deepest, mission.reached)
-
-
-def _done(mission: Mission, state: State, t: float) -> bool:
-    """Returns whether a step that is not a retreat is done."""
-    return mission.steps[state.step].is_done(
-        t - state.since, t - state.in_band, _there(mission, state), state.searching)
+    step = mission.steps[state.step]
+    if isinstance(step, Retreat):
+        return bool(state.tip[0] <= state.deepest + REACHED)
+    return bool(np.linalg.norm(state.tip[1:] - (state.place + step.along)) <= REACHED)
 
 
 def _failure(mission: Mission, state: State, measured: Measured, t: float) -> int:
@@ -201,7 +196,7 @@ def _failure(mission: Mission, state: State, measured: Measured, t: float) -> in
 
 def _failed(mission: Mission, state: State, reason: int, t: float) -> State:
     """Returns the state in the retreat of the spot at which the current step has failed."""
-    choice = mission.steps[state.step].choice
+    choice = mission.steps[state.step].on_failure
     first, last = mission.spot(state.step)
     again = choice == "retry" and state.tries < mission.retries and reason != STOPPED
     home = choice == "home" or reason == STOPPED
@@ -228,11 +223,13 @@ def _entered(mission: Mission, state: State, i: int, t: float) -> State:
                          for j, outcome in enumerate(state.outcomes))
         state = state._replace(outcomes=outcomes)
     step, before = mission.steps[i], mission.steps[min(state.step, i)]
-    tries = 0 if step.role == "approach" and i > state.step else state.tries
-    return state._replace(
-        step=i, since=t, place=step.first_place(state.place + before.end, state.tip),
-        deepest=step.first_depth(state.deepest, state.tip), searching=False, in_band=np.nan,
-        touch=t, after=i + 1, tries=tries)
+    place, deepest, tries = state.place + before.along, state.deepest, state.tries
+    if isinstance(step, Approach):
+        place, tries = step.at, 0 if i > state.step else tries
+    elif isinstance(step, Retreat):
+        place, deepest = state.tip[1:], min(deepest, float(state.tip[0]) - step.distance)
+    return state._replace(step=i, since=t, place=place, deepest=deepest, searching=False,
+                          in_band=np.nan, touch=t, after=i + 1, tries=tries)
 
 
 def _over(state: State) -> State:

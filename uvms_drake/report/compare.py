@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.common.errors import shortened
 from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.report.drawing import Drawing, Panel, Series, line
 from uvms_drake.report.figure_style import (
     BLACK,
     BLUE,
@@ -19,8 +18,6 @@ from uvms_drake.report.figure_style import (
     ORANGE,
     PURPLE,
     VERMILION,
-    legend_above,
-    panels,
 )
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
@@ -120,44 +117,37 @@ def normal_force(record: Record) -> tuple[np.ndarray, np.ndarray]:
     return (record.force[:, :3] @ direction / size, record.desired_force[:, :3] @ direction / size)
 
 
-def draw_comparison(names: Sequence[str], records: Sequence[Record]) -> Figure:
-    """Draws force, pose error, tube and disturbance of all runs over each other.
+def comparison_drawing(names: Sequence[str], records: Sequence[Record]) -> Drawing:
+    """Returns force, pose error, tube and disturbance of all runs over each other.
 
     Args:
         names: Names of the runs, for the legend.
         records: Their records.
     """
-    figure, axes = panels(5, 6.6)
+    rows: dict[str, list[Series]] = {label: [] for label in (
+        "normal force\n(desired thin) [N]", "position error\n[mm]", "orientation error\n[mrad]",
+        "deviation over\nthe tube [%]", "disturbance\n[m/s², rad/s²]")}
     for name, record, color in zip(names, records, COLORS, strict=False):
-        style = {"color": color, "linewidth": 0.9}
         force, desired = normal_force(record)
-        axes[0].plot(record.time, force, label=name, **style)
-        axes[0].plot(record.time, desired, color=color, linewidth=0.6,
-                     linestyle=DESIRED["linestyle"])
-        error = 1e3 * pose_difference(record.chi, record.chi_des)
-        axes[1].plot(record.time, np.linalg.norm(error[:, :3], axis=1), **style)
-        axes[2].plot(record.time, np.linalg.norm(error[:, 3:], axis=1), **style)
-        bound = record.scenario.tube.e
-        axes[3].plot(record.time, 100.0 * record.deviation_of("task") / bound if bound > 0.0
-                     else np.full(len(record.time), np.nan), **style)
-        declared = record.scenario.disturbance
-        axes[4].plot(record.time, declared.norm(record.effective_disturbance), **style)
-    axes[3].axhline(100.0, **LIMIT)
-    for axis, label in zip(axes, (
-            "normal force\n(desired thin) [N]", "position error\n[mm]", "orientation error\n[mrad]",
-            "deviation over\nthe tube [%]", "disturbance\n[m/s², rad/s²]"), strict=True):
-        axis.set_ylabel(label)
-    for axis in axes[1:4]:
-        _logarithmic(axis)
-    legend_above(figure, axes[0], 2)
-    return figure
+        error, bound = 1e3 * pose_difference(record.chi, record.chi_des), record.scenario.tube.e
+        used = 100.0 * record.deviation_of("task") / bound if bound > 0.0 else (
+            np.full(len(record.time), np.nan))
+        norm = record.scenario.disturbance.norm(record.effective_disturbance)
+        for series, values in zip(rows.values(), (
+                force, np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1),
+                used, norm), strict=True):
+            series.append(line(values, x=record.time, color=color, linewidth=0.9, label=name))
+        rows["normal force\n(desired thin) [N]"].append(
+            line(desired, DESIRED, x=record.time, color=color, linewidth=0.6, label=""))
+    _, *logarithmic, _ = rows
+    rows["deviation over\nthe tube [%]"].append(line(100.0, LIMIT))
+    return Drawing([[Panel(label, records[0].time, series,
+                           **(_decades(series) if label in logarithmic else {}))
+                     for label, series in rows.items()]], 6.6, legend=2)
 
 
-def _logarithmic(axis: Axes) -> None:
-    """Makes an axis logarithmic over four decades, if it shows anything above zero."""
-    values = np.concatenate([np.asarray(line.get_ydata(), dtype=float)
-                             for line in axis.get_lines()])
+def _decades(series: Sequence[Series]) -> dict[str, Any]:
+    """Returns the scale of a panel over four decades, if it shows anything above zero."""
+    values = np.concatenate([np.ravel(each.y) for each in series])
     largest = float(np.max(values[np.isfinite(values)], initial=0.0))
-    if largest > 0.0:
-        axis.set_yscale("log")
-        axis.set_ylim(1e-4 * largest, 2.0 * largest)
+    return {"scale": "log", "limits": (1e-4 * largest, 2.0 * largest)} if largest > 0.0 else {}

@@ -3,13 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 
 BLACK, ORANGE, GREEN, BLUE, VERMILION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
 PURPLE = "#CC79A7"
@@ -82,47 +79,7 @@ def panels(rows: int, height: float, columns: int = 1, sharex: bool = True,
     return figure, axes if columns > 1 else axes[:, 0]
 
 
-def log_ticks(axis: Axes) -> None:
-    """Makes the y axis logarithmic, with plain numbers at 1, 2, 5, 10, ..."""
-    axis.set_yscale("log")
-    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.yaxis.set_minor_locator(NullLocator())
-
-
-def real_and_nominal(axis: Axes, time: np.ndarray, real: np.ndarray, nominal: np.ndarray) -> None:
-    """Draws a real and a nominal signal (T,)."""
-    axis.plot(time, real, **REAL)
-    axis.plot(time, nominal, **NOMINAL)
-
-
-def margin_above_zero(axis: Axes) -> None:
-    """Starts the y axis at zero, with a small margin above the highest line."""
-    highest = max(float(np.max(np.asarray(line.get_ydata()))) for line in axis.get_lines())
-    axis.set_ylim(0.0, 1.12 * highest if highest > 0.0 else 1.0)
-
-
-def instant(axis: Axes, time: float, text: str, align: str = "left") -> None:
-    """Marks an instant [s] by a thin line with a word above it, aligned to it."""
-    axis.axvline(time, color="0.35", linewidth=0.6)
-    axis.annotate(text, (time, 1.0), (0.0, 1.0), xycoords=axis.get_xaxis_transform(),
-                  textcoords="offset points", fontsize=6, color="0.35", va="bottom", ha=align)
-
-
 def legend_above(figure: Figure, source: Axes, columns: int = 4) -> None:
     """Puts one legend for all panels on top; its entries come from the axes `source`."""
     entries = dict(zip(*reversed(source.get_legend_handles_labels()), strict=True))
     figure.legend(list(entries.values()), list(entries), ncols=columns, loc="outside upper center")
-
-
-def legend_over(axis: Axes, columns: int) -> None:
-    """Puts a legend of its own over an axis, on the right."""
-    axis.legend(ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-
-
-def real_nominal_tube_above(figure: Figure, certified: bool) -> None:
-    """Puts a legend of real, nominal and tube on top, by line style alone."""
-    handles = [Line2D([], [], color="0.45", label="real"),
-               Line2D([], [], color="0.2", linewidth=0.8, linestyle="--", label="nominal"),
-               Patch(color="0.8", label=tube_label(certified))]
-    figure.legend(handles=handles, ncols=3, loc="outside upper center")

@@ -19,7 +19,7 @@ from uvms_drake.certificate.probability_table import format_probability
 from uvms_drake.certificate.table import format_certificate, scope, verdict
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.program import VERSION
-from uvms_drake.report.figure.contact_estimate_figure import ESTIMATE
+from uvms_drake.report.contact_figures import ESTIMATE
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import SCENARIO_FILE, Record, load_record, unusable_folder
 from uvms_drake.station.scenario.scenario import dump_scenario

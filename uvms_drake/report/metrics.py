@@ -15,18 +15,19 @@ from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.report.contact_check import departures, has_stood, summarise_bands
 from uvms_drake.report.events import events
-from uvms_drake.report.mission.attempts import has_mission, losses_of
-from uvms_drake.report.mission.force_bands import has_stood, summarise_bands
-from uvms_drake.report.mission.mission import summarise_mission
+from uvms_drake.report.mission import summarise_mission
 from uvms_drake.report.signals import (
     constraint_signals,
     constraint_units,
     disturbance_above,
+    has_mission,
+    losses_of,
     settling_index,
+    thruster_part,
+    thrusters_of,
 )
-from uvms_drake.report.surface_class_check import departures
-from uvms_drake.report.thrusters import summarise_thrusters
 from uvms_drake.report.wall_metrics import wall_metrics
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
 from uvms_drake.station.motions.motions import motion_of
@@ -184,6 +185,23 @@ def summarise_constraints(record: Record) -> dict[str, object]:
         out[name] = {"limit": limit, "worst": worst,
                      "margin": worst - limit if lower else limit - worst, "unit": units[name]}
     return out
+
+
+def summarise_thrusters(record: Record) -> dict[str, object]:
+    """Returns by name the forces [N], the limits, and the share of the time at a limit.
+
+    The limits are those of the controller's model. Empty if the wrench is ideal.
+    """
+    if thruster_part(record.scenario) is None:
+        return {}
+    thrusters, force = thrusters_of(record), record.signals["thruster_force"]
+    command, ends = record.signals["thruster_command"], np.array(
+        [curve.command[[0, -1]] for curve in thrusters.curves])
+    bound = (command <= ends[:, 0]) | (command >= ends[:, 1])
+    return {name: {
+        "lower": thrusters.lower[i], "upper": thrusters.upper[i], "least": np.min(force[:, i]),
+        "largest": np.max(force[:, i]), "rms": np.sqrt(np.mean(force[:, i] ** 2)),
+        "at_limit": np.mean(bound[:, i])} for i, name in enumerate(thrusters.names)}
 
 
 def summarise_disturbance(record: Record) -> dict[str, object]:

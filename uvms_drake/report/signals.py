@@ -1,15 +1,21 @@
-"""Derived signals of a run: limits, units, and the instant of settling."""
+"""Derived signals of a run: limits, units, settling, the wall, attempts at a mission's steps."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.actuation import Thrusters
 from uvms_drake.control.limits import Limit, tighten
 from uvms_drake.control.plan.points import Points
+from uvms_drake.mission.law import REASONS, RUNNING
+from uvms_drake.mission.system import PROGRESS
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.station.diagram import bounds_disturbance
 from uvms_drake.station.motions.motions import limits_of
 from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.scenario import Scenario
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
 """Relative and absolute rounding [m/s², rad/s²] of a disturbance of exactly d̃."""
@@ -17,6 +23,8 @@ AROUND, HALVINGS = 0.5, 20
 """Search distance for a surface [m], and number of bisections of 5 mm of it."""
 STEP = 1e-5
 """Step of the difference for the slope of a force [m]."""
+UNFINISHED = "not over"
+"""Outcome of a step at the end of the run."""
 
 
 def disturbance_above(record: Record) -> np.ndarray:
@@ -104,3 +112,59 @@ def settling_index(error: np.ndarray, tolerance: float) -> int | None:
     outside = np.flatnonzero(error > tolerance)
     first = int(outside[-1]) + 1 if len(outside) else 0
     return first if first < len(error) else None
+
+
+def thruster_part(scenario: Scenario) -> Thrusters | None:
+    """Returns the robot's thrusters among the parts of a scenario's actuation, if any."""
+    return next((part for part in scenario.actuation if type(part) is Thrusters), None)
+
+
+def thrusters_of(record: Record) -> ThrusterModel:
+    """Returns the controller's model of the thrusters of a run that has some."""
+    part = thruster_part(record.scenario)
+    assert part is not None
+    return part.known(record.model)
+
+
+class Attempt(NamedTuple):
+    """Attempt at a step, from begin to end; the step may be begun again later."""
+
+    step: int
+    """Index of the step in the mission."""
+    when: slice
+    """Logged samples."""
+    ended: str
+    """Outcome: `done`, the reason of failure, or `UNFINISHED`."""
+
+
+def has_mission(record: Record) -> bool:
+    """Returns whether a run has a mission."""
+    return "mission_progress" in record.signals
+
+
+def progress_of(record: Record) -> dict[str, np.ndarray]:
+    """Returns the entries of `PROGRESS` (T,) each, integers."""
+    logged = record.signals["mission_progress"].astype(int)
+    return dict(zip(PROGRESS, logged.T, strict=True))
+
+
+def losses_of(record: Record) -> int:
+    """Returns how often the tip left the wall during a step that needs a contact."""
+    steps, touching = record.scenario.mission.steps, (record.penetration > 0.0).astype(int)
+    return sum(int(np.count_nonzero(np.diff(touching[attempt.when]) < 0))
+               for attempt in attempts_of(record) if steps[attempt.step].touches)
+
+
+def attempts_of(record: Record) -> list[Attempt]:
+    """Returns all attempts of a mission in order; between two of a step there is a retreat."""
+    progress = progress_of(record)
+    step, running = progress["step"], progress["outcome"] == RUNNING
+    begins = np.flatnonzero(running & (np.diff(step, prepend=-1) != 0))
+    ends = [*begins[1:], np.count_nonzero(running)][: len(begins)]
+    out = []
+    for begin, end in zip(begins, ends, strict=True):
+        failed = end < len(step) and progress["failures"][end] > progress["failures"][begin]
+        ended = (UNFINISHED if end == len(step)
+                 else REASONS[progress["reason"][end]] if failed else "done")
+        out.append(Attempt(int(step[begin]), slice(int(begin), int(end)), ended))
+    return out

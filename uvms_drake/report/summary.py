@@ -12,18 +12,18 @@ from uvms_drake.certificate.in_probability import AnyCertificate, ProbabilityCer
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
-from uvms_drake.report.headline import headline, used
 from uvms_drake.report.metrics import LAST_SECONDS, metrics
-from uvms_drake.report.mission.force_bands import format_bands
-from uvms_drake.report.mission.mission import format_mission
 from uvms_drake.report.signals import wrench_unit
-from uvms_drake.report.thrusters import format_thrusters
 from uvms_drake.station.record import Record
 
 COUNTERS = ("solves", "failures", "late", "fallbacks", "dropped", "kept", "refused_targets")
 """Counters of the MPC; but for the first they are of exceptional samples, and usually zero."""
 EVENT_LINES = 12
 """Largest number of lines for events in the table for a terminal."""
+BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
+"""Names of the bands of the force of a sensed contact."""
+NAMED = ("tube", "limit", "contact")
+"""Kinds of `in_probability.FAILURES` that `broken` names."""
 
 
 def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict[str, Any]:
@@ -64,6 +64,87 @@ def summarise_claim(certificate: AnyCertificate | None, contact: dict[str, Any]
             "confidence": certificate.confidence, "runs": certificate.runs,
             "failures": certificate.failures,
             "outside": seen}
+
+
+def broken(summary: dict[str, Any]) -> list[str]:
+    """Returns the limits that a run has violated and, of a certified one, the bounds it left.
+
+    With a certificate in probability also exits of the declared tube, and a lost contact.
+    """
+    names, tube = violated_limits(summary), summary["tube"]
+    names += [f"the force band {BANDS[name]}" for name, row in
+              summary["contact"].get("force_bands", {}).items() if row and row["exits"]]
+    counted = summary.get("in_probability") is not None
+    names += ["the contact, lost"] * bool(counted and summary["contact"]["losses"])
+    return names + [f"the tube, {what}" for key, what in (
+        ("exits", "set-wise"), ("exits_along_the_run", "along the run"))
+        if (tube["certified"] or counted) and tube[key]]
+
+
+def violated_limits(summary: dict[str, Any]) -> list[str]:
+    """Returns the limits that a run has violated."""
+    return [name for name, row in summary["constraints"].items() if not row["margin"] >= 0.0]
+
+
+def headline(summary: dict[str, Any]) -> str:
+    """Returns one sentence: the task, its errors, the largest force, the tube and the limits."""
+    parts = [_task(summary)]
+    if summary["contact"]["first_touch_s"] is not None:
+        parts.append(f"at most {summary['contact']['largest_force']:.3g} N in contact")
+    parts.append(used(summary["tube"], summary.get("in_probability") is not None))
+    failed = violated_limits(summary)
+    parts.append(f"VIOLATED: {', '.join(failed)}" if failed else "all limits kept")
+    return f"{summary['scenario']}: {'; '.join(parts)}."
+
+
+def used(tube: dict[str, Any], in_probability: bool = False) -> str:
+    """Returns the share of the tube that the run used, the largest of its parts.
+
+    Args:
+        tube: As of the summary.
+        in_probability: Whether the run has a certificate in probability.
+    """
+    kind = "certified in probability" if in_probability else "not certified"
+    name = "certified tube" if tube["certified"] else f"declared tube ({kind})"
+    ratio = tube["worst_ratio"]["set"]
+    if tube["worst_e"] is None or ratio is None or not np.isfinite(ratio):
+        return f"{name} not watched"
+    return f"{100.0 * ratio:.3g} % of the {name} used"
+
+
+def _task(summary: dict[str, Any]) -> str:
+    """Returns the outcome of the mission, of the desired force, or of the pose without one."""
+    force, mission, contact = summary["force"], summary["mission"], summary["contact"]
+    if mission:
+        return _mission(mission)
+    magnitude = float(np.linalg.norm(force["desired"][:3]))
+    if not np.any(force["desired"]):
+        error = np.asarray(summary["task_error"]["final"])
+        return (f"no force desired, end-effector off by {1e3 * np.linalg.norm(error[:3]):.3g} mm "
+                f"and {1e3 * np.linalg.norm(error[3:]):.3g} mrad at the end")
+    if magnitude == 0.0:
+        return f"torque desired, off by {force['final_error_norm']:.3g} N m at the end"
+    if contact["first_touch_s"] is None:
+        return f"{magnitude:.4g} N desired, the surface was never touched"
+    settled = force["settling_time_s"]
+    when = ("not held within the tolerance" if settled is None else
+            f"held within {force['tolerance']:.3g} N from {settled:.2f} s on")
+    return (f"{magnitude:.4g} N {when}, normal force off by "
+            f"{abs(force['final_error_normal']):.2g} N at the end")
+
+
+def _mission(mission: dict[str, Any]) -> str:
+    """Returns how a mission went: its outcome, its steps, and the force of those in contact."""
+    steps = mission["steps"]
+    done = len({row["step"] for row in steps if row["ended"] == "done"})
+    total = len({row["step"] for row in steps}) + mission["not_begun"]
+    when = "" if mission["over_s"] is None else f" after {mission['over_s']:.1f} s"
+    text = f"mission {mission['outcome']}{when}, {done} of {total} steps done"
+    pressed = [row for row in steps if "force_rms" in row]
+    if pressed:
+        text += (f", normal force off by {max(row['force_rms'] for row in pressed):.2g} N rms in "
+                 f"the worst of {len(pressed)} measurements")
+    return text
 
 
 def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
@@ -139,6 +220,13 @@ def _format_class(contact: dict) -> list[str]:
             f"seen was {row['observed']:.3g}" for i, (key, row) in enumerate(out.items())]
 
 
+def format_bands(bands: dict[str, Any]) -> list[str]:
+    """Returns a line for each phase."""
+    return [f"{'':<14}{BANDS[name]} ({100.0 * row['share']:.0f} % of the run) off by at most "
+            f"{row['worst_error']:.3g} N, {row['worst_ratio']:.3g} of the certified band, which is "
+            f"{row['least_bound']:.3g} N at least" for name, row in bands.items() if row]
+
+
 def _format_constraints(constraints: dict) -> list[str]:
     rows = [f"{'constraint':<14}{'limit':>11}{'worst':>11}{'margin':>11}"]
     for name, row in constraints.items():
@@ -146,6 +234,40 @@ def _format_constraints(constraints: dict) -> list[str]:
         numbers = "".join(f"{row[key]:>11.4g}" for key in ("limit", "worst", "margin"))
         rows.append(f"{name:<14}{numbers}  {row['unit']}{mark}".rstrip())
     return rows
+
+
+def format_thrusters(rows: dict[str, dict[str, float]]) -> list[str]:
+    """Returns a line for each thruster."""
+    lines = [
+        f"{name}: {row['least']:.3g} to {row['largest']:.3g} N of {row['lower']:.4g} to "
+        f"{row['upper']:.4g} N, {row['rms']:.3g} N rms, at a limit {100.0 * row['at_limit']:.2g} % "
+        "of the time" for name, row in rows.items()]
+    return [f"{'' if i else 'thrusters':<14}{line}" for i, line in enumerate(lines)]
+
+
+def format_mission(mission: dict[str, Any]) -> list[str]:
+    """Returns the table; empty without a mission."""
+    if not mission:
+        return []
+    when = "" if mission["over_s"] is None else f" after {mission['over_s']:.1f} s"
+    left = f", {mission['not_begun']} steps not begun" if mission["not_begun"] else ""
+    lines = ["", f"{'mission':<14}{mission['outcome']}{when}, "
+             f"{mission['failures']} steps failed{left}",
+             f"{'':<14}{'':<10}{'from':>7}{'for':>7}{'mean':>8}{'rms':>7}{'worst':>7}"
+             f"{'cert.':>7}{'held':>7}{'cert.':>7}{'within':>8}"
+             f"{'off rms':>9}{'worst':>7}{'behind':>8}",
+             f"{'':<14}{'':<10}{'s':>7}{'s':>7}{'N':>8}{'N':>7}{'N':>7}{'N':>7}{'N':>7}{'N':>7}{'%':>8}"
+             f"{'mm':>9}{'mm':>7}{'mm':>8}"]
+    for row in mission["steps"]:
+        line = f"{row['step']:>12}  {row['kind']:<10}{row['begin_s']:>7.1f}{row['seconds']:>7.1f}"
+        line += "" if "within" not in row else (
+            f"{row['mean_force']:>8.2f}{row['force_rms']:>7.2f}{row['force_worst']:>7.2f}"
+            + "".join("      -" if row[key] is None else f"{row[key]:>7.2f}"
+                      for key in ("certified", "held", "certified_hold")) +
+            f"{100.0 * row['within']:>8.1f}{1e3 * row['off_rms']:>9.2f}"
+            f"{1e3 * row['off_worst']:>7.2f}{1e3 * row['behind']:>8.1f}")
+        lines.append(f"{line:<106}  {row['ended']}".rstrip())
+    return lines
 
 
 def _semi_axes(bounds: list[float] | None) -> str:

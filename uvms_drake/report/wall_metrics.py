@@ -7,13 +7,12 @@ import numpy as np
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
-from uvms_drake.report.mission.attempts import has_mission, losses_of
-from uvms_drake.report.signals import settling_index
+from uvms_drake.report.signals import has_mission, losses_of, settling_index
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
-from uvms_drake.tube.contact.force_ripple import ripple
+from uvms_drake.tube.contact.sensor_error import ripple
 
 LAST_SECONDS = 2.0
 """Length of the window at the end over which the force is averaged [s]."""

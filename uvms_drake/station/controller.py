@@ -152,6 +152,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
     def chain(port: OutputPort, parts: dict[str, Part]) -> OutputPort:
         return add_chain(builder, model, port, signals, parts, scenario.seed)
 
+    # Measurements, targets and faults, by the names of the controller's inputs.
     motion = motion_of(scenario)
     measured = chain(state, faults_at("sensing", faults) | keyed("sensing", scenario.sensing))
     given = {motion.measured: measured}
@@ -178,7 +179,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         given["fault"] = SolverFaults.AddToBuilder(
             builder, list(solver_faults.values()), scenario.seed, scenario.mpc.time_step
         ).get_output_port()
-
+    # Actuation, of which some controllers read the effect.
     command = controller.GetOutputPort(motion.command)
     applied = chain(command, keyed("actuation", scenario.actuation))
     if applied is not command:

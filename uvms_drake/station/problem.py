@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.limits import Limit, make_limits, tighten
-from uvms_drake.control.limits.attitude import ANGLES
+from uvms_drake.control.limits.pose import ANGLES
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.points import Points

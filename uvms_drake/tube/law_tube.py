@@ -12,13 +12,12 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.contact.hold import HoldLaw
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.contact.uneven_motion import TipAcceleration
+from uvms_drake.tube.contact.tip_motion import TipAcceleration
+from uvms_drake.tube.estimates import CertificateSettings, Check, no_estimates
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import Check, no_estimates
-from uvms_drake.tube.settings import CertificateSettings
 
 PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
 """Constants that decide the tube of `resolved` in a ball of disturbances, by block of rows."""

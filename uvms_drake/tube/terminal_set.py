@@ -100,13 +100,13 @@ class TerminalLoop:
         self.sampled = [limit for limit in limits
                         if limit.about != "input" and limit.name not in self.closed_forms]
         self.names = (DECREASE, *(f"{part} {end}" for limit in self.inputs
-                                  for end in ("begin", "end") for part in limit.parts),
-                      *(part for limit in self.sampled for part in limit.parts), *ocp.reach_names)
+                                  for end in ("begin", "end") for part in limit.labels),
+                      *(part for limit in self.sampled for part in limit.labels), *ocp.reach_names)
         # Limit, whether at the end of an interval, and component of the columns that have one.
         self._columns = [
             *((limit, at_end, i) for limit in self.inputs for at_end in (False, True)
-              for i in range(len(limit.parts))),
-            *((limit, False, i) for limit in self.sampled for i in range(len(limit.parts)))]
+              for i in range(len(limit.labels))),
+            *((limit, False, i) for limit in self.sampled for i in range(len(limit.labels)))]
         step = 1j * COMPLEX_STEP * np.eye(size + ocp.model.size)
         after, w, begin, end = ocp.move(step[:, :size] @ self._axes, step[:, size:])
         moved = (item.imag.T / COMPLEX_STEP for item in (after @ self._axes.T, w, np.concatenate(
@@ -187,7 +187,7 @@ class TerminalLoop:
             values = limit.values(equilibrium)
             distances = np.minimum(limit.upper - values, values - limit.lower)
             for part, form, free, half in zip(
-                    limit.parts, forms, distances, limit.half, strict=True):
+                    limit.labels, forms, distances, limit.half, strict=True):
                 out[part] = (free, self._reach(
                     form.through(self.ocp.state_rows()) @ self._axes.T), half)
         for other in self._others:

@@ -24,7 +24,7 @@ from uvms_drake.control.laws.law import Deviation, pair_of
 from uvms_drake.control.laws.resolved import gains_and_growth
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.papers.nikou2018 import Transpose
-from uvms_drake.tube.resolved.bounds import resolved_tube
+from uvms_drake.tube.row_gains import resolved_tube
 
 LAW = Resolved(k=20.0, sigma=5.0)
 D_BOUND = 0.1

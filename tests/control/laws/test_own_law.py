@@ -11,7 +11,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import AncillaryLaw, pair_of
 from uvms_drake.model.frames.euler import pose_difference
-from uvms_drake.report.figures import draw_deviation
+from uvms_drake.report.figures import deviation_drawing
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
@@ -61,7 +61,7 @@ def test_it_runs_and_its_deviation_is_watched_without_a_bound_along_the_run(reco
     text = format_summary(summarise(record))
     assert "law sloppy; |y - y_nominal|" in text
     assert "of the bound along the run" not in text
-    draw_deviation(record)
+    deviation_drawing(record)
 
 
 def test_its_scenario_is_written_with_its_name_and_its_gains():

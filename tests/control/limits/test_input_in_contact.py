@@ -99,7 +99,7 @@ def test_bounds_are_the_limits_own_less_what_the_tube_took_before(points):
     np.testing.assert_array_equal(limit.upper, np.full(30, 0.75))
     np.testing.assert_array_equal(limit.lower, np.full(30, -0.75))
     assert limit.tube_takes(tube) is None, "the tightening of the force's part is not known"
-    assert limit.name == "u" and len(set(limit.parts)) == 30
+    assert limit.name == "u" and len(set(limit.labels)) == 30
 
 
 def random_force(rng, normal, force, tilt, friction):

@@ -7,10 +7,18 @@ import numpy as np
 import pytest
 
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits, tighten
+from uvms_drake.control.limits.pose import ToolAngle
+from uvms_drake.control.limits.speeds import (
+    ContactSpeed,
+    SafeDepth,
+    SafeDepthBetweenKnots,
+    TipVelocity,
+)
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 PLANE = check_surface(UnilateralPlane())
 
@@ -53,24 +61,30 @@ LIMITS = make_limits(
     Limits(static_force=40.0, u=np.linspace(1.0, 2.0, 10), tau=np.linspace(10.0, 90.0, 10)),
     np.full(4, -1.0), np.full(4, 2.0), PLANE)
 ALL = LIMITS | {"power": Power(5.0)}
-LINEAR = [name for name in ALL if name not in ("nu1", "nu2", "qdot")]
+DIRECTION = np.array([0.6, 0.0, 0.8])
+OF_CONTACT = {limit.name: limit for limit in (
+    TipVelocity(np.ones(3)), ToolAngle(DIRECTION, 0.3),
+    ContactSpeed(SurfaceClass(DIRECTION).axes, 0.1, 0.2),
+    SafeDepth(SurfaceClass(DIRECTION, angle=0.2).facets, np.zeros(4)),
+    SafeDepthBetweenKnots(SurfaceClass(DIRECTION, angle=0.2).facets, np.zeros(4), 0.2))}
 
 
-@pytest.mark.parametrize("name", LINEAR)
-def test_rows_change_as_the_slopes_say(model, at, name):
+@pytest.mark.parametrize("limit", [limit for name, limit in (ALL | OF_CONTACT).items()
+                                   if name not in ("nu1", "nu2", "qdot")], ids=lambda x: x.name)
+def test_rows_change_as_the_slopes_say(model, at, limit):
     """By central differences, in y with the 𝔮 that belongs to it, in ζ and in u."""
-    limit, h = ALL[name], 1e-6
-    rows = limit.rows(at)
+    h = 1e-6
+    values, slopes = limit.row_values(at), limit.row_slopes(at)
     for argument in ("y", "zeta", "u"):
-        slope = getattr(rows.slopes, argument)
+        slope = getattr(slopes, argument)
         for j, step in enumerate(h * np.eye(10)):
-            forward, backward = (limit.rows(points(model, *(
+            forward, backward = (limit.row_values(points(model, *(
                 getattr(at, each) + sign * step * (each == argument)
-                for each in ("y", "zeta", "u")))).value for sign in (1.0, -1.0))
+                for each in ("y", "zeta", "u")))) for sign in (1.0, -1.0))
             found = 0.0 if slope is None else slope[..., j]
             np.testing.assert_allclose(
-                np.broadcast_to(found, rows.value.shape), (forward - backward) / (2.0 * h),
-                rtol=1e-6, atol=1e-6 * (1.0 + np.max(np.abs(rows.value))))
+                np.broadcast_to(found, values.shape), (forward - backward) / (2.0 * h),
+                rtol=1e-6, atol=1e-6 * (1.0 + np.max(np.abs(values))))
 
 
 @pytest.mark.parametrize("name", ["nu1", "nu2", "qdot"])
@@ -94,11 +108,6 @@ def test_what_has_a_closed_form_changes_by_no_more_than_it_says(model, at, name)
         change = sum(step @ slope.T for step, slope in ((dy, form.y), (dzeta, form.zeta))
                      if slope is not None)
         assert np.all(np.abs(after - before)[:, i] <= np.linalg.norm(change, axis=1) + 1e-12)
-
-
-def test_those_whose_values_are_not_linear_have_no_closed_form():
-    assert [name for name, limit in ALL.items() if limit.closed_form(10) is None] == [
-        "roll", "pitch", "u", "tau", "power"]
 
 
 def test_the_mass_matrix_of_some_of_the_points_is_theirs(model, at):
@@ -146,7 +155,8 @@ def test_an_interval_is_used_up_at_both_of_its_ends(at):
 
 def test_names_and_signals_follow_from_the_name(at):
     limit = ALL["power"]
-    assert limit.labels == limit.bars == [f"power[{i}]" for i in range(10)]
+    assert limit.labels == [f"power[{i}]" for i in range(10)]
+    assert limit.bars[3] == "power[3]  ≤ 5"
     signals = limit.signals(at)
     values, bound = signals["power[3]_min"]
     np.testing.assert_array_equal(values, at.tau[:, 3] * at.zeta[:, 3])

@@ -10,8 +10,8 @@ from pydrake.solvers import SnoptSolver
 from uvms_drake.certificate.certify import between_knots, tightening_margins
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits
-from uvms_drake.control.limits.tip_box import TipBox
-from uvms_drake.control.limits.tip_velocity import TipVelocity
+from uvms_drake.control.limits.pose import TipBox
+from uvms_drake.control.limits.speeds import TipVelocity
 from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.points import Points
@@ -145,7 +145,7 @@ def test_a_plan_that_leaves_it_between_two_knots_is_found_out(scenario):
 
 def test_the_terminal_set_knows_them(scenario):
     loop = TerminalLoop(make_ocp(with_own(scenario, *scenario.limits.more, Elbow())))
-    assert {"tip[0]", "tip[1]", "tip[2]"} <= set(loop.closed_form_limits())
+    assert {"tip_x", "tip_y", "tip_z"} <= set(loop.closed_form_limits())
     assert {"tip_velocity[0]", "tip_velocity[2]", "elbow"} <= set(loop.names)
 
 

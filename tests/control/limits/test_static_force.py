@@ -83,10 +83,10 @@ def test_the_convex_program_has_the_same_limit_as_an_evaluation(surface):
             cone.value[1] - cone.value[0], cone.slopes.y @ (y[1] - y[0]), atol=1e-12)
     else:
         assert cone is None
-        rows = limit.rows(at)
-        broken = rows.value[:, 0] > rows.upper[0]
+        value, slopes = limit.row_values(at), limit.row_slopes(at)
+        broken = value[:, 0] > limit.row_bounds(at)[1][0]
         np.testing.assert_allclose(
-            rows.value[1] - rows.value[0], rows.slopes.y @ (y[1] - y[0]), atol=1e-12)
+            value[1] - value[0], slopes.y @ (y[1] - y[0]), atol=1e-12)
     np.testing.assert_array_equal(broken, limit.values(at)[:, 0] > 20.0)
     assert 50 < np.sum(broken) < 450
 

@@ -10,8 +10,7 @@ from support.thrusters import eight_thrusters
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import Limits, TubeRadii, check_limits, make_limits, tighten
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
-from uvms_drake.control.limits.inputs import Forces
-from uvms_drake.control.limits.thrusters import ThrusterForces
+from uvms_drake.control.limits.inputs import Forces, ThrusterForces
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.points import Points, slopes
 from uvms_drake.model.propulsion.allocation import Allocation
@@ -45,10 +44,10 @@ def test_the_values_are_the_forces_of_the_allocation_and_what_it_does_not_give(
 
 
 def test_bounds_are_those_of_the_curves_and_the_allowance(five):
-    assert five.parts[0] == "thrusters.surge_port" and five.parts[-1] == "thrusters.roll"
     np.testing.assert_array_equal(five.lower, [*[-95.122] * 5, -20.0])
     np.testing.assert_array_equal(five.upper, [*[104.659] * 5, 20.0])
-    assert [five.unit_of(f"{part}_max") for part in five.parts] == ["N"] * 5 + ["N m"]
+    units = {label: five.unit_of(f"{label}_max") for label in five.labels}
+    assert units["thrusters.surge_port"] == "N" and units["thrusters.roll"] == "N m"
 
 
 def test_slopes_are_those_of_complex_steps(five, points):

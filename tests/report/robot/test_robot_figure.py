@@ -1,87 +1,58 @@
-"""Tests of `uvms_drake.report.robot.robot_figure` and `solids`."""
+"""The stills of a robot: where things are in the picture, and the wall beside it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.common import MemoryFile
-from pydrake.geometry import (
-    Box,
-    Capsule,
-    Convex,
-    Cylinder,
-    Ellipsoid,
-    GeometryInstance,
-    IllustrationProperties,
-    InMemoryMesh,
-    SceneGraph,
-    Sphere,
-)
-from pydrake.math import RigidTransform
+from support.robot_files import FILES
 from support.synthetic import synthetic_record
 
+from uvms_drake.command.robot_from import write_robot
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.report.robot.robot_figure import (
-    EYE,
-    draw_robot,
-    normals_of,
-    rasterised,
-    shaded,
-    wall_points,
-    wall_triangles,
-)
-from uvms_drake.report.robot.solids import robot_triangles, triangles_of
+from uvms_drake.report.robot.render import RobotScene, picture_axes
+from uvms_drake.report.robot.robot_figure import draw_robot, wall_points, wall_triangles
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.scenario import load_scenario
 
-TETRAHEDRON = "v 0 0 0\nv 3 0 0\nv 0 2 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+def covered(scene: RobotScene, middle: np.ndarray, eye: list[float]) -> np.ndarray:
+    """Where a picture of 2 m × 2 m about a point in Σ_I, 100 pixels each way, is not white."""
+    R = picture_axes(np.array(eye))
+    center = R[:2] @ middle
+    return np.any(scene.picture(R, center - 1.0, center + 1.0, 100) < 0.99, axis=-1)
 
 
-def triangles(shape):
-    scene_graph = SceneGraph()
-    instance = GeometryInstance(RigidTransform(), shape, "shape")
-    instance.set_illustration_properties(IllustrationProperties())
-    geometry = scene_graph.RegisterAnchoredGeometry(
-        scene_graph.RegisterSource("test"), instance)
-    return triangles_of(scene_graph.model_inspector(), geometry)
-
-
-@pytest.mark.parametrize(("shape", "volume"), [
-    (Box(1.0, 2.0, 3.0), 6.0), (Cylinder(0.5, 2.0), 0.5 * np.pi), (Sphere(2.0), 32.0 / 3.0 * np.pi),
-    (Ellipsoid(1.0, 2.0, 3.0), 8.0 * np.pi), (Capsule(1.0, 2.0), 10.0 / 3.0 * np.pi),
-    (Convex(InMemoryMesh(mesh_file=MemoryFile(TETRAHEDRON, ".obj", "t")), 1.0), 1.0)])
-def test_the_triangles_of_a_shape_enclose_its_volume(shape, volume):
-    """By the theorem of Gauss, which also tells that their normals point outwards."""
-    a, b, c = triangles(shape).transpose(1, 0, 2)
-    found = np.sum(a * np.cross(b, c)) / 6.0
-    assert found == pytest.approx(volume, rel=1e-9 if isinstance(shape, Box | Convex) else 0.02)
+def test_a_square_is_where_and_as_large_as_it_is_whatever_its_distance():
+    """0.6 m × 0.3 m, 3 m above the robot and 4 m ahead, from above."""
+    middle = np.array([4.0, 0.5, -3.0])
+    corners = middle + np.array([[x, y, 0.0] for x in (-0.3, 0.3) for y in (-0.15, 0.15)])
+    square = corners[[[0, 1, 3], [0, 3, 2]]]
+    scene = RobotScene("box_uvms", np.zeros(8), [(square, np.array([0.8, 0.1, 0.1]))])
+    rows, columns = np.nonzero(covered(scene, middle, [0.0, 1e-6, -1.0]))
+    assert (np.min(columns), np.max(columns), np.min(rows), np.max(rows)) == pytest.approx(
+        (35, 64, 42, 57), abs=1)
+    assert not np.any(covered(scene, middle + [0.0, 0.0, -2.0], [0.0, 1.0, 0.0]))
 
 
 def test_the_robot_is_drawn_where_its_tip_is(model):
     record = synthetic_record(1.0)
     config = record.config[-1]
-    corners = np.concatenate([t.reshape(-1, 3) for t, _ in robot_triangles(
-        record.scenario.model, config)])
-    tip = model.task_pose(config)[:3]
-    assert np.min(np.linalg.norm(corners - tip, axis=1)) < 0.05
-    assert np.max(corners[:, 0]) == pytest.approx(tip[0], abs=0.03), "nothing is ahead of it"
+    scene, tip = RobotScene(record.scenario.model, config), model.task_pose(config)[:3]
+    seen = covered(scene, tip, [0.0, 1.0, 0.0])
+    assert np.any(seen[46:54, 46:54])
+    assert not np.any(seen[:, 54:]), "nothing is ahead of it"
+    assert np.min(np.linalg.norm(scene.corners - tip, axis=1)) < 0.05
 
 
-def test_the_nearer_of_two_triangles_hides_the_other():
-    square = np.array([[[0.0, 0.0, 0.0], [40.0, 0.0, 0.0], [0.0, 40.0, 0.0]],
-                       [[40.0, 40.0, 0.0], [40.0, 0.0, 0.0], [0.0, 40.0, 0.0]]])
-    red, blue = (np.tile(color, (2, 1)) for color in ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
-    small = 0.5 * square
-    for order in (1, -1):
-        solids = [(square, red), (small + [0.0, 0.0, 1.0], blue)][::order]
-        picture = rasterised(solids, np.array([60.0, 50.0]))
-        assert picture.shape == (25, 30, 4)
-        np.testing.assert_array_equal(picture[4, 4], [0.0, 0.0, 1.0, 1.0])
-        np.testing.assert_array_equal(picture[15, 15], [1.0, 0.0, 0.0, 1.0])
-        assert picture[4, 25, 3] == 0.0
+def test_a_mesh_without_normals_is_drawn(tmp_path, capsys):
+    """As one that was converted from STL: its hull, in the middle of the vehicle."""
+    write_robot(FILES / "heavy_rov.urdf", tmp_path / "heavy")
+    assert "converted from STL" in capsys.readouterr().out
+    scene = RobotScene(str(tmp_path / "heavy"), np.zeros(12))
+    assert np.all(covered(scene, np.zeros(3), [1.0, 0.0, 0.0])[45:55, 45:55])
 
 
-def test_a_wall_is_a_square_metre_about_its_middle_and_faces_are_lit_from_above():
+def test_a_wall_is_a_square_metre_about_its_middle():
     middle, normal = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, -0.8])
     plane = UnilateralPlane(point=middle - 0.3 * np.array([0.8, 0.0, 0.6]), normal=normal,
                             stiffness=1e3, dissipation=0.0)
@@ -93,10 +64,6 @@ def test_a_wall_is_a_square_metre_about_its_middle_and_faces_are_lit_from_above(
     assert len(light) == len(dark)
     np.testing.assert_allclose((corners - middle) @ normal, 0.0, atol=1e-12)
     np.testing.assert_allclose(corners.mean(axis=(0, 1)), middle, atol=1e-12)
-    level = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
-    upright = level[..., [0, 2, 1]]
-    assert shaded(level, np.ones(3))[0, 0] > shaded(upright, np.ones(3))[0, 0]
-    assert abs(normals_of(level)[0] @ EYE) == pytest.approx(abs(EYE[2]))
 
 
 def test_the_wall_that_is_drawn_is_the_real_one_whatever_the_controller_is_told():

@@ -18,7 +18,7 @@ ORIGIN, START = np.array([0.5, 1.0, 2.0]), np.array([-0.4, 1.1, 2.2])
 MISSION = Mission([
     Approach(at=np.array([-0.2, 0.0]), within=0.3), Hold(seconds=4.0), Retreat(distance=0.05),
     Approach(at=np.array([0.0, 0.1]), settle=0.5),
-    Slide(along=np.array([0.4, 0.0]), speed=0.1), Retreat(distance=0.1)], reached=0.01)
+    Slide(along=np.array([0.4, 0.0]), speed=0.1), Retreat(distance=0.1)])
 
 
 def test_the_places_are_those_of_the_steps_as_deep_as_the_start():

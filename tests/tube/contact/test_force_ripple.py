@@ -1,9 +1,9 @@
-"""Tests of `uvms_drake.tube.contact.force_ripple`, against all pairs of instants."""
+"""Tests of `uvms_drake.tube.contact.sensor_error`, against all pairs of instants."""
 
 import numpy as np
 import pytest
 
-from uvms_drake.tube.contact.force_ripple import ripple
+from uvms_drake.tube.contact.sensor_error import ripple
 
 TIME = np.sort(np.random.default_rng(0).uniform(0.0, 5.0, 200))
 

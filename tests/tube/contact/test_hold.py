@@ -8,7 +8,7 @@ from support.force_reading import reading_off
 
 from uvms_drake.tube.contact.hold import SETTLED, HoldLaw, TipBounds, growth_of, settled
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.loops.row_loop import RowLoop
+from uvms_drake.tube.row_gains import grown_gains
 
 K, LAG, PERIOD, KAPPA, GAIN = 45.0, 0.02, 0.01, 900.0, 0.2
 APPROACH = MeasuredForceBounds(
@@ -32,7 +32,7 @@ def bounds(force: MeasuredForceBounds, nu2: float, qdot: float) -> TipBounds:
                      0.01, 0.05)
 
 
-LAW = HoldLaw(bounds, RowLoop(K, K))
+LAW = HoldLaw(bounds, K, K)
 
 
 def force(advance: float) -> MeasuredForceBounds:
@@ -85,15 +85,17 @@ def test_a_wall_so_stiff_that_speeds_do_not_decay_has_no_hold():
 
 
 def test_a_kernel_grows_as_its_integral_with_the_weight_does():
-    rate, row, t = 12.0, RowLoop(50.0, 40.0), np.arange(0.0, 2.0, 1e-5)
+    rate, t = 12.0, np.arange(0.0, 2.0, 1e-5)
     first = (np.exp(-40.0 * t) - np.exp(-50.0 * t)) / 10.0
     second = (50.0 * np.exp(-50.0 * t) - 40.0 * np.exp(-40.0 * t)) / 10.0
     expected = [np.sum(np.exp(rate * t) * np.abs(g)) / np.sum(np.abs(g)) for g in (first, second)]
-    assert row.grown(rate)[:2] / row.grown(0.0)[:2] == pytest.approx(expected, rel=5e-3)
+    grown, usual = (grown_gains(50.0, 40.0, each)[:2] for each in (rate, 0.0))
+    assert grown / usual == pytest.approx(expected, rel=5e-3)
     # The mean age of a reading: its survival function, integrated with the weight.
     ages = np.arange(0.0, 2.0, 1e-5)
     older = np.where(ages < 0.01, 1.0, np.exp(-(ages - 0.01) / 0.02))
     delayed = np.sum(np.exp(rate * ages) * older) / np.sum(older)
-    growth = growth_of(HoldLaw(bounds, row), 0.02, 0.01, rate)
+    law = HoldLaw(bounds, 50.0, 40.0)
+    growth = growth_of(law, 0.02, 0.01, rate)
     assert growth >= delayed**2 * max(expected) * 50.0 / 38.0 * (1.0 - 5e-3)
-    assert growth_of(HoldLaw(bounds, row), 0.02, 0.01, 1e-6) == pytest.approx(1.0, abs=1e-3)
+    assert growth_of(law, 0.02, 0.01, 1e-6) == pytest.approx(1.0, abs=1e-3)

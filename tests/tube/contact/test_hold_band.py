@@ -8,7 +8,7 @@ import pytest
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.model.surface.unknown_contact import HoldForces, UnknownContact
-from uvms_drake.tube.contact.hold_band import error_along, hold_band
+from uvms_drake.tube.ultimate_bounds import error_along, hold_band
 
 CONTACT = UnknownContact(angle=0.12, stiffness=900.0, dissipation=1.1, friction=0.45, period=0.012,
                         force_rate=30.0, force_ripple=1.5,

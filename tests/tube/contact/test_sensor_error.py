@@ -11,6 +11,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.contact import sensor_error
 from uvms_drake.tube.contact.sensor_error import (
     MeasuredForceBounds,
+    SensorEffect,
     contact_input_remainder,
     sensor_effect_of,
 )
@@ -20,10 +21,9 @@ from uvms_drake.tube.contact.sensor_gains import (
     tip_jacobian_and_gain,
 )
 from uvms_drake.tube.contact.sensor_gains_proof import Claimed
-from uvms_drake.tube.loops.row_gains import instant_gains
-from uvms_drake.tube.resolved.sensor_effect import SensorEffect
+from uvms_drake.tube.estimates import no_estimates
+from uvms_drake.tube.row_gains import instant_gains
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import no_estimates
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 
 LOWER, UPPER = np.array([-0.4, 0.6, -0.1, -0.8]), np.array([0.4, 1.3, 0.72, 0.8])

@@ -9,14 +9,14 @@ from support.arms import write_arm
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.tube.contact import sensor_gains_proof
-from uvms_drake.tube.contact.enclosure import Enclosure
-from uvms_drake.tube.contact.gain_expansions import expansions
-from uvms_drake.tube.contact.joint_enclosures import (
+from uvms_drake.tube.contact.enclosure import (
+    Enclosure,
     links_in_boxes,
     second_of_inertia,
     second_of_links,
     second_of_tip,
 )
+from uvms_drake.tube.contact.gain_expansions import expansions
 from uvms_drake.tube.contact.sensor_gains import (
     norms_over_joints,
     tip_and_slopes,

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.tube.contact.tip_jerk`, against the motion of plans."""
+"""Tests of `uvms_drake.tube.contact.tip_motion`, against the motion of plans."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from uvms_drake.control.plan.between_knots import off_parabola
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.tube.contact.tip_jerk import tip_jerk
+from uvms_drake.tube.contact.tip_motion import tip_jerk
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 SET = ConstraintSet(q_lower=np.array([-0.2, 0.7, 0.2, -0.4]),

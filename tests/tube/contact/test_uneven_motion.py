@@ -7,7 +7,7 @@ import pytest
 from support.force_reading import reading_off
 
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.contact.uneven_motion import TipAcceleration, unevenness
+from uvms_drake.tube.contact.tip_motion import TipAcceleration, unevenness
 
 H, STEPS = 0.01, 20
 FORCE = MeasuredForceBounds(

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from uvms_drake.model.surface import BilateralSpring
-from uvms_drake.tube.resolved.remainders import jacobian_rate_times
-from uvms_drake.tube.resolved.search_problems import RemainderProblem, turning_problem
+from uvms_drake.tube.laws.resolved_remainders import (
+    RemainderProblem,
+    jacobian_rate_times,
+    turning_problem,
+)
 from uvms_drake.tube.search.ascent import Climb, first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.second_search import second_search

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.tube.resolved.search_problems import RemainderProblem
+from uvms_drake.tube.laws.resolved_remainders import RemainderProblem
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints

@@ -72,7 +72,7 @@ class Resolved(AncillaryLaw):
             Ṙ = −k R + d̃,    Ė_b = −σ E_b + ‖J_b(𝔮(t))Ŵ‖₂ R,    Ṗ = −(σ − μ(t)) P + R,
 
         μ the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x. By the proofs in
-        `tube.resolved.bounds` ‖𝔯‖ ≤ ‖Ŵ⁻¹𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b, ‖J_x⁻¹𝔢_y‖ ≤ P, and so
+        `tube.row_gains` ‖𝔯‖ ≤ ‖Ŵ⁻¹𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b, ‖J_x⁻¹𝔢_y‖ ≤ P, and so
         ‖𝔷‖ ≤ R + σP + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖. Only the E_b depend on Ŵ; R and P are those of
         the ball ‖d‖ ≤ d̃ too. The states are R, the E_b of task, position, orientation and joints,
         and P.

@@ -114,7 +114,7 @@ class UnderContact(Limit):
                 self.forces.largest * np.tan(self.forces.spread) * (G - along[..., None] * n))
 
     @property
-    def parts(self) -> list[str]:
-        """Parts of the limit: free, then most and least when pressed."""
-        return [f"{part}{end}" for end in ("", " pressed, most", " pressed, least")
-                for part in self.limit.parts]
+    def labels(self) -> list[str]:
+        """Values of the limit: free, then most and least when pressed."""
+        return [f"{label}{end}" for end in ("", " pressed, most", " pressed, least")
+                for label in self.limit.labels]

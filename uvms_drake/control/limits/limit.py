@@ -1,13 +1,14 @@
 """Interface of a limit: bounds on values of a motion, their tightening and their rows.
 
 A limit of one's own is a subclass with a `name`, `values` and `bounds`, and its tightening by the
-tube (`tube_takes`), in `Limits.more`: the nominal MPC keeps it by linearised rows, softened like
-those of roll and pitch, the terminal set is searched for a state that breaks it, and tables, bars
-and the certificate have it. A limit that is linear in (y, ζ), or a norm of that, has a
+tube (`radius`, or `tube_takes`), in `Limits.more`: the nominal MPC keeps it by linearised rows,
+softened like those of roll and pitch, the terminal set is searched for a state that breaks it, and
+tables, bars and the certificate have it. A limit that is linear in (y, ζ), or a norm of that, has a
 `closed_form`.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from copy import copy
 from typing import ClassVar, NamedTuple, Self
 
@@ -16,19 +17,6 @@ import numpy as np
 from uvms_drake.common.errors import require
 from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.plan.points import About, Points, Slopes, slopes
-
-
-class Rows(NamedTuple):
-    """Linear rows lower ≤ value + slopes · change ≤ upper."""
-
-    value: np.ndarray
-    """Values at the points (..., m)."""
-    slopes: Slopes
-    """Derivatives of the values."""
-    lower: np.ndarray
-    """Lower bounds (m,)."""
-    upper: np.ndarray
-    """Upper bounds (m,)."""
 
 
 class Cone(NamedTuple):
@@ -47,6 +35,7 @@ class Limit(ABC):
     A bound on an absolute value or a norm has lower = −upper.
     """
 
+
     name: str
     """Key below `limits`; unique."""
     about: ClassVar[About] = "pose"
@@ -59,6 +48,16 @@ class Limit(ABC):
     """Whether the values may go beyond their bounds between two knots that keep them."""
     owner: ClassVar[str] = "pose"
     """Part of a task or start whose change would restore it: `pose`, `joints` or `force`."""
+    absolute: ClassVar[bool] = False
+    """Whether it bounds absolute values or norms, which tables have then."""
+    unit: str | Sequence[str] = ""
+    """Unit of the values, or of each of them."""
+    titles: Sequence[str] = ()
+    """Names of the values at the bars that display them; their `labels` if left out."""
+    radius: str | Sequence[str] = ""
+    """Key of the radius of the tube by which the values change within it, or of each of them."""
+    between: str = ""
+    """Key of the radius by which a plan exceeds the bounds between knots that keep them."""
     margin: np.ndarray | float = 0.0
     """Margin that has been taken off both bounds (m,) or ()."""
     between_knots_margin: np.ndarray | float = 0.0
@@ -78,23 +77,26 @@ class Limit(ABC):
     def tube_takes(self, tube: TubeRadii) -> np.ndarray | None:
         """Returns the tightening: the largest change (m,) of the values within the tube.
 
-        None, as by default, if it is unknown. Then there is no certificate, and a plan keeps the
-        whole limit, which the real motion may exceed.
+        By default that of `radius`. None if it is unknown: then there is no certificate, and a plan
+        keeps the whole limit, which the real motion may exceed.
 
         Args:
             tube: With all blocks filled in.
         """
-        return None
+        m = len(self.upper)
+        keys = [self.radius] * m if isinstance(self.radius, str) else self.radius
+        taken = [getattr(tube, key) if key else None for key in keys]
+        return None if None in taken else np.array(taken, dtype=float)
 
     def plan_takes(self, tube: TubeRadii) -> np.ndarray | float:
         """Returns the largest excess (m,) or () of a plan between knots that keep the bounds.
 
-        Zero, as by default, if there is none or it is unknown.
+        Zero if there is none or it is unknown.
 
         Args:
             tube: With all blocks filled in.
         """
-        return 0.0
+        return (getattr(tube, self.between) or 0.0) if self.between else 0.0
 
     def closed_form(self, size: int) -> list[Slopes] | None:
         """Returns G (r, 6+n) of each value, which changes by at most ‖G d(y, ζ)‖₂ anywhere.
@@ -128,10 +130,6 @@ class Limit(ABC):
     def row_bounds(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns the lower and the upper bounds (m,) of the rows, the same at all points."""
         return self.lower, self.upper
-
-    def rows(self, at: Points) -> Rows:
-        """Returns the limit as rows of a convex program about the points `at`."""
-        return Rows(self.row_values(at), self.row_slopes(at), *self.row_bounds(at))
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first parameter that has no meaning."""
@@ -193,51 +191,66 @@ class Limit(ABC):
     # Names and units ------------------------------------------------------------------------------
 
     @property
-    def parts(self) -> list[str]:
-        """Names of the m values."""
+    def labels(self) -> list[str]:
+        """Names of the m values in messages and in the certificate's conditions."""
         return [self.name] if len(self.upper) == 1 else [
             f"{self.name}[{i}]" for i in range(len(self.upper))]
 
     @property
-    def labels(self) -> list[str]:
-        """Names of the m values in messages and in the certificate's conditions."""
-        return self.parts
+    def units(self) -> list[str]:
+        """Unit of each value."""
+        return [self.unit] * len(self.upper) if isinstance(self.unit, str) else list(self.unit)
+
+    @property
+    def signal_names(self) -> list[str]:
+        """Names of the values as signals."""
+        return self.labels
 
     def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
         """Returns by name the signals (...) and their upper, or for _min their lower, bounds."""
         out, values = {}, self.values(at)
-        for i, label in enumerate(self.labels):
-            out[f"{label}_min"] = (values[..., i], float(self.lower[i]))
-            out[f"{label}_max"] = (values[..., i], float(self.upper[i]))
+        for i, name in enumerate(self.signal_names):
+            if self.absolute:
+                out[name] = (np.abs(values[..., i]), float(self.upper[i]))
+            else:
+                out[f"{name}_min"] = (values[..., i], float(self.lower[i]))
+                out[f"{name}_max"] = (values[..., i], float(self.upper[i]))
         return out
 
     def unit_of(self, signal: str) -> str:
-        """Returns the unit of one of the `signals`, if it is known."""
-        return ""
+        """Returns the unit of one of the `signals`."""
+        name = signal.removesuffix("_min").removesuffix("_max")
+        return self.units[self.signal_names.index(name)]
 
     @property
     def bars(self) -> list[str]:
-        """Names of the bars that display it."""
-        return self.labels
+        """Names of the bars that display it: value, range and unit."""
+        each = zip(self.titles or self.labels, self.lower, self.upper, self.units, strict=True)
+        return [f"{title}  {_range(*ends)} {unit}".rstrip() for title, *ends, unit in each]
 
     def bar_lengths(self, at: Points) -> np.ndarray:
         """Returns the used part of the limit (..., number of bars)."""
         return self.used(at)
 
     def complaint(self, at: Points) -> str:
-        """Returns the requirement that a pose breaks, for a message."""
-        return f"such that {self.name}, {self.values(at)}, is within {self.lower} to {self.upper}"
+        """Returns the requirement that a pose breaks most, for a message."""
+        values = self.values(at)
+        i = int(np.argmax(np.maximum(values - self.upper, self.lower - values)))
+        return (f"such that {(self.titles or self.labels)[i]}, {values[i]:.3g}, is within "
+                f"{self.lower[i]:.3g} to {self.upper[i]:.3g} {self.units[i]}".rstrip())
 
 
 class AbsoluteLimit(Limit):
-    """Bound on the absolute value, or the norm, of one value: |value| ≤ bound."""
+    """Bound on the absolute value, or the norm, of each value: |value| ≤ bound."""
 
-    bound: float
+    absolute = True
+    bound: float | np.ndarray
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns ∓bound."""
-        return np.array([-self.bound]), np.array([self.bound])
+        most = np.array(self.bound, dtype=float, ndmin=1)
+        return -most, most
 
-    def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
-        """Returns the absolute value."""
-        return {self.name: (np.abs(self.values(at)[..., 0]), float(self.upper[0]))}
+
+def _range(lower: float, upper: float) -> str:
+    return f"≤ {upper:.3g}" if lower == -upper else f"{lower:.2g} … {upper:.2g}"

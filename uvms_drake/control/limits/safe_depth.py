@@ -3,7 +3,7 @@
 Between two knots n·𝔭 is a parabola but for its third derivative, and bounds at the knots on n·𝔭 and
 on n·𝔭 + ½h n·𝔭̇ hold in between, without loss where the motion just stops: see
 control/plan/theory.md#depth-between-two-knots. The remainder is at most (2/81) h³ sup|d³(n·𝔭)/dt³|;
-the depth is tightened by that (`tube.contact.tip_jerk`).
+the depth is tightened by that (`tube.contact.tip_motion`).
 """
 
 from dataclasses import dataclass

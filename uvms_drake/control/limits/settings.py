@@ -7,21 +7,16 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
 from uvms_drake.common.kinds import offer
-from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
-from uvms_drake.control.limits.inputs import Accelerations, Forces
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.inputs import Accelerations, Forces, ThrusterForces
 from uvms_drake.control.limits.limit import Limit
-from uvms_drake.control.limits.plan_acceleration import PlanAcceleration
+from uvms_drake.control.limits.pose import Joints, TipBox, TipPitch, VehicleAngle
 from uvms_drake.control.limits.radii import TubeRadii, check_tube, resolved_radii
-from uvms_drake.control.limits.speeds import Speed
+from uvms_drake.control.limits.speeds import Speed, TipVelocity
 from uvms_drake.control.limits.static_force import StaticForce
-from uvms_drake.control.limits.thrusters import ThrusterForces
-from uvms_drake.control.limits.tip_box import TipBox
-from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.description.thruster_file import ThrusterParameters
 from uvms_drake.model.surface.law import NotOffered, Surface
 
-offer(Limit, TipBox, TipVelocity, PlanAcceleration)
+offer(Limit, TipBox, TipVelocity)
 
 
 @dataclass
@@ -104,10 +99,14 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         InvalidParameter: A parameter has no meaning.
     """
     check_limits(settings, len(q_lower), accelerations=accelerations)
+    slides = [bool(each) for each in slides] or [False] * len(q_lower)
+    rates = sorted(set(_units(slides, "m/s", "rad/s")), reverse=True)
     limits: list[Limit] = [
-        *(Speed(name, getattr(settings, name), slides) for name in ("nu1", "nu2", "qdot")),
+        *(Speed(name, getattr(settings, name)) for name in ("nu1", "nu2")),
+        Speed("qdot", settings.qdot, ", ".join(rates)),
         *(VehicleAngle(name, getattr(settings, name)) for name in ("roll", "pitch")),
-        TipPitch(settings.tip_pitch), Joints(*joint_limits(settings, q_lower, q_upper), slides)]
+        TipPitch(settings.tip_pitch),
+        Joints(*joint_limits(settings, q_lower, q_upper), _units(slides, "m", "rad"))]
     if settings.static_force is not None:
         try:
             limits.append(StaticForce(settings.static_force, surface))
@@ -115,13 +114,17 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
             raise InvalidParameter("limits.static_force", settings.static_force,
                                    f"null, or the {error.value} {error.allowed}") from None
     if accelerations:
-        limits.append(Accelerations(np.asarray(settings.u, dtype=float), slides=slides))
+        straight = [*[True] * 3, *[False] * 3, *slides]
+        limits.append(Accelerations(np.asarray(settings.u, dtype=float),
+                                    _units(straight, "m/s²", "rad/s²")))
         if settings.tau is not None:
-            limits.append(Forces(np.asarray(settings.tau, dtype=float), slides=slides))
+            limits.append(Forces(np.asarray(settings.tau, dtype=float),
+                                 _units(straight, "N", "N m")))
         if settings.thrusters is not None:
             with within("limits"):
                 limits.append(ThrusterForces.of(thrusters, settings.thrusters, 6 + len(q_lower)))
     by_name = {limit.name: limit for limit in (*limits, *of_contact)}
+    # The user's own, under names of their own.
     for i, limit in enumerate(settings.more):
         with within(f"limits.more[{i}]"):
             limit.check()
@@ -131,6 +134,10 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
                     "pose or speed, for kinematic motion")
         by_name[limit.name] = limit
     return by_name
+
+
+def _units(straight: Sequence[bool], of_translation: str, of_rotation: str) -> list[str]:
+    return [of_translation if each else of_rotation for each in straight]
 
 
 def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:

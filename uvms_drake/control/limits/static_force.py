@@ -21,6 +21,8 @@ class StaticForce(AbsoluteLimit):
 
     name = "static_force"
     soft: ClassVar[bool] = False
+    unit = "N"
+    titles = ("force, at rest",)
     owner: ClassVar[str] = "force"
 
     bound: float
@@ -52,38 +54,21 @@ class StaticForce(AbsoluteLimit):
 
     def row_values(self, at: Points) -> np.ndarray:
         """Returns the depth in a plane."""
-        return self.surface.static_force_rows(at.y[..., :6], self.upper[0]).value
+        return self._rows(at).value
 
     def row_slopes(self, at: Points) -> Slopes:
         """Returns the derivatives of the depth in a plane."""
-        return Slopes(_by_y(self.surface.static_force_rows(at.y[..., :6], self.upper[0]), at))
+        rows = self._rows(at).rows
+        return Slopes(np.hstack([rows, np.zeros((len(rows), at.model.size - 6))]))
 
     def row_bounds(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns the bound of the depth in a plane."""
-        limit = self.surface.static_force_rows(at.y[..., :6], self.upper[0])
-        return np.array([-np.inf]), np.array([limit.bound])
+        return np.array([-np.inf]), np.array([self._rows(at).bound])
 
     def cone(self, at: Points) -> Cone | None:
         """Returns the stretch of a spring."""
-        limit = self.surface.static_force_rows(at.y[..., :6], self.upper[0])
-        return None if limit.one_sided else Cone(
-            limit.value, Slopes(_by_y(limit, at)), limit.bound)
+        limit = self._rows(at)
+        return None if limit.one_sided else Cone(limit.value, self.row_slopes(at), limit.bound)
 
-    def unit_of(self, signal: str) -> str:
-        """Returns N."""
-        return "N"
-
-    @property
-    def bars(self) -> list[str]:
-        """Bar of the force."""
-        return [f"force, at rest  ≤ {self.upper[0]:.3g} N"]
-
-    def complaint(self, at: Points) -> str:
-        """Returns the force and its tightened limit."""
-        return (f"such that the static force, {self.values(at)[0]:.4g} N, is at most "
-                f"{self.upper[0]:.4g} N, limits.static_force less the tube")
-
-
-def _by_y(limit: StaticForceRows, at: Points) -> np.ndarray:
-    """Returns the rows by y (m, 6+n), of which χ comes first."""
-    return np.hstack([limit.rows, np.zeros((len(limit.rows), at.model.size - 6))])
+    def _rows(self, at: Points) -> StaticForceRows:
+        return self.surface.static_force_rows(at.y[..., :6], self.upper[0])

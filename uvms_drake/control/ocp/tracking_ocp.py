@@ -27,7 +27,7 @@ from uvms_drake.control.convex.tracking_program import with_place
 from uvms_drake.control.costs.offset_cost import OffsetCost
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.limits.safe_depth import SafeDepth, SafeDepthBetweenKnots
+from uvms_drake.control.limits.speeds import SafeDepth, SafeDepthBetweenKnots
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Evaluation, MpcConfig, PlanPoints
 from uvms_drake.control.plan.plan import DynamicPlan

@@ -173,7 +173,15 @@ SDFORMAT: dict[str, Element] = {
         "damping", "friction", "spring_reference", "spring_stiffness",
         "drake:rotor_inertia", "drake:gear_ratio")},
     "frame": Element({"name": TEXT, "attached_to": TEXT}, once="pose", needs="name"),
+    "use_parent_model_frame": Element(text=YES_NO),
+    "hydrodynamic_model": Element(  # Of a plugin.
+        once="type added_mass linear_damping quadratic_damping radius length "
+        "linear_damping_forward_speed scaling_added_mass offset_added_mass scaling_damping "
+        "offset_linear_damping offset_forward_speed_damping offset_nonlin_damping"),
 }
+
+for _table in (URDF, SDFORMAT):
+    _table["collision"] = _table["visual"]  # Read of files of others only.
 
 REFUSED = {
     "fluid_added_mass": "left out: added mass is in hydrodynamics.yaml, bodies.<link>.added_mass",

@@ -1,8 +1,8 @@
-"""Check of a robot's URDF or SDFormat against the elements that it may have.
+"""Check of a URDF or SDFormat file against the elements that it may have.
 
 Drake's parsers take a default for an element whose name is mistyped, the first of two that stand
-for the same, and of `1,5` the 1. All these are mistakes here; elements that are not read are
-reported.
+for the same, and of `1,5` the 1. All these are mistakes here. A robot's own file has no elements
+but those that are read, or they are reported; a file of others has elements of many programs.
 """
 
 import difflib
@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from uvms_drake.common.errors import InvalidFile
 from uvms_drake.model.description.elements import (
     REFUSED,
     SDFORMAT,
@@ -21,7 +22,7 @@ from uvms_drake.model.description.elements import (
     spec_of,
 )
 from uvms_drake.model.description.hydrodynamics_file import FARTHEST
-from uvms_drake.model.description.xml_tree import Node
+from uvms_drake.model.description.xml_tree import MOST, Node
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 INFINITE = re.compile(r"[-+]?inf(inity)?", re.IGNORECASE)
@@ -31,6 +32,10 @@ NARROW = 5e-3
 """Range of a joint in which no posture can be held [rad, m]."""
 NESTED = "merged: nested models are refused: <include merge=\"true\">, or all links in one model"
 """Rule for a model within a model."""
+UNCHECKED = ("material", "transmission")
+"""Elements of files of others that have many forms: numbers in them are checked when read."""
+LIKE = {False: 0.6, True: 0.8}
+"""Likeness from which a name is another one, mistyped: in a robot's own file, in one of others."""
 LISTED = 4
 """Number of lines or names that a note gives before it only counts."""
 
@@ -44,6 +49,8 @@ class Findings:
     unread: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
     """Lines of the elements that are not read, by their name."""
     notes: list[str] = field(default_factory=list)
+    foreign: bool = False
+    """Whether the file is one of others: nothing is taken out of it."""
 
     def refuse(self, node: Node, owner: str, key: str, value: object, allowed: str) -> None:
         """Adds a complaint about an element of a link, joint or frame, the owner."""
@@ -73,6 +80,18 @@ def check_description(root: Node, kind: str) -> Findings:
     return found
 
 
+def check_foreign(node: Node, kind: str) -> None:
+    """Raises for the first mistake in a model of others, an element with all below it.
+
+    Raises:
+        InvalidFile: A name is mistyped, an element is there twice, or a text is no number.
+    """
+    table, found = (URDF if kind == "urdf" else SDFORMAT), Findings(foreign=True)
+    _check(node, table, table[node.tag], "", "", found)
+    if found.complaints:
+        raise InvalidFile([f"{node.file}: {each}" for each in found.complaints])
+
+
 def _check(node: Node, table: dict[str, Element], spec: Element, owner: str, path: str,
            found: Findings) -> None:
     """Checks an element by its `spec` and all below it."""
@@ -85,34 +104,36 @@ def _check(node: Node, table: dict[str, Element], spec: Element, owner: str, pat
     once, many = spec.once.split(), spec.many.split()
     for child in node.children:
         key = f"{path}.{child.tag}".strip(".")
-        if child.tag in once or child.tag in many:
+        within = found.foreign and child.tag in table and child.tag not in UNCHECKED
+        if child.tag in once or (within if found.foreign else child.tag in many):
             first = seen.setdefault(child.tag, child)
             if child.tag in once and first is not child:
                 found.refuse(child, owner, key, None, f"there once, and is in line {first.line}")
                 continue
-            _check(child, table, spec_of(table, node.tag, child.tag), owner, key, found)
+            if within or not found.foreign:
+                _check(child, table, spec_of(table, node.tag, child.tag), owner, key, found)
             children.append(child)
-        elif child.tag in spec.kept.split():
-            children.append(child)
-        elif child.tag in REFUSED:
-            found.refuse(child, owner, key, None, REFUSED[child.tag])
-        elif child.tag in ("model", "include"):
-            found.refuse(child, owner, key, child.attributes.get("name"), NESTED)
         elif child.tag.startswith("xacro:"):
             found.refuse(child, owner, key, None, "expanded: by the program xacro, to a URDF")
+        elif child.tag in spec.kept.split():
+            children.append(child)
+        elif child.tag in REFUSED and not found.foreign:
+            found.refuse(child, owner, key, None, REFUSED[child.tag])
+        elif child.tag in ("model", "include") and not found.foreign:
+            found.refuse(child, owner, key, child.attributes.get("name"), NESTED)
         elif child.tag not in spec.quiet.split():
             _leave_out(child, child.tag, spec, owner, path, found)
     # Required elements, and the text between the tags.
     for name in spec.needs.split():
-        if name not in seen and name not in node.attributes:
+        shape = found.foreign and node.tag in ("visual", "collision")
+        if name not in seen and name not in node.attributes and not shape:
             found.refuse(node, owner, f"{path}.{name}".strip("."), None, "there")
     if spec.text is not None:
         _check_value(node, node.text, spec.text, owner, path or node.tag, found)
-    elif node.text.strip():
+    elif node.text.strip() and not found.foreign:
         found.refuse(node, owner, path or node.tag, node.text, "without text")
-    node.children = children
-    if spec.text is None:
-        node.text = ""
+    if not found.foreign:
+        node.children, node.text = children, "" if spec.text is None else node.text
 
 
 def _check_attributes(node: Node, spec: Element, owner: str, path: str, found: Findings) -> None:
@@ -122,12 +143,12 @@ def _check_attributes(node: Node, spec: Element, owner: str, path: str, found: F
         key = f"{path}.{name}".strip(".")
         if name in spec.attributes:
             _check_value(node, text, spec.attributes[name], owner, key, found)
-            kept[name] = text
-        elif name.split(":")[0] == "xmlns":
-            kept[name] = text
-        else:
+        elif name.split(":")[0] != "xmlns":
             _leave_out(node, name, spec, owner, path, found)
-    node.attributes = kept
+            continue
+        kept[name] = text
+    if not found.foreign:
+        node.attributes = kept
 
 
 def _leave_out(node: Node, name: str, spec: Element, owner: str, path: str, found: Findings
@@ -135,8 +156,9 @@ def _leave_out(node: Node, name: str, spec: Element, owner: str, path: str, foun
     """Reports an element or attribute that is not read, or refuses one that is mistyped."""
     key = f"{path}.{name}".strip(".")
     known = [*spec.attributes, *spec.once.split(), *spec.many.split(), *spec.unread.split()]
-    close = difflib.get_close_matches(name, known, n=1)
-    if name in spec.unread.split():
+    others = [*known, *spec.quiet.split(), *REFUSED] if found.foreign else spec.unread.split()
+    close = difflib.get_close_matches(name, known, 1, LIKE[found.foreign])
+    if name in others:
         within = owner.split(" ")[0] or "the model"
         found.unread[f"{name} of {within}"].append(node.line)
     elif close:
@@ -152,7 +174,7 @@ def _check_value(node: Node, text: str, value: Value, owner: str, key: str, foun
     # Words and names.
     words = text.split()
     if value.words:
-        if text.strip() not in value.words:
+        if text.strip() not in value.words and not found.foreign:
             close = difflib.get_close_matches(text.strip(), value.words, n=1)
             found.refuse(node, owner, key, text, f"one of {', '.join(value.words)}" + (
                 f" (did you mean '{close[0]}'?)" if close else ""))
@@ -168,17 +190,23 @@ def _check_value(node: Node, text: str, value: Value, owner: str, key: str, foun
         return
     if pose and node.attributes.get("rotation_format") == "quat_xyzw":
         count = 7
-    good = len(words) == count and all(
+    single = found.foreign and key.endswith("scale")  # Of all axes.
+    good = (len(words) == count or (single and len(words) == 1)) and all(
         NUMBER.fullmatch(word) or (value.infinite and INFINITE.fullmatch(word)) for word in words)
     if not good:
         many = "a number" if count == 1 else f"{count} numbers with spaces between them"
-        comma = ", decimals after a point" if "," in text else ""
-        found.refuse(node, owner, key, text, many + comma)
+        hint = ", decimals after a point" if "," in text else (
+            ": xacro has to be run first" if "${" in text or "$(" in text else "")
+        found.refuse(node, owner, key, text, many + hint)
         return
     # Sizes that can be, in the units of the format.
     numbers = [float(word) for word in words]
+    if max(map(abs, numbers)) > MOST and not value.infinite:
+        found.refuse(node, owner, key, text, f"{MOST:g} at most")
     if value.positive and min(numbers) <= 0.0:
         found.refuse(node, owner, key, text, "positive")
+    if found.foreign:  # Its world may be large, and its angles may go round.
+        return
     if value.length and (off := math.hypot(*numbers[:3])) > FARTHEST:
         found.refuse(node, owner, key, text, f"in metres and within {FARTHEST:g} m: it is "
                      f"{off:.4g} m away, as a number in millimetres may be")
@@ -193,10 +221,8 @@ def _check_joint(joint: Node, kind: str, found: Findings) -> None:
     # Where the two formats have it.
     name, form = f"joint {joint.attributes['name']}", joint.attributes["type"]
     axis = joint if kind == "urdf" else joint.find("axis") or Node("axis", joint.line)
-    limit = axis.find("limit")
-    given = {} if limit is None else dict(limit.attributes) if kind == "urdf" else {
-        child.tag: child.text.strip() for child in limit.children}
-    bounds = [float(given[key]) for key in ("lower", "upper") if key in given]
+    limit = axis.find("limit") or joint
+    bounds = [float(text) for key in ("lower", "upper") if (text := axis.value(f"limit/{key}"))]
     if form == "fixed":
         return
     # Limits that the joint can have; Drake ends the program for those that cross.
@@ -204,31 +230,30 @@ def _check_joint(joint: Node, kind: str, found: Findings) -> None:
         found.refuse(joint, name, "axis", None, "there, as the joint moves")
     if form == "continuous" and bounds:
         if any(map(math.isfinite, bounds)):
-            found.refuse(limit or joint, name, "limit", bounds, "without lower and upper: a joint "
+            found.refuse(limit, name, "limit", bounds, "without lower and upper: a joint "
                          "of type continuous turns for ever; one with limits is revolute")
     elif len(bounds) == 1:
         if kind == "urdf":  # Where the format takes 0 for the other one, and Drake none.
-            found.refuse(limit or joint, name, "limit", bounds, "lower and upper, or none of them")
+            found.refuse(limit, name, "limit", bounds, "lower and upper, or none of them")
     elif bounds and bounds[0] == bounds[1]:
-        found.refuse(limit or joint, name, "limit", bounds, "a range: lower is upper, and the "
+        found.refuse(limit, name, "limit", bounds, "a range: lower is upper, and the "
                      "joint cannot move: type fixed, or give limits")
     elif bounds and bounds[0] > bounds[1]:
-        found.refuse(limit or joint, name, "limit", bounds, "lower below upper")
+        found.refuse(limit, name, "limit", bounds, "lower below upper")
     elif bounds and bounds[1] - bounds[0] < NARROW:
-        found.refuse(limit or joint, name, "limit", bounds, f"a range of {NARROW:g} or more, in "
+        found.refuse(limit, name, "limit", bounds, f"a range of {NARROW:g} or more, in "
                      "rad or m, or the joint of type fixed")
     # Friction is reported and taken out, or Drake would warn of it once more.
-    damping = axis.find("dynamics")
-    values = {} if damping is None else dict(damping.attributes) if kind == "urdf" else {
-        child.tag: child.text for child in damping.children}
-    if damping is not None and float(values.get("damping", 0.0)) < 0.0:
-        found.refuse(damping, name, "dynamics.damping", values["damping"], "zero or positive")
-    if damping is not None and float(values.get("friction", 0.0)) != 0.0:
+    if (dynamics := axis.find("dynamics")) is None:
+        return
+    if dynamics.number("damping") < 0.0:
+        found.refuse(dynamics, name, "dynamics.damping", dynamics.value("damping"),
+                     "zero or positive")
+    if dynamics.number("friction") != 0.0:
         found.unread["friction of joint (a scenario has model_error.joint_friction)"].append(
-            damping.line)
-    if damping is not None:
-        damping.attributes.pop("friction", None)
-        damping.children = [child for child in damping.children if child.tag != "friction"]
+            dynamics.line)
+    dynamics.attributes.pop("friction", None)
+    dynamics.children = [child for child in dynamics.children if child.tag != "friction"]
 
 
 def unread_notes(found: Findings) -> Iterator[str]:

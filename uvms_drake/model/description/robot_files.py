@@ -103,7 +103,7 @@ class _Reader:
             raise InvalidFile([f"{file}: must not include itself"])
         self.read_files.append(file)
         try:
-            root = read_xml(read_text(file), str(file))
+            root = read_xml(read_text(file), file)
         except ScenarioError as error:
             raise InvalidFile([f"{file}: {error}"]) from None
         kind = file.suffix[1:].lower()
@@ -121,8 +121,7 @@ class _Reader:
 
     def _include(self, node: Node, locate: Locate, found: Findings) -> None:
         """Reads an included file, and has Drake find it as it was read."""
-        uri = node.find("uri")
-        assert uri is not None
+        (uri,) = node.all("uri")
         if node.attributes.get("merge") not in ("true", "1"):
             found.refuse(node, "", "include", uri.text, "merged: nested models are refused: "
                          "<include merge=\"true\">")
@@ -135,7 +134,7 @@ class _Reader:
         if path.suffix.lower() not in (".sdf", ".urdf") or not path.is_file():
             found.refuse(node, "", "include", uri.text, "an SDFormat or URDF file that is there")
             return
-        name = f"{len(self.included)}{path.suffix.lower()}"
+        name = f"{len(self.included)}_{path.stem}{path.suffix.lower()}"
         self.included[name] = ""  # Its place, before those that it includes.
         self.included[name] = self.read(path)
         uri.text = f"package://{INCLUDED}/{name}"
@@ -160,30 +159,53 @@ def parse_robot(plant: MultibodyPlant, files: RobotFiles) -> tuple[ModelInstance
     Raises:
         InvalidFile: Drake cannot read it, or takes another inertia than the file has.
     """
-    # Drake reads the text that was checked; included files are written to where it finds them.
-    parser, log = Parser(plant), list[str]()
-    package = str(files.folder / "package.xml")
-    try:
-        with TemporaryDirectory() as folder, _heard(log):
-            parser.package_map().AddPackageXml(package)
-            if files.included:
-                parser.package_map().Add(INCLUDED, folder)
-            for name, text in files.included.items():
-                (Path(folder) / name).write_text(text, encoding="utf-8")
-            instances = parser.AddModelsFromString(files.text, files.file.suffix[1:])
-    except Exception as error:  # RuntimeError, ValueError and others, by the mistake.
-        raise InvalidFile([f"{files.file}: must be a readable robot: "
-                           f"{_with_file(_one_line(error), files.file)}"]) from None
-    # Warnings that Drake writes to its log only.
-    replaced = [text for text in log if "inertia" in text]
-    if replaced:
-        raise InvalidParameter(
-            str(files.file), "an inertia that Drake replaces", "one that a body can have, its "
-            "principal moments about the centre of mass positive and none above the sum of the "
-            f"others: {_with_file(' '.join(replaced), files.file)}")
+    instances, log = parse(plant, files.file, files.file.suffix[1:], files.text,
+                           files.included)
     if len(instances) != 1:
         raise InvalidFile([f"{files.file}: must be one model, and has {len(instances)}"])
-    return instances[0], [f"{files.file.name}: {_with_file(each, files.file)}" for each in log]
+    return instances[0], [f"{files.file.name}: {each}" for each in log]
+
+
+def parse(plant: MultibodyPlant, file: Path, kind: str, text: str, included: dict[str, str]
+          ) -> tuple[list[ModelInstanceIndex], list[str]]:
+    """Adds the models in a text to a plant, and returns them and the warnings of Drake's parser.
+
+    Args:
+        plant: Not finalized.
+        file: Of the text, for messages.
+        kind: "urdf" or "sdf".
+        text: As Drake is to read it, lines as in the file.
+        included: Files that it includes, likewise, by a name in the package `INCLUDED`.
+
+    Raises:
+        InvalidFile: Drake cannot read it, or takes another inertia than the text has.
+    """
+    parser, log = Parser(plant), list[str]()
+    with TemporaryDirectory() as folder:
+        parser.package_map().Add(INCLUDED, folder)
+        for name, each in included.items():
+            (Path(folder) / name).write_text(each, encoding="utf-8")
+
+        def message_of(error: object) -> str:
+            line = _one_line(error).replace(f"{folder}/", "")
+            for text_itself in (f"<literal-string>.{kind}", "<data-string>"):
+                line = line.replace(text_itself, file.name)
+            return line
+
+        try:
+            with _heard(log):
+                instances = parser.AddModelsFromString(text, kind)
+        except Exception as error:  # RuntimeError, ValueError and others, by the mistake.
+            raise InvalidFile([f"{file}: must be a readable robot: {message_of(error)}"]) from None
+        log = [message_of(each) for each in log]
+    # Warnings that Drake writes to its log only.
+    replaced = [each for each in log if "inertia" in each]
+    if replaced:
+        raise InvalidParameter(
+            str(file), "an inertia that Drake replaces", "one that a body can have, its "
+            "principal moments about the centre of mass positive and none above the sum of the "
+            f"others: {' '.join(replaced)}")
+    return instances, log
 
 
 @contextmanager
@@ -209,7 +231,3 @@ def _heard(log: list[str]) -> Iterator[None]:
 
 def _one_line(error: object) -> str:
     return " ".join(str(error).split())
-
-
-def _with_file(text: str, file: Path) -> str:
-    return text.replace(f"<literal-string>{file.suffix}", file.name)

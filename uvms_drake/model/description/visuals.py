@@ -4,12 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RollPitchYaw
 
 from uvms_drake.model.description.meshes import bounding_box, reason_not_drawn
 from uvms_drake.model.description.plausibility import Findings
-from uvms_drake.model.description.xml_tree import Node
+from uvms_drake.model.description.xml_tree import Node, element
 
 Locate = Callable[[str], Path]
 """The file of a URI; raises `LookupError` with the reason if there is none."""
@@ -42,20 +41,16 @@ def settle_visuals(root: Node, kind: str, locate: Locate, found: Findings) -> No
 def _settle_mesh(link: Node, visual: Node, shape: Node, mesh: Node, kind: str, locate: Locate,
                  found: Findings) -> bool:
     """Makes a mesh one that can be drawn; returns whether anything is left to draw."""
-    urdf, uri_node = kind == "urdf", mesh.find("uri")
-    uri = mesh.attributes["filename"] if urdf or uri_node is None else uri_node.text.strip()
-    scale_node = mesh.find("scale")
-    text = mesh.attributes.get("scale") if urdf or scale_node is None else scale_node.text
-    scale = np.array((text or "1 1 1").split(), dtype=float)
-    box = None
+    urdf, box = kind == "urdf", None
+    uri, scale = mesh.name("filename" if urdf else "uri"), mesh.numbers("scale", 3, np.ones(3))
     try:
         path = locate(uri)
         reason = reason_not_drawn(path) if np.all(scale != 0.0) else "its scale is zero"
         if reason is None:
-            if urdf or uri_node is None:
+            if urdf:
                 mesh.attributes["filename"] = f"file://{path.resolve()}"
-            else:
-                uri_node.text = f"file://{path.resolve()}"
+            for node in mesh.all("uri"):
+                node.text = f"file://{path.resolve()}"
             return True
         box = bounding_box(path)
     except LookupError as error:
@@ -65,49 +60,15 @@ def _settle_mesh(link: Node, visual: Node, shape: Node, mesh: Node, kind: str, l
                        f"{'it is left out' if box is None else 'its bounding box is drawn'}")
     if box is None:
         return False
+    # The box has the mesh's place in the visual.
     low, high = np.sort(scale * box, axis=0)
-    shape.children = [_box(np.maximum(high - low, THIN), urdf, mesh.line)]
-    _place(visual, 0.5 * (low + high), urdf)
+    X, center = visual.pose(), 0.5 * (low + high)
+    shape.children = [element("box", mesh.line, {"size": np.maximum(high - low, THIN)}, urdf)]
+    place = element("origin", visual.line, {
+        "xyz": X @ center, "rpy": RollPitchYaw(X.rotation()).vector()}, urdf=True)
+    if not urdf:
+        frame = {} if (old := visual.find("pose")) is None else {
+            key: old.attributes[key] for key in old.attributes if key == "relative_to"}
+        place = Node("pose", visual.line, frame, " ".join(place.attributes.values()))
+    visual.children = [place, *(child for child in visual.children if child.tag != place.tag)]
     return True
-
-
-def _box(size: np.ndarray, urdf: bool, line: int) -> Node:
-    if urdf:
-        return Node("box", line, {"size": _text(size)})
-    return Node("box", line, children=[Node("size", line, text=_text(size))])
-
-
-def _place(visual: Node, center: np.ndarray, urdf: bool) -> None:
-    """Moves a visual's origin to a point of its own frame (3,) [m]."""
-    tag = "origin" if urdf else "pose"
-    place = visual.find(tag)
-    if place is None:
-        place = Node(tag, visual.line)
-        visual.children.insert(0, place)
-    if urdf:
-        X = RigidTransform(RollPitchYaw(_numbers(place.attributes.get("rpy", "0 0 0"))),
-                           _numbers(place.attributes.get("xyz", "0 0 0")))
-        place.attributes["xyz"] = _text(X @ center)
-        return
-    X = _pose(place)
-    rpy = RollPitchYaw(X.rotation()).vector()
-    for name in ("degrees", "rotation_format"):
-        place.attributes.pop(name, None)
-    place.text = _text(np.concatenate([X @ center, rpy]))
-
-
-def _pose(node: Node) -> RigidTransform:
-    values = _numbers(node.text or "0 0 0 0 0 0")
-    if node.attributes.get("rotation_format") == "quat_xyzw":
-        x, y, z, w = values[3:] / np.linalg.norm(values[3:])
-        return RigidTransform(Quaternion(w, x, y, z), values[:3])
-    turn = np.pi / 180.0 if node.attributes.get("degrees") in ("true", "1") else 1.0
-    return RigidTransform(RollPitchYaw(turn * values[3:]), values[:3])
-
-
-def _numbers(text: str) -> np.ndarray:
-    return np.array(text.split(), dtype=float)
-
-
-def _text(values: np.ndarray) -> str:
-    return " ".join(repr(float(value)) for value in values)

@@ -1,6 +1,6 @@
 """Thrusters as functions of arrays: curves, their inverses, and the wrench."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np

@@ -5,21 +5,18 @@ moves it, so that joints have no poses of their own.
 """
 
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.model.robot_import.chain import Chain
 from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.reading.poses import along, inverse, pose
-from uvms_drake.model.robot_import.reading.tree import Joint, Link, Shape, Tree
 from uvms_drake.model.robot_import.thrust import Thruster
+from uvms_drake.model.robot_import.tree import Joint, Link, Shape, Tree
 from uvms_drake.model.robot_import.water import Water, Waters
 
-FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
+FRD_FROM_FLU = RigidTransform(RotationMatrix(np.diag([1.0, -1.0, -1.0])))
 """Turn from z up to z down: half a turn about x."""
-ROUNDED = 0.02
-"""Share by which a principal moment may exceed the sum of the others by rounding."""
 BUOYANT = 1e-3
 """Height of buoyancy over mass that tells which way is up [m]."""
 
@@ -38,11 +35,15 @@ class Body:
     """A body of the robot, in axes of its own."""
 
     name: str
-    X: np.ndarray
+    X: RigidTransform
     """Pose of its frame in that of the model, at zero."""
+    middle: RigidTransform
+    """Pose of its frame in the vehicle's, with the arm's joints in the middle of their limits."""
     joint: Joint | None
     """The joint that moves it; None of the vehicle."""
     links: list[Link]
+    beyond: float = 0.0
+    """Inertia of it and of all beyond about its joint, at zero [kg m²], or their mass [kg]."""
     mass: float = 0.0
     com: np.ndarray = field(default_factory=lambda: np.zeros(3))
     inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
@@ -55,9 +56,9 @@ class Body:
     """Matrices (6, 6) and the points about which they are."""
     drag: list[Strip] = field(default_factory=list)
 
-    def of(self, link: Link) -> np.ndarray:
-        """Returns the pose (4, 4) of a link in the body's frame."""
-        return inverse(self.X) @ link.X
+    def of(self, link: Link) -> RigidTransform:
+        """Returns the pose of a link in the body's frame."""
+        return self.X.inverse() @ link.X
 
 
 def z_is_up(tree: Tree, chain: Chain, waters: Waters, notes: Notes) -> bool:
@@ -88,7 +89,7 @@ def ask_for_forward_axis(bodies: list[Body], notes: Notes) -> None:
     """Asks whether x is forward, if the arm is not in front of the vehicle's middle."""
     if len(bodies) < 2:
         return
-    p = bodies[0].of(bodies[1].links[0])[:3, 3] - bodies[0].com
+    p = bodies[0].of(bodies[1].links[0]).translation() - bodies[0].com
     if p[0] < abs(p[1]):
         notes.asked.append(f"the axes: the arm begins at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m "
                            "from the vehicle's centre of mass, and x is taken as forward. If "
@@ -105,14 +106,22 @@ def lump(tree: Tree, chain: Chain, waters: Waters, notes: Notes, flips: bool) ->
         notes: Corrections are added.
         flips: Whether the vehicle is to be turned from z up to z down.
     """
-    X_root = tree.links[chain.root].X
-    frame = X_root @ pose(np.zeros(3), FRD_FROM_FLU if flips else None)
+    middle = tree.context({joint.name: 0.5 * (joint.lower + joint.upper) for joint in chain.joints
+                           if np.isfinite([joint.lower, joint.upper]).all()})
+    turn = FRD_FROM_FLU if flips else RigidTransform()
+    X_WV = tree.pose(chain.root, middle) @ turn
+    inertias = tree.plant.CalcMassMatrix(tree.context({}))
     names = unique(["vehicle", *(joint.child for joint in chain.joints)])
     bodies = []
     for name, group, joint in zip(names, chain.groups, [None, *chain.joints], strict=True):
-        body = Body(name, frame if joint is None else joint.X, joint,
-                    [tree.links[link] for link in group])
-        _add_masses(body, notes)
+        base = tree.links[chain.root if joint is None else joint.child]
+        X_LB = turn if joint is None else base.X.inverse() @ joint.X
+        body = Body(name, base.X @ X_LB, X_WV.inverse() @ tree.pose(base.name, middle) @ X_LB,
+                    joint, [tree.links[link] for link in group])
+        if joint is not None:
+            row = joint.joint.velocity_start()
+            body.beyond = float(inertias[row, row])
+        _add_masses(body, tree, base, X_LB, notes)
         for link in body.links:
             X = body.of(link)
             for shapes, mine in ((link.visuals, body.visuals), (link.collisions, body.collisions)):
@@ -137,46 +146,35 @@ def unique(names: list[str]) -> list[str]:
     return found
 
 
-def _add_masses(body: Body, notes: Notes) -> None:
-    """Sums masses and moments of the links, about the common centre of mass (Steiner)."""
-    places = [(link, body.of(link)) for link in body.links]
+def _add_masses(body: Body, tree: Tree, base: Link, X_LB: RigidTransform, notes: Notes) -> None:
+    """Sums masses and moments of the links, about the common centre of mass.
+
+    Args:
+        body: Takes the sums, in axes of its own.
+        tree: Has the links.
+        base: The link that carries the body's frame.
+        X_LB: Pose of that in the link.
+        notes: Asks about a moment that is none.
+    """
     body.mass = sum(link.mass for link in body.links)
     if body.mass <= 0.0:
         return
-    centers = [X[:3, :3] @ link.com + X[:3, 3] for link, X in places]
-    body.com = sum((link.mass * c for (link, _), c in zip(places, centers, strict=True)),
-                   np.zeros(3)) / body.mass
-    for (link, X), c in zip(places, centers, strict=True):
-        d = c - body.com
-        body.inertia = body.inertia + X[:3, :3] @ link.inertia @ X[:3, :3].T + link.mass * (
-            d @ d * np.eye(3) - np.outer(d, d))
-    body.inertia = possible(body.name, 0.5 * (body.inertia + body.inertia.T), notes)
-
-
-def possible(name: str, inertia: np.ndarray, notes: Notes) -> np.ndarray:
-    """Returns an inertia (3, 3) that a body can have, if the violation may be rounding.
-
-    No principal moment exceeds the sum of the others: the others are raised by the least.
-    """
-    moments, axes = np.linalg.eigh(inertia)
-    excess = moments[2] - moments[0] - moments[1]
-    if moments[0] > 0.0 and 0.0 < excess <= ROUNDED * moments[2]:
-        moments[:2] += 0.5 * excess * 1.000001
-        notes.changed.append(f"{name}: the largest principal moment of inertia exceeds the sum of "
-                             f"the others by {excess:.3g} kg m², as by rounding: they are raised")
-        return np.asarray((axes * moments) @ axes.T)
-    if moments[0] <= 0.0 or excess > 0.0:
-        notes.ask(notes.sdf, f"link {name}, inertia", "principal moments "
+    M = tree.plant.CalcSpatialInertia(tree.context({}), base.body.body_frame(),
+                                      [link.body.index() for link in body.links])
+    body.com = X_LB.inverse() @ M.get_com()
+    about_center = M.Shift(M.get_com()).ReExpress(X_LB.rotation().inverse())
+    body.inertia = about_center.CalcRotationalInertia().CopyToFullMatrix3()
+    if (moments := np.linalg.eigvalsh(body.inertia))[0] <= 0.0:
+        notes.ask(notes.sdf, f"link {body.name}, inertia", "principal moments "
                   f"{np.array2string(moments, precision=3)} kg m² are those of no body")
-    return inertia
 
 
 def _add_water(body: Body, link: Link, water: Water, notes: Notes) -> None:
     """Adds a link's water to its body, turned into the body's axes."""
     X = body.of(link)
-    R, origin = X[:3, :3], X[:3, 3]
+    R, origin = X.rotation().matrix(), X.translation()
     if water.volume is not None:
-        center, volume = R @ water.center + origin, body.volume or 0.0
+        center, volume = X @ water.center, body.volume or 0.0
         total = volume + water.volume
         if total > 0.0:
             body.center = (volume * body.center + water.volume * center) / total
@@ -193,18 +191,6 @@ def _add_water(body: Body, link: Link, water: Water, notes: Notes) -> None:
         body.drag.append(Strip(squares @ water.linear, squares @ water.quadratic, origin))
 
 
-def middle_poses(bodies: list[Body]) -> list[np.ndarray]:
-    """Returns the poses (4, 4) of the bodies in the vehicle, joints in the middle of limits."""
-    found = [np.eye(4)]
-    for before, body in pairwise(bodies):
-        joint = body.joint
-        assert joint is not None
-        finite = np.isfinite([joint.lower, joint.upper]).all()
-        value = 0.5 * (joint.lower + joint.upper) if finite else 0.0
-        found.append(found[-1] @ inverse(before.X) @ body.X @ along(joint.kind, joint.axis, value))
-    return found
-
-
 def place_thrusters(bodies: list[Body], thrusters: list[Thruster], notes: Notes
                     ) -> list[tuple[Thruster, np.ndarray, np.ndarray]]:
     """Returns those of the vehicle with their positions [m] and axes in its frame."""
@@ -215,5 +201,5 @@ def place_thrusters(bodies: list[Body], thrusters: list[Thruster], notes: Notes
             notes.changed.append(f"thruster {thruster.name} is not on the vehicle: left out")
             continue
         X = vehicle.of(thruster.link)
-        found.append((thruster, X[:3, 3], X[:3, :3] @ thruster.axis))
+        found.append((thruster, X.translation(), X.rotation() @ thruster.axis))
     return found

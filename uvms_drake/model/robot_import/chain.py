@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.reading.tree import MOVING, Joint, Tree
+from uvms_drake.model.robot_import.tree import MOVING, Joint, Tree
 
 ROTOR = re.compile(r"thruster|propell|(^|[_/:])props?([_\d]|$)|rotor|(^|[_/:])t[12]00", re.I)
 JAW = re.compile(r"jaw|finger|gripper|claw|grasp|pincer", re.I)
@@ -82,20 +82,13 @@ def _others(names: list[str], name: str) -> list[str]:
 
 
 def _root(tree: Tree, notes: Notes) -> str:
-    """Returns the link on which all others hang; joints to the world and free ones are let go."""
+    """Returns the link on which all others hang."""
     parents: dict[str, Joint] = {}
-    for joint in list(tree.joints.values()):
+    for joint in tree.joints.values():
         if joint.child in parents:
             raise InvalidParameter(joint.node.place(), joint.child, "the child of one joint: "
                                    f"'{parents[joint.child].name}' has it already (a closed loop)")
         parents[joint.child] = joint
-    for joint in list(tree.joints.values()):
-        above = tree.links[joint.parent]
-        free = joint.kind == "floating" or joint.parent == "world"
-        if free and above.mass <= 0.0 and joint.parent not in parents:
-            del tree.joints[joint.name], parents[joint.child]
-            notes.changed.append(f"dummy root '{joint.parent}' and its joint '{joint.name}' "
-                                 f"({joint.kind}): left out, the vehicle floats by itself")
     roots = [name for name in tree.links if name not in parents]
     roots.sort(key=lambda name: -len(tree.beyond(name)))
     if not roots:
@@ -106,7 +99,7 @@ def _root(tree: Tree, notes: Notes) -> str:
         raise InvalidParameter(tree.links[lost[0]].node.place(), listed(lost),
                                f"joined to '{roots[0]}' by a joint, as all links of a robot are")
     notes.changed += [f"link '{name}', which has no mass and is joined to nothing: left out"
-                      for name in roots[1:] if name != "world" and len(tree.beyond(name)) == 1
+                      for name in roots[1:] if len(tree.beyond(name)) == 1
                       and not any(name in said for said in notes.changed)]
     return roots[0]
 
@@ -177,9 +170,8 @@ def _fix(tree: Tree, joints: list[Joint], why: dict[str, str], notes: Notes) -> 
         target = 0.0
         if joint.mimic is not None:
             target = joint.mimic[1] * at.get(joint.mimic[0], 0.0) + joint.mimic[2]
-        at[joint.name] = value = float(np.clip(target, joint.lower, joint.upper))
-        if value != 0.0:
-            tree.displace(joint, value)
+        at[joint.name] = float(np.clip(target, joint.lower, joint.upper))
+    tree.hold(at)
     reasons: dict[str, list[str]] = {}
     for name, reason in why.items():
         where = f" at {at[name]:.4g}" if at.get(name, 0.0) != 0.0 else ""

@@ -7,11 +7,10 @@ of cylinders.
 from itertools import pairwise
 
 import numpy as np
+from pydrake.math import RigidTransform
 
-from uvms_drake.model.robot_import.bodies import Body, Strip, middle_poses
+from uvms_drake.model.robot_import.bodies import Body, Strip
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.reading.poses import inverse
-from uvms_drake.model.robot_import.reading.tree import Joint
 from uvms_drake.model.robot_import.shapes import box_of, volume_of
 from uvms_drake.model.robot_import.water import Waters
 
@@ -43,7 +42,7 @@ def take_collisions(bodies: list[Body], density: float, notes: Notes) -> None:
     unknown = [body for body in bodies if body.volume is None]
     found = {}
     for body in unknown:
-        parts = [(volume_of(link, shape), shape.X[:3, 3]) for link, shape in body.collisions]
+        parts = [(volume_of(link, shape), shape.X.translation()) for link, shape in body.collisions]
         found[body.name] = sum(volume for volume, _ in parts), sum(
             (volume * center for volume, center in parts), np.zeros(3))
     known = sum(body.volume or 0.0 for body in bodies)
@@ -61,7 +60,7 @@ def take_collisions(bodies: list[Body], density: float, notes: Notes) -> None:
                        f"{listed([body.name for body in unknown], 20)}")
 
 
-def estimate_water(bodies: list[Body], tip: np.ndarray, waters: Waters, notes: Notes) -> None:
+def estimate_water(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Notes) -> None:
     """Fills in volumes, added mass and drag of all bodies that have none."""
     density = waters.density or FRESH
     if waters.density is None:
@@ -69,7 +68,8 @@ def estimate_water(bodies: list[Body], tip: np.ndarray, waters: Waters, notes: N
                   "the sea has 1025")
     ends: list[np.ndarray | None] = [None]  # Of each body; a vehicle is a box.
     if len(bodies) > 1:
-        ends += [inverse(body.X) @ after.X for body, after in pairwise(bodies[1:])] + [tip]
+        ends += [(body.X.inverse() @ after.X).translation()
+                 for body, after in pairwise(bodies[1:])] + [tip.translation()]
     guesses: dict[str, list[str]] = {}
     for body in bodies[1:]:
         if body.volume is None:
@@ -106,18 +106,15 @@ def estimate_motors(bodies: list[Body], notes: Notes) -> None:
     """Gives a motor to each joint that has none, and asks for efforts and limits."""
     motors, efforts, limits, friction = [], [], [], []
     # Inertias that the motors have to move.
-    beyond = [_inertia_beyond(bodies[i:], body.joint) for i, body in enumerate(bodies)
-              if body.joint is not None]
-    least = max([LEAST_MOTOR, *(OF_LARGEST * inertia for inertia in beyond)])
+    least = max([LEAST_MOTOR, *(OF_LARGEST * body.beyond for body in bodies[1:])])
     # Each joint, and the numbers that it lacks.
-    for body, inertia in zip(bodies[1:], beyond, strict=True):
+    for body in bodies[1:]:
         joint = body.joint
         assert joint is not None
         if joint.rotor is None:
-            joint.rotor = (float(f"{max(inertia, least):.2g}") / GEAR**2, GEAR)
+            joint.rotor = (float(f"{max(body.beyond, least):.2g}") / GEAR**2, GEAR)
             motors.append(joint.name)
         if not joint.effort:
-            joint.effort = None
             efforts.append(joint.name)
         if not np.isfinite([joint.lower, joint.upper]).all() and joint.kind != "continuous":
             limits.append(joint.name)
@@ -153,15 +150,13 @@ def _float(bodies: list[Body], density: float, notes: Notes) -> None:
     mass = sum(body.mass for body in bodies)
     volume = SPARE * mass / density - sum(body.volume or 0.0 for body in bodies[1:])
     vehicle.volume = max(volume, 0.5 * vehicle.mass / density)
-    masses, moments = np.zeros(2), np.zeros((2, 3))
-    for body, X in zip(bodies, middle_poses(bodies), strict=True):
-        for i, (m, c) in enumerate(((body.mass, body.com),
-                                    (density * (body.volume or 0.0), body.center))):
-            if i == 0 or body is not vehicle:
-                masses[i] += m
-                moments[i] += m * (X[:3, :3] @ c + X[:3, 3])
-    total = masses[1] + density * vehicle.volume
-    center = (moments[0] / masses[0] * total - moments[1]) / (density * vehicle.volume)
+    moment, displaced, water = np.zeros(3), density * vehicle.volume, np.zeros(3)
+    for body in bodies:
+        moment += body.mass * (body.middle @ body.com)
+        if body is not vehicle:
+            own = density * (body.volume or 0.0)
+            displaced, water = displaced + own, water + own * (body.middle @ body.center)
+    center = (moment / mass * displaced - water) / (density * vehicle.volume)
     center[2] -= LEVER * vehicle.volume ** (1.0 / 3.0)
     vehicle.center = center
     notes.ask(WATER, "bodies.vehicle.displaced_volume, center_of_buoyancy",
@@ -171,11 +166,11 @@ def _float(bodies: list[Body], density: float, notes: Notes) -> None:
 
 def _rod(body: Body, end: np.ndarray) -> tuple[np.ndarray, float]:
     """Returns the direction (3,) and length [m] of a link that ends at a frame."""
-    length = float(np.linalg.norm(end[:3, 3]))
+    length = float(np.linalg.norm(end))
     if length < 1e-3:
         size = (body.volume or 1e-6) ** (1.0 / 3.0)
         return np.array([1.0, 0.0, 0.0]), size
-    return end[:3, 3] / length, length
+    return end / length, length
 
 
 def _added_mass(body: Body, end: np.ndarray | None, density: float
@@ -211,16 +206,3 @@ def _rod_drag(body: Body, end: np.ndarray, density: float) -> list[Strip]:
     quadratic = np.concatenate([strip, np.zeros(3)])
     return [Strip(np.zeros(6), quadratic, share * length * direction)
             for share in (1.0 / 6.0, 0.5, 5.0 / 6.0)]
-
-
-def _inertia_beyond(bodies: list[Body], joint: Joint) -> float:
-    """Returns the inertia of bodies about a joint's axis, at zero [kg m²]; or their mass [kg]."""
-    if joint.kind == "prismatic":
-        return sum(body.mass for body in bodies)
-    axis = joint.X[:3, :3] @ joint.axis / np.linalg.norm(joint.axis)
-    total = 0.0
-    for body in bodies:
-        R = body.X[:3, :3]
-        arm = np.cross(axis, R @ body.com + body.X[:3, 3] - joint.X[:3, 3])
-        total += axis @ R @ body.inertia @ R.T @ axis + body.mass * arm @ arm
-    return float(total)

@@ -24,14 +24,11 @@ from uvms_drake.model.robot_import.estimates import (
     thrust_limit,
 )
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.reading.read_sdf import is_sdf, read_sdf
-from uvms_drake.model.robot_import.reading.read_urdf import read_urdf
-from uvms_drake.model.robot_import.reading.spelling import require_spelled
-from uvms_drake.model.robot_import.reading.tree import Tree
-from uvms_drake.model.robot_import.reading.xml_node import read_xml
+from uvms_drake.model.robot_import.reading import read_robot
 from uvms_drake.model.robot_import.shapes import drawn
 from uvms_drake.model.robot_import.thrust import Thruster, read_thrusters
 from uvms_drake.model.robot_import.tip import place_tip
+from uvms_drake.model.robot_import.tree import Tree
 from uvms_drake.model.robot_import.water import is_water, read_water
 from uvms_drake.model.robot_import.write import (
     LAG,
@@ -65,7 +62,7 @@ def import_robot(file: Path, name: str) -> Imported:
     """
     # The file, and its robot: bodies of a vehicle and its arm.
     notes = Notes(f"{name}.sdf")
-    tree = read_tree(file)
+    tree = read_robot(file, notes)
     _tell_unread(tree, notes)
     # Plugins speak of links in their own axes, and their rotors are not joints of an arm.
     waters = read_water(tree, notes)
@@ -109,15 +106,6 @@ def import_robot(file: Path, name: str) -> Imported:
     return Imported({key: text.encode() for key, text in files.items()} | pictures.files, notes)
 
 
-def read_tree(file: Path) -> Tree:
-    """Returns the tree of a URDF or SDFormat file."""
-    root = read_xml(file)
-    require_spelled(root)
-    tree = read_sdf(root) if is_sdf(root, file) else read_urdf(root)
-    require(bool(tree.links), "--from", str(file), "a robot with links")
-    return tree
-
-
 def _tell_unread(tree: Tree, notes: Notes) -> None:
     """Says which plugins and elements have no meaning here."""
     plugins = sorted({plugin.attributes.get("filename", "?") for _, plugin in tree.plugins
@@ -125,11 +113,6 @@ def _tell_unread(tree: Tree, notes: Notes) -> None:
                           "filename", "") + plugin.attributes.get("name", "")).lower()})
     if plugins:
         notes.changed.append(f"plugins without a meaning here, left out: {listed(plugins)}")
-    notes.changed += tree.mended
-    if tree.included:
-        notes.taken.append(f"included models: {listed(tree.included)}")
-    if tree.unread:
-        notes.changed.append(f"left out: {listed(tree.unread)}")
 
 
 def _undriven(placed: Placed, limit: float, notes: Notes) -> list[str]:

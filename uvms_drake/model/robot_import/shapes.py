@@ -5,14 +5,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from pydrake.math import RigidTransform
 
-from uvms_drake.model.description.meshes import bounding_box, reason_not_drawn, stl_triangles
+from uvms_drake.model.description.meshes import (
+    bounding_box,
+    format_obj,
+    mesh_volume,
+    reason_not_drawn,
+    stl_triangles,
+)
 from uvms_drake.model.robot_import.bodies import Body
-from uvms_drake.model.robot_import.meshes import format_obj, mesh_volume
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.reading.files import resolve
-from uvms_drake.model.robot_import.reading.poses import pose
-from uvms_drake.model.robot_import.reading.tree import Link, Shape
+from uvms_drake.model.robot_import.reading import resolve
+from uvms_drake.model.robot_import.tree import Link, Shape
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 REFERENCES = re.compile(r'^(?:mtllib|map_\w+)\s+(.+?)\s*$|"uri"\s*:\s*"(?!data:)([^"]+)"', re.M)
@@ -56,7 +61,7 @@ def corners_of(link: Link, shape: Shape) -> np.ndarray | None:
         points = (box.mean(axis=0) + CORNERS * np.ptp(box, axis=0)) * shape.size
     else:
         points = CORNERS * edges(shape)
-    return points @ shape.X[:3, :3].T + shape.X[:3, 3]
+    return (shape.X @ points.T).T
 
 
 def box_of(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
@@ -125,8 +130,8 @@ def _mesh(link: Link, shape: Shape, robot: str, out: Drawn, fates: dict[str, lis
         if box is None:
             return None
         low, high = np.sort(box * shape.size, axis=0)
-        return Shape("box", np.maximum(high - low, 1e-3), shape.X @ pose(0.5 * (low + high)),
-                     color=shape.color)
+        X = shape.X @ RigidTransform(0.5 * (low + high))
+        return Shape("box", np.maximum(high - low, 1e-3), X, color=shape.color)
     return Shape("mesh", shape.size, shape.X, f"package://{robot}/{target}", shape.color)
 
 

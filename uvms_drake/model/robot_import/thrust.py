@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from uvms_drake.model.description.xml_tree import Node
 from uvms_drake.model.robot_import.chain import ROTOR
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.reading.tree import Joint, Link, Tree
-from uvms_drake.model.robot_import.reading.xml_node import Node
+from uvms_drake.model.robot_import.tree import Joint, Link, Tree
 
 POINTS = 8
 """Number of commands on a parabola, each way."""
@@ -42,18 +42,18 @@ def read_thrusters(tree: Tree, notes: Notes) -> tuple[list[Thruster], set[str]]:
         name = plugin.attributes.get("filename", "") + plugin.attributes.get("name", "")
         if "thruster" not in name.lower():
             continue
-        joint = tree.find_joint(prefix, plugin.words("joint_name") or plugin.words("jointName")
+        joint = tree.find_joint(prefix, plugin.value("joint_name") or plugin.value("jointName")
                                 or "")
         link = tree.find_link(prefix, joint.child if joint is not None
-                              else plugin.words("linkName") or "")
+                              else plugin.value("linkName") or "")
         if link is None:
             notes.changed.append(f"thruster plugin at line {plugin.line}: its joint or link is not "
                                  "there, left out")
             continue
-        gz = plugin.find("joint_name") is not None
+        gz = plugin.value("joint_name") is not None
         axis = _axis(joint, link) if gz and joint is not None else np.array([1.0, 0.0, 0.0])
-        thruster = Thruster(_short(link.name), link, axis, lag=plugin.number(
-            "dynamics/timeConstant"))
+        thruster = Thruster(_short(link.name), link, axis,
+                            lag=plugin.known("dynamics/timeConstant"))
         (_gz_curve if gz else _uuv_curve)(plugin, thruster)
         found.append(thruster)
         joints |= {joint.name} if joint is not None else set()
@@ -83,19 +83,18 @@ def _short(name: str) -> str:
 
 
 def _axis(joint: Joint, link: Link) -> np.ndarray:
-    axis = link.X[:3, :3].T @ joint.X[:3, :3] @ joint.axis
+    axis = (link.X.inverse() @ joint.X).rotation() @ joint.axis
     return axis / np.linalg.norm(axis)
 
 
 def _gz_curve(plugin: Node, thruster: Thruster) -> None:
     """Takes the limits of gz-sim's thruster: of its force, or of its speed."""
-    least = plugin.number("min_thrust_cmd", -GZ_MOST) or 0.0
-    most = plugin.number("max_thrust_cmd", GZ_MOST) or 0.0
-    if (plugin.words("use_angvel_cmd") or "").lower() in ("1", "true"):
-        diameter = plugin.number("propeller_diameter", 0.02) or 0.0
-        gain = (plugin.number("thrust_coefficient", 1.0) or 0.0) * (
-            plugin.number("fluid_density", 1000.0) or 0.0) * diameter**4
-        if plugin.find("max_thrust_cmd") is not None:
+    least = plugin.number("min_thrust_cmd", -GZ_MOST)
+    most = plugin.number("max_thrust_cmd", GZ_MOST)
+    if plugin.is_true("use_angvel_cmd"):
+        gain = (plugin.number("thrust_coefficient", 1.0) * plugin.number("fluid_density", 1000.0)
+                * plugin.number("propeller_diameter", 0.02)**4)
+        if plugin.value("max_thrust_cmd"):
             _parabola(thruster, gain, least, most)
     elif -GZ_MOST < least < most < GZ_MOST:
         thruster.command = thruster.force = np.unique([least, 0.0, most])
@@ -103,24 +102,22 @@ def _gz_curve(plugin: Node, thruster: Thruster) -> None:
 
 def _uuv_curve(plugin: Node, thruster: Thruster) -> None:
     """Takes the curve of uuv_simulator's thruster between the limits of command and force."""
-    kind, gain = plugin.words("conversion/type"), plugin.number("gain", 1.0) or 1.0
-    least, most = plugin.number("clampMin"), plugin.number("clampMax")
-    weakest, strongest = plugin.number("thrustMin"), plugin.number("thrustMax")
+    kind, gain = plugin.value("conversion/type"), plugin.number("gain", 1.0) or 1.0
+    least, most, weakest, strongest = (plugin.known(key) for key in (
+        "clampMin", "clampMax", "thrustMin", "thrustMax"))
     share = plugin.number("thrust_efficiency", 1.0) or 1.0
-    node = plugin.find("conversion/inputValues")
-    values = plugin.find("conversion/outputValues")
-    if kind == "LinearInterp" and node is not None and values is not None:
-        thruster.command, thruster.force = node.numbers(None) / gain, share * values.numbers(None)
+    if kind == "LinearInterp" and plugin.value("conversion/inputValues"):
+        thruster.command = plugin.numbers("conversion/inputValues") / gain
+        thruster.force = share * plugin.numbers("conversion/outputValues")
     elif kind == "Basic":
-        k = share * gain**2 * (plugin.number("conversion/rotorConstant") or 0.0)
+        k = share * gain**2 * plugin.number("conversion/rotorConstant")
         if least is None and weakest is not None and strongest is not None and k > 0.0:
             least, most = (float(np.sign(f) * np.sqrt(abs(f) / k)) for f in (weakest, strongest))
         if least is not None and most is not None and k != 0.0:
             _parabola(thruster, k, least, most)
     elif kind == "Bessa" and least is not None and most is not None:
-        gains = [share * (plugin.number(f"conversion/rotorConstant{side}") or 0.0)
-                 for side in "LR"]
-        d = [plugin.number(f"conversion/delta{side}", 0.0) or 0.0 for side in "LR"]
+        gains = [share * plugin.number(f"conversion/rotorConstant{side}") for side in "LR"]
+        d = [plugin.number(f"conversion/delta{side}") for side in "LR"]
         edge = [float(np.sign(x) * np.sqrt(abs(x))) / gain for x in d]
         x = np.unique([*np.linspace(least, edge[0], POINTS), *np.linspace(edge[1], most, POINTS)])
         square = np.abs(gain * x) * gain * x

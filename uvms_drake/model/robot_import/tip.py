@@ -3,12 +3,12 @@
 import re
 
 import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
 
-from uvms_drake.model.robot_import.bodies import FRD_FROM_FLU, Body, middle_poses
+from uvms_drake.model.robot_import.bodies import FRD_FROM_FLU, Body
 from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.reading.poses import inverse, pose
-from uvms_drake.model.robot_import.reading.tree import Tree
 from uvms_drake.model.robot_import.shapes import box_of
+from uvms_drake.model.robot_import.tree import Tree
 
 NAMES = tuple(re.compile(pattern, re.I) for pattern in (
     r"(^|[_/:])(tip|tcp)([_/:]|$)", r"end_?eff|(^|[_/:])ee([_/:]|$)", r"tool|standard_jaws_tool",
@@ -20,8 +20,8 @@ REACH = 0.1
 """Length of a tool of which nothing is known [m]."""
 
 
-def place_tip(tree: Tree, bodies: list[Body], notes: Notes, flips: bool) -> np.ndarray:
-    """Returns the pose (4, 4) of the tip in the last body, and says where it is from.
+def place_tip(tree: Tree, bodies: list[Body], notes: Notes, flips: bool) -> RigidTransform:
+    """Returns the pose of the tip in the last body, and says where it is from.
 
     Args:
         tree: Of the file, which may have a frame for it.
@@ -35,18 +35,19 @@ def place_tip(tree: Tree, bodies: list[Body], notes: Notes, flips: bool) -> np.n
     found = _named(tree, last)
     if found is None:
         reach = _reach(last, along)
-        X = pose(reach * along, _upright(bodies, along))
+        X = RigidTransform(_upright(last, along), reach * along)
         notes.ask(notes.sdf, "frame tip, pose",
                   f"no link or frame of the file is a tip by its name. ESTIMATE: the end of "
                   f"'{last.name}', {reach:.3g} m from its origin, x along the tool")
         return X
     # The axis of that frame along which it lies off the joint is the tool's.
     name, X = found
-    turn = pose(np.zeros(3), FRD_FROM_FLU if flips else None)
-    away = X[:3, 3] - (np.zeros(3) if last.joint is not None else last.com)
+    turn = FRD_FROM_FLU if flips else RigidTransform()
+    away = X.translation() - (np.zeros(3) if last.joint is not None else last.com)
     if np.linalg.norm(away) > 1e-3 and last.joint is not None:
         along = away / np.linalg.norm(away)
-    cosines = X[:3, :3].T @ along
+    axes = X.rotation().matrix()
+    cosines = axes.T @ along
     axis = int(np.argmax(np.abs(cosines)))
     sign = "-" if cosines[axis] < 0.0 else ""
     # It becomes x, and the frame is turned as the vehicle is.
@@ -60,22 +61,23 @@ def place_tip(tree: Tree, bodies: list[Body], notes: Notes, flips: bool) -> np.n
                            + (", turned with the vehicle" if flips else ""))
         X = X @ turn
     else:
-        tool = np.sign(cosines[axis]) * X[:3, axis]
-        X = pose(X[:3, 3], _upright(bodies, tool))
+        tool = np.sign(cosines[axis]) * axes[:, axis]
+        X = RigidTransform(_upright(last, tool), X.translation())
         notes.changed.append(f"tip: '{name}' of the file, turned so that x is along the tool, "
                              f"which is its {sign}{'xyz'[axis]}")
     return X
 
 
-def _named(tree: Tree, last: Body) -> tuple[str, np.ndarray] | None:
+def _named(tree: Tree, last: Body) -> tuple[str, RigidTransform] | None:
     """Returns the frame, or the link without a mass, that is the tip by its name."""
     links = {link.name for link in last.links}
-    places = {name: X for name, (link, X) in tree.frames.items() if link in links}
+    places = {name: tree.links[link].X @ X for name, (link, X) in tree.frames.items()
+              if link in links}
     places |= {link.name: link.X for link in last.links if link.mass <= 0.0}
     for pattern in NAMES:
         for name, X in places.items():
             if pattern.search(name):
-                return name, inverse(last.X) @ X
+                return name, last.X.inverse() @ X
     return None
 
 
@@ -102,15 +104,15 @@ def _reach(body: Body, along: np.ndarray) -> float:
     return float(np.maximum(low * along, high * along).sum())
 
 
-def _upright(bodies: list[Body], tool: np.ndarray) -> np.ndarray:
-    """Returns the attitude (3, 3) whose x is along the tool and whose z is as far down as it can.
+def _upright(last: Body, tool: np.ndarray) -> RotationMatrix:
+    """Returns an attitude in the last body: x along the tool, z as far down as it can.
 
     Down is that of the vehicle, with all joints in the middle of their limits.
     """
-    R_BV = middle_poses(bodies)[-1][:3, :3].T
+    R_BV = last.middle.rotation().matrix().T
     down = R_BV[:, 2]
     if abs(down @ tool) > ALIGNED:  # It points down or up: the one that is level turned by pitch.
         down = -np.sign(down @ tool) * R_BV[:, 0]
     y = np.cross(down, tool)
     y /= np.linalg.norm(y)
-    return np.stack([tool, y, np.cross(tool, y)], axis=1)
+    return RotationMatrix(np.stack([tool, y, np.cross(tool, y)], axis=1))

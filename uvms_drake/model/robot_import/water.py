@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.model.description.plausibility import check_foreign
+from uvms_drake.model.description.xml_tree import Node
 from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.reading.tree import Link, Tree
-from uvms_drake.model.robot_import.reading.xml_node import Node
+from uvms_drake.model.robot_import.tree import Link, Tree
 
 FORCES, RATES = "xyzkmn", "UVWPQR"
 """SNAME's letters of forces and velocities, as gz-sim has them."""
@@ -71,7 +72,7 @@ def is_water(plugin: Node) -> bool:
 
 def _kind(plugin: Node) -> str:
     name = f"{plugin.attributes.get('filename', '')} {plugin.attributes.get('name', '')}".lower()
-    if "hydrodynamics" in name and plugin.find("link_name") is not None:
+    if "hydrodynamics" in name and plugin.value("link_name") is not None:
         return "gz"
     if "underwater_object" in name or any(plugin.all("link/hydrodynamic_model")):
         return "uuv"
@@ -88,17 +89,17 @@ def _link(tree: Tree, prefix: str, name: str, plugin: Node, notes: Notes) -> Lin
 
 def _read_gz(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Notes) -> None:
     """Reads gz-sim's Hydrodynamics, of one link."""
-    link = _link(tree, prefix, plugin.words("link_name") or "", plugin, notes)
+    link = _link(tree, prefix, plugin.value("link_name") or "", plugin, notes)
     if link is None:
         return
     waters.density = plugin.number("water_density", plugin.number("waterDensity", 998.0))
     key = f"{link.name}: Hydrodynamics (line {plugin.line})"
     # Derivatives, by SNAME's letters.
-    M = np.array([[plugin.number(f"{f}Dot{v}", 0.0) or 0.0 for v in RATES] for f in FORCES])
-    linear = np.array([[plugin.number(f"{f}{v}", 0.0) or 0.0 for v in RATES] for f in FORCES])
-    squares = [f"{f}{v}abs{v}" if plugin.find(f"{f}{v}abs{v}") is not None else f"{f}{v}{v}"
+    M = np.array([[plugin.number(f"{f}Dot{v}") for v in RATES] for f in FORCES])
+    linear = np.array([[plugin.number(f"{f}{v}") for v in RATES] for f in FORCES])
+    squares = [f"{f}{v}abs{v}" if plugin.value(f"{f}{v}abs{v}") is not None else f"{f}{v}{v}"
                for f, v in zip(FORCES, RATES, strict=True)]
-    quadratic = np.diag([plugin.number(square, 0.0) or 0.0 for square in squares])
+    quadratic = np.diag([plugin.number(square) for square in squares])
     if not np.any(M > 0.0) or np.trace(M) < 0.0:
         M = -M
     else:
@@ -131,21 +132,20 @@ def _read_uuv(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Note
             continue
         key = f"{link.name}: underwater object (line {node.line})"
         water = waters.links.setdefault(link.name, Water())
-        if node.words("neutrally_buoyant") in ("1", "true"):
+        if node.is_true("neutrally_buoyant"):
             water.volume = link.mass / (waters.density or SEA)
         elif volume := node.number("volume"):  # That of a template is 0.
             water.volume = volume
-        center = node.find("center_of_buoyancy")
-        water.center = np.zeros(3) if center is None else center.numbers(3)
-        model = node.find("hydrodynamic_model")
-        if model is not None:
+        water.center = node.numbers("center_of_buoyancy", 3, np.zeros(3))
+        if (model := node.find("hydrodynamic_model")) is not None:
             _read_fossen(key, model, water, notes)
         notes.taken.append(f"water of '{link.name}': plugin of uuv_simulator, line {node.line}"
                            + _missing(water))
 
 
 def _read_fossen(key: str, model: Node, water: Water, notes: Notes) -> None:
-    kind = model.words("type") or "fossen"
+    check_foreign(model, "sdf")
+    kind = model.value("type") or "fossen"
     if kind != "fossen":
         notes.changed.append(f"{key}: the model '{kind}' is not read, only 'fossen'")
         return
@@ -157,14 +157,13 @@ def _read_fossen(key: str, model: Node, water: Water, notes: Notes) -> None:
         node = model.find(name)
         damping.append(-_square(node) if node is not None else np.zeros((6, 6)))
     _take_damping(key, water, damping[0], damping[1], notes)
-    forward = model.find("linear_damping_forward_speed")
-    if forward is not None and np.any(forward.numbers(None)):
+    if np.any(model.numbers("linear_damping_forward_speed", None, 0.0)):
         notes.changed.append(f"{key}: linear_damping_forward_speed left out: drag is by axis here")
 
 
 def _square(node: Node) -> np.ndarray:
     """Returns a matrix (6, 6) of 36 numbers, or of its diagonal."""
-    values = node.numbers(None)
+    values = node.numbers()
     if len(values) not in (6, 36):
         raise InvalidParameter(node.place(), f"{len(values)} numbers", "6 or 36 numbers")
     return np.diag(values) if len(values) == 6 else values.reshape(6, 6)

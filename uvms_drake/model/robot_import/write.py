@@ -4,11 +4,11 @@ from collections.abc import Iterable
 from xml.sax.saxutils import escape
 
 import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from uvms_drake.model.robot_import.bodies import Body, unique
-from uvms_drake.model.robot_import.reading.poses import inverse, matrix_rpy
-from uvms_drake.model.robot_import.reading.tree import Shape
 from uvms_drake.model.robot_import.thrust import Thruster
+from uvms_drake.model.robot_import.tree import Shape
 
 LAG = 0.15
 """Time constant of a thruster that a file does not give [s]."""
@@ -41,7 +41,7 @@ def comment(text: str) -> str:
     return text.replace("--", "- -")
 
 
-def format_sdf(name: str, source: str, bodies: list[Body], joints: list[str], tip: np.ndarray,
+def format_sdf(name: str, source: str, bodies: list[Body], joints: list[str], tip: RigidTransform,
                shapes: list[list[Shape]]) -> str:
     """Returns the SDFormat file.
 
@@ -50,7 +50,7 @@ def format_sdf(name: str, source: str, bodies: list[Body], joints: list[str], ti
         source: Of the file from which it was made.
         bodies: Vehicle and arm, in axes of their own.
         joints: Names of the joints.
-        tip: Pose of the tip in the last body (4, 4).
+        tip: Pose of the tip in the last body.
         shapes: Drawn shapes of each body.
     """
     lines = ['<?xml version="1.0"?>',
@@ -68,8 +68,8 @@ def format_sdf(name: str, source: str, bodies: list[Body], joints: list[str], ti
     return "\n".join(lines) + "\n"
 
 
-def _pose(X: np.ndarray) -> str:
-    return f"{row(X[:3, 3])} {row(matrix_rpy(X[:3, :3]))}"
+def _pose(X: RigidTransform) -> str:
+    return f"{row(X.translation())} {row(RollPitchYaw(X.rotation()).vector())}"
 
 
 def _link(body: Body, before: Body | None, shapes: list[Shape]) -> list[str]:
@@ -79,7 +79,7 @@ def _link(body: Body, before: Body | None, shapes: list[Shape]) -> list[str]:
         lines.append(f"      <!-- {comment(', '.join(names))} -->")
     if before is not None:
         lines.append(f'      <pose relative_to="{before.name}">'
-                     f"{_pose(inverse(before.X) @ body.X)}</pose>")
+                     f"{_pose(before.X.inverse() @ body.X)}</pose>")
     inertia = "".join(f"<{key}>{number(body.inertia[place])}</{key}>"
                       for key, place in zip(INERTIAS, PLACES, strict=True))
     lines += ["      <inertial>", f"        <pose>{row(body.com)} 0 0 0</pose>",
@@ -133,7 +133,8 @@ def format_water(name: str, density: float, bodies: list[Body]) -> str:
         lines += [f"  {body.name}:", f"    displaced_volume: {_yaml(body.volume or 0.0)}  # [m³]",
                   f"    center_of_buoyancy: {listing(body.center)}  # [m]", "    added_mass:"]
         for M, point in body.added_mass:
-            rows = [listing(np.diag(M))] if np.array_equal(M, np.diag(np.diag(M))) else [
+            off = np.max(np.abs(M - np.diag(np.diag(M))))
+            rows = [listing(np.diag(M))] if off <= 1e-12 * np.max(np.abs(M)) else [
                 "[" + ",\n               ".join(listing(values) for values in M) + "]"]
             lines += [f"      - matrix: {rows[0]}", f"        point: {listing(point)}"]
         lines.append("    drag:")

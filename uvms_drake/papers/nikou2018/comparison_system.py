@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from uvms_drake.papers.nikou2018.lemma import LemmaConstants
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.resolved.bounds import Tube, check_gains
+from uvms_drake.tube.row_gains import Tube, check_gains
 
 THEOREM = "papers/nikou2018/theory.md#tube-of-the-law-transpose"
 """Theorem of the conditions of `transpose_tube`."""
@@ -14,7 +14,7 @@ THEOREM = "papers/nikou2018/theory.md#tube-of-the-law-transpose"
 def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: float) -> Tube:
     """Returns the tube of 𝔢 = χ − χ̄ under the law `transpose`, u = ū − k𝔯, 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢.
 
-    E and R of (1) of `resolved.bounds` with
+    E and R of (1) of `tube.row_gains` with
 
         a = σJ̲ − L_𝔠,   g = J̄,   b = k − L₂ − σJ̄²,
         G = L₁ + L₂σJ̄ + σL_𝔠J̄ + σJ̃ + σ²J̄³,

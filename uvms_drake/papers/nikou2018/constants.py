@@ -20,7 +20,7 @@ from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.papers.nikou2018.lemma import LemmaConstants
-from uvms_drake.tube.constants.constants import (
+from uvms_drake.tube.constants import (
     JACOBIAN,
     Constant,
     Matrices,

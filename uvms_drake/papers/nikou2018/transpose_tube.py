@@ -15,9 +15,9 @@ from uvms_drake.papers.nikou2018.comparison_system import (
 from uvms_drake.papers.nikou2018.constants import TRANSPOSE, TRANSPOSE_JOINTS, lemma_constants
 from uvms_drake.papers.nikou2018.transpose import Transpose
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants.constant_check import checked_constants
+from uvms_drake.tube.constants import checked_constants
 from uvms_drake.tube.law_tube import Basis, LawTube, register_tube
-from uvms_drake.tube.resolved.bounds import attitude_radii
+from uvms_drake.tube.row_gains import attitude_radii
 
 
 def transpose_constants(law: Transpose, weights: np.ndarray) -> tuple[str, ...]:

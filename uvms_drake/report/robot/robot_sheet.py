@@ -103,7 +103,8 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
     return RobotSheet(
         name=name, posture=posture, trim=trim, inertia=np.diag(M), roll=roll, pitch=pitch,
         hangs=np.arctan2([lever[1], -lever[0]], lever[2]), bodies=_bodies(uvms),
-        joints=_joints(uvms, model),
+        joints=list(zip([joint.name() for joint in uvms.joints], model.q_lower, model.q_upper,
+                        model.links.rotor_inertia, model.links.joint_damping, strict=True)),
         units=[SLIDING if slides(joint) else TURNING for joint in uvms.joints],
         reach=_reach(model, many, rng),
         tip=at.chi, rows=tuple(row_names(model.num_joints)[i] for i in rows),
@@ -202,19 +203,6 @@ def _bodies(uvms: Uvms) -> list[tuple[str, float, float, np.ndarray]]:
         found.append((body.name(), body.default_mass(),
                       uvms.hydrodynamics.fluid_density * water.displaced_volume,
                       np.diag(added_mass_about_origin(water.added_mass))[:3]))
-    return found
-
-
-def _joints(uvms: Uvms, model: UvmsModel) -> list[tuple[str, float, float, float, float]]:
-    motors = {actuator.joint().index(): actuator for actuator in (
-        uvms.plant.get_joint_actuator(index)
-        for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance))}
-    found = []
-    for joint, lower, upper in zip(uvms.joints, model.q_lower, model.q_upper, strict=True):
-        motor = motors.get(joint.index())
-        rotor = 0.0 if motor is None else (
-            motor.default_gear_ratio() ** 2 * motor.default_rotor_inertia())
-        found.append((joint.name(), lower, upper, rotor, joint.default_damping()))
     return found
 
 

@@ -1,7 +1,5 @@
 """A robot by itself: from starboard, from ahead and aslant, with its frames and its centres."""
 
-from collections.abc import Iterable
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,14 +9,13 @@ from uvms_drake.model.trim import Trim, trim_of
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.report.figure_style import BLACK, BLUE, COLUMN_WIDTH, VERMILION, XYZ
-from uvms_drake.report.robot.robot_figure import normals_of, rasterised, shaded
-from uvms_drake.report.robot.solids import robot_triangles
+from uvms_drake.report.robot.render import RobotScene, picture_axes
 
 VIEWS = {"from starboard": (0.0, 1.0, 0.0), "from ahead": (1.0, 0.0, 0.0),
          "aslant": (0.55, 0.65, -0.5)}
 """Directions to the eye in axes of the vehicle, whose z points down."""
-PIXELS = 1000
-"""Width of a picture before it is reduced to half of it."""
+PIXELS = 600
+"""Width of a picture."""
 MARGIN = 0.03
 """Margin of the picture about the robot, over the robot's size."""
 ARM = 0.18
@@ -34,10 +31,9 @@ def draw_views(uvms: Uvms, model: str, posture: np.ndarray) -> Figure:
         posture: Joint angles (n,) [rad].
     """
     config = np.concatenate([np.zeros(6), posture])
-    solids, trim = list(robot_triangles(model, config)), trim_of(uvms, posture)
+    scene, trim = RobotScene(model, config), trim_of(uvms, posture)
     chain = UvmsModel(uvms).kinematics(config)
-    points = np.concatenate([triangles.reshape(-1, 3) for triangles, _ in solids]
-                            + [np.zeros((1, 3)), chain.p_BL])
+    points = np.concatenate([scene.corners, np.zeros((1, 3)), chain.p_BL])
     size = float(np.max(np.ptp(points, axis=0)))
     frames = [(np.zeros(3), np.eye(3)), (chain.p_BL[-1], chain.R_BL[-1])]
     points = np.concatenate([points, *(p + 1.1 * ARM * size * R.T for p, R in frames)])
@@ -47,8 +43,12 @@ def draw_views(uvms: Uvms, model: str, posture: np.ndarray) -> Figure:
     places = (grid[0, 0], grid[1, 0], grid[:, 1])
     for (name, eye), place in zip(VIEWS.items(), places, strict=True):
         axis = figure.add_subplot(place)
-        R = _picture_axes(np.array(eye))
-        _draw_solids(axis, solids, R, points, MARGIN * size)
+        R = picture_axes(np.array(eye))
+        corners = points @ R[:2].T
+        low, high = corners.min(axis=0) - MARGIN * size, corners.max(axis=0) + MARGIN * size
+        axis.set_axis_off()
+        axis.imshow(scene.picture(R, low, high, PIXELS), origin="lower",
+                    extent=(low[0], high[0], low[1], high[1]))
         for origin, axes in frames:
             _draw_frame(axis, R, origin, axes, ARM * size)
         names = [joint.name() if name == "aslant" else "" for joint in uvms.joints]
@@ -56,27 +56,6 @@ def draw_views(uvms: Uvms, model: str, posture: np.ndarray) -> Figure:
         _draw_centers(axis, R, trim)
         axis.set_title(name, fontsize=7.5)
     return figure
-
-
-def _picture_axes(eye: np.ndarray) -> np.ndarray:
-    """Returns the axes (3, 3) of a picture in those of the vehicle: right, up, and to the eye."""
-    eye = eye / np.linalg.norm(eye)
-    right = np.cross(eye, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    return np.array([right, np.cross(eye, right), eye])
-
-
-def _draw_solids(axis: Axes, solids: Iterable[tuple[np.ndarray, np.ndarray]], R: np.ndarray,
-                 points: np.ndarray, margin: float) -> None:
-    corners = points @ R[:2].T
-    low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
-    scale = PIXELS / (high - low)[0]
-    picture = rasterised([
-        ((seen @ R.T - [*low, 0.0]) * scale, shaded(seen, color, R[2]))
-        for triangles, color in solids
-        for seen in [triangles[normals_of(triangles) @ R[2] > 0.0]]], (high - low) * scale)
-    axis.set_axis_off()
-    axis.imshow(picture, origin="lower", extent=(low[0], high[0], low[1], high[1]))
 
 
 def _draw_frame(axis: Axes, R: np.ndarray, origin: np.ndarray, axes: np.ndarray, length: float

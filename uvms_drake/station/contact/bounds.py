@@ -89,7 +89,7 @@ def largest_reading_error(scenario: "Scenario", force: MeasuredForceBounds, unev
     Args:
         scenario: The scenario.
         force: Bounds of its forces.
-        uneven: a, see `uneven_motion.unevenness` [m/s²].
+        uneven: a, see `tip_motion.unevenness` [m/s²].
     """
     contact = sensed_contact(scenario)
     unseen = 0.25 * uneven * contact.period * (

@@ -20,11 +20,9 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
-from uvms_drake.plant.model_error import ModelError
 from uvms_drake.sensing.measurements import HoldLastValue
 from uvms_drake.station.command_path import command_limits, command_path_of
 from uvms_drake.station.contact.mission_legs import Leg
-from uvms_drake.station.contact.parameters import Parameter
 from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
@@ -102,7 +100,7 @@ class Contact(ABC):
     def measured_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
                        state: OutputPort, valid: OutputPort, signals: Signals
                        ) -> dict[str, OutputPort]:
-        """Adds what is between a measured force and a controller; by default the last valid value.
+        """Adds the systems of a measured force before a controller; by default a `HoldLastValue`.
 
         Args:
             builder: Builder to add to.
@@ -184,17 +182,6 @@ class Contact(ABC):
         """Returns the certified bounds of each step of a mission; see `mission_legs`."""
         return []
 
-
-    def parameters(self, scenario: "Scenario") -> Iterator[Parameter]:
-        """Yields the parameters whose tolerances are of interest."""
-        yield from ()
-
-    def allowances(self, error: ModelError) -> dict[str, float]:
-        """Returns the settings, by key, that have to grow with the declared unknowns.
-
-        One of the contact is the left side of a condition of that topic.
-        """
-        return {}
 
     def assumed_settings(self) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from uvms_drake.mission.steps import Mission, Step
+from uvms_drake.mission.steps import REACHED, Approach, Mission, Retreat, Step
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 HIDDEN = ("timeout", "settle", "within", "on_failure", "tolerance")
@@ -24,12 +24,12 @@ def places_of(mission: Mission, walls: SurfaceClass, origin: np.ndarray, start: 
         origin: Place of (0, 0) (3,) [m].
         start: Tip at the start (3,) [m].
     """
-    n, across = walls.axes[0], walls.axes[1:]
+    across = walls.axes[1:]
     first = across @ (start - origin)
     out, place = [first], first
     for step in mission.checked().steps if mission.steps else ():
-        begin = step.first_place(place, np.append(n @ start, place))
-        place = begin + step.end
+        begin = step.at if isinstance(step, Approach) else place
+        place = begin + step.along
         out += [begin, place]
     return start + (np.array(out) - first) @ across
 
@@ -57,15 +57,15 @@ def ends_of(mission: Mission, walls: SurfaceClass, start: np.ndarray, goal: np.n
 
 def searched(mission: Mission) -> float:
     """Returns the smallest search distance of its approaches [m]; inf without a mission."""
-    depths = (step.search_depth(np.zeros(3)) for step in mission.steps)
-    return min((depth for depth in depths if depth is not None), default=np.inf)
+    return min((step.within for step in mission.steps if isinstance(step, Approach)),
+               default=np.inf)
 
 
 def seconds_of(mission: Mission, places: np.ndarray,
                pressing: Callable[[float], float], lag: float) -> float:
     """Returns how long a mission should take without a failure, but for its first search [s].
 
-    A tip is at a place after T ln(d/r), T the lag, d the distance and r = `Mission.reached`; so is
+    A tip is at a place after T ln(d/r), T the lag, d the distance and r = `REACHED`; so is
     one that goes back to a wall which it has found.
 
     Args:
@@ -75,18 +75,18 @@ def seconds_of(mission: Mission, places: np.ndarray,
         lag: T, by which a tip follows a moving target [s].
     """
     def travel(distance: float) -> float:
-        return lag * float(np.log(max(distance / mission.reached, 1.0)))
+        return lag * float(np.log(max(distance / REACHED, 1.0)))
 
     total, back = 0.0, 0.0
     for i, step in enumerate(mission.checked().steps):
         way = float(np.linalg.norm(places[2 * i + 1] - places[2 * i]))
         total += step.least_time
-        if step.role == "approach":
+        if isinstance(step, Approach):
             total += travel(way) + travel(back) + pressing(step.strongest)
-        elif step.role == "retreat":
-            back = -step.first_depth(np.inf, np.zeros(3))
+        elif isinstance(step, Retreat):
+            back = step.distance
             total += travel(back)
-        elif np.any(step.end):
+        elif np.any(step.along):
             total += lag
     return total
 

@@ -9,8 +9,8 @@ from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.station.contact.bounds import fastest_advance, sensed_contact
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold import HoldLaw, settled
-from uvms_drake.tube.contact.hold_band import error_along
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
+from uvms_drake.tube.ultimate_bounds import error_along
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario

@@ -2,7 +2,7 @@
 
 In a hold the force error is bounded by `UnknownContact.band`, with the plan at its target, and by
 `hold_band` once that has stood. In a slide the bound depends on the lag behind the target, which is
-known only in the run, see `report.mission.mission`. The static force is at most `contact.force`.
+known only in the run, see `report.mission`. The static force is at most `contact.force`.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.contact.hold_band import hold_band
-from uvms_drake.tube.ultimate_bounds import tip_errors
+from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
 
 @dataclass(frozen=True)

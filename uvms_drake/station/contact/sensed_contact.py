@@ -14,9 +14,10 @@ from uvms_drake.control.contact.press_target import SEARCH_DEPTH
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, resolved_radii
-from uvms_drake.control.limits.approach_speed import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
+from uvms_drake.control.limits.pose import ToolAngle
+from uvms_drake.control.limits.speeds import ContactSpeed
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solvers import make_solver
@@ -28,7 +29,6 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
-from uvms_drake.plant.model_error import ModelError
 from uvms_drake.sensing.force_fault_detector import (
     CHANCE,
     ForceFaultDetector,
@@ -58,14 +58,12 @@ from uvms_drake.station.contact.drawn_contact import about_drawn, drawn_contact,
 from uvms_drake.station.contact.hold import hold_radii
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.contact.mission_legs import Leg, legs_of
-from uvms_drake.station.contact.parameters import Parameter, contact_parameters
 from uvms_drake.station.problem import posed_task
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
-from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
-from uvms_drake.tube.contact.uneven_motion import unevenness
+from uvms_drake.tube.contact.tip_motion import JERK, second_jerk, tip_jerk, unevenness
+from uvms_drake.tube.estimates import Estimate, largest_of, together
 from uvms_drake.tube.law_tube import Basis, LawTube
-from uvms_drake.tube.search.estimate import Estimate, largest_of, together
 from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
 if TYPE_CHECKING:
@@ -163,7 +161,7 @@ class SensedContact(UnknownContact, Contact):
     def measured_force(self, builder: DiagramBuilder, scenario: "Scenario", model: ContactModel,
                        state: OutputPort, valid: OutputPort, signals: Signals
                        ) -> dict[str, OutputPort]:
-        """Adds what is between the measured force and the controller, see `Contact`.
+        """Adds the systems of the measured force before the controller, see `Contact`.
 
         ::
 
@@ -355,17 +353,6 @@ class SensedContact(UnknownContact, Contact):
         with within("contact"):
             return legs_of(mission.checked(), self.checked(), tube, conditions)
 
-
-    def parameters(self, scenario: "Scenario") -> Iterator[Parameter]:
-        """Yields the parameters of the force sensor and of the wall, and the desired force."""
-        return contact_parameters(scenario)
-
-    def allowances(self, error: ModelError) -> dict[str, float]:
-        """Returns the error of a reading, and the acceleration of a payload that is read."""
-        read = {"contact.force_error": self.force_error}
-        if error.payload.present:
-            read["model_error.payload.acceleration"] = error.payload.acceleration
-        return read
 
     def assumed_settings(self) -> list[tuple[str, str, float]]:
         """Returns key, reason and size of the proofs' assumptions about its settings; 0 if kept."""

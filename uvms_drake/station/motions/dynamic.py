@@ -18,12 +18,12 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import check_waves
 from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.problem import true_surface
-from uvms_drake.tube.constants.constants import Constant, estimate_constants
-from uvms_drake.tube.constants.covering import prove_constants
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.covering import prove_constants
+from uvms_drake.tube.estimates import CertificateSettings
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED
 from uvms_drake.tube.laws import DYNAMIC_TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.settings import CertificateSettings
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario

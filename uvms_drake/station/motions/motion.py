@@ -14,10 +14,10 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.signals import Components
-from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import CertificateSettings
 from uvms_drake.tube.law_tube import Theories
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.settings import CertificateSettings
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario

@@ -44,7 +44,7 @@ from uvms_drake.station.scenario.scenario_file import (
     set_options,
     with_base,
 )
-from uvms_drake.tube.settings import CertificateSettings
+from uvms_drake.tube.estimates import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
 LARGEST_SEED = 2**63 - 1

@@ -10,9 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.tube.contact.enclosure import Enclosure, concatenated, crossing, exactly, inverse
-from uvms_drake.tube.contact.joint_enclosures import (
+from uvms_drake.tube.contact.enclosure import (
+    Enclosure,
     Link,
+    concatenated,
+    crossing,
+    exactly,
+    inverse,
     links_in_boxes,
     second_of_inertia,
     second_of_links,

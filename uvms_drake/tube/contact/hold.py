@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.loops.row_gains import grown_gains, lagged_gains
+from uvms_drake.tube.row_gains import grown_gains, lagged_gains
 
 SETTLED = 0.01
 """Relative excess of the radii over those of the fixed point, from the printed time on."""

@@ -10,7 +10,9 @@ sensor's error. Suprema are those of `sensor_gains`, proven by `sensor_gains_pro
 tube/contact/theory.md#error-of-the-force-sensor.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,10 +26,54 @@ from uvms_drake.tube.contact.sensor_gains import (
     tip_jacobian_and_gain,
 )
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
-from uvms_drake.tube.loops.row_gains import Gains, instant_gains, lagged_gains
-from uvms_drake.tube.resolved.sensor_effect import SensorEffect
+from uvms_drake.tube.estimates import Check, no_estimates
+from uvms_drake.tube.row_gains import Gains, instant_gains, lagged_gains
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
+
+
+@dataclass(frozen=True)
+class SensorEffect:
+    """Contribution of the errors of a sensor to the radii of the law `resolved`."""
+
+    depth: float = 0.0
+    """|n·𝔢_p| [m]."""
+    depth_speed: float = 0.0
+    """|n·𝔢̇_p| [m/s]."""
+    position: float = 0.0
+    """‖𝔢_p‖ [m]."""
+    orientation: float = 0.0
+    """‖𝔢_o‖ [rad]."""
+    tip_speed: float = 0.0
+    """‖𝔢̇_p‖ [m/s]."""
+    r: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """𝔯 of ν₁ [m/s], ν₂ and q̇ [rad/s] (3,), 2-norms; as the next two."""
+    p: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """𝔭₀ = J_x⁻¹𝔢_y, were J_x to stand still (3,) [m, rad]; its last is ‖𝔢_q‖."""
+    z: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """𝔯 − σ𝔭₀, the linear part of ζ − ζ̄ (3,) [m/s, rad/s]."""
+    u: np.ndarray | float = 0.0
+    """The linear part of uᵢ − ūᵢ, with the error of the reading (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    w: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """The same of the blocks of ν₁, ν₂ and q̇ (3,), 2-norms."""
+    depth_by_force: float = 0.0
+    """‖A_f‖ of the row of n·𝔭̈ [1/kg]."""
+    depth_by_normal: float = 0.0
+    """|A_f n| of it [1/kg]."""
+    turning: float = 0.0
+    """ω, angular speed of the tip's axes [rad/s]."""
+    jacobian_rate: float = np.inf
+    """J̃, bound of ‖J̇_b‖ of the tip's position [1/s]."""
+    proven: bool = False
+    """Whether all of it is proven but `u` and `w`."""
+    check: Check = no_estimates
+    """Function that returns the estimates it rests on."""
+    budget: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Parts of `depth`, `position` [m] and `depth_speed` [m/s] by their source."""
+    of_others: Callable[[Any, float, float], "SensorEffect"] | None = None
+    """Function that returns the effect of other `MeasuredForceBounds`, of the same lag and period,
+    at bounds of ‖ν₂‖ and ‖q̇‖ [rad/s], by the same suprema."""
+
 
 SOURCES = ("static reading", "delay of normal force", "delay of tangential force", "robot motion")
 """Sources of the terms of (3)."""
@@ -278,3 +324,19 @@ def contact_input_remainder(
 
     return (supremum_over_joints(row_change, lower, upper, seed),
             second_over_joints(row_change, lower, upper, seed))
+
+
+def ripple(time: np.ndarray, signal: np.ndarray, rate: float) -> float:
+    """Returns the least a ≥ 0 with ‖f(t) − f(s)‖ ≤ 2a + ρ|t − s| for all instants s, t.
+
+    Of one component it is the least amplitude in addition to a function with ‖ṡ‖ ≤ ρ, else a lower
+    bound of that. Proof: tube/contact/theory.md#ripple-and-slow-part.
+
+    Args:
+        time: Instants (T,), ascending [s].
+        signal: f (T, m).
+        rate: ρ.
+    """
+    rises = (np.linalg.norm(signal[i:] - signal[i], axis=1) - rate * (time[i:] - time[i])
+             for i in range(len(time)))
+    return 0.5 * max((float(np.max(rise)) for rise in rises), default=0.0)

@@ -12,13 +12,12 @@ from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
-from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, sensor_effect_of
-from uvms_drake.tube.contact.uneven_motion import TipAcceleration
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, SensorEffect, sensor_effect_of
+from uvms_drake.tube.contact.tip_motion import TipAcceleration
+from uvms_drake.tube.estimates import together
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube, register_tube
-from uvms_drake.tube.resolved.bounds import joint_rate_radius, resolved_tube
-from uvms_drake.tube.resolved.image import tube_image
-from uvms_drake.tube.resolved.sensor_effect import SensorEffect
-from uvms_drake.tube.search.estimate import together
+from uvms_drake.tube.laws.resolved_image import tube_image
+from uvms_drake.tube.row_gains import joint_rate_radius, resolved_tube
 
 ESTIMATED = ("z", "nu1", "nu2", "u", "tau", "between_knots")
 """Estimated radii of `resolved` in a ball of disturbances."""

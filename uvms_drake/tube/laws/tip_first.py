@@ -16,12 +16,20 @@ from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants.constant_check import checked_constants
+from uvms_drake.tube.constants import checked_constants
 from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
 from uvms_drake.tube.contact.sensor_error import SOURCES, MeasuredForceBounds
-from uvms_drake.tube.contact.uneven_motion import TipAcceleration
+from uvms_drake.tube.contact.tip_motion import TipAcceleration
+from uvms_drake.tube.estimates import together
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube, register_tube
-from uvms_drake.tube.rows.disturbance_gains import (
+from uvms_drake.tube.laws.tip_first_image import (
+    Arm,
+    TipFirstImage,
+    arm_of,
+    block_bounds,
+    tip_first_image,
+)
+from uvms_drake.tube.laws.tip_first_inputs import (
     ATTITUDE,
     DEPTH,
     JOINTS,
@@ -36,8 +44,6 @@ from uvms_drake.tube.rows.disturbance_gains import (
     in_joints,
     loop_gains,
 )
-from uvms_drake.tube.rows.image import Arm, TipFirstImage, arm_of, block_bounds, tip_first_image
-from uvms_drake.tube.search.estimate import together
 
 THEOREM = "tube/theory.md#tube-of-the-law-tip-first"
 """Theorem of the conditions on task, arm and actuation."""
@@ -85,7 +91,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     tube = _radii(sums, image, inputs.reading, sensed)
 
     def in_hold(force: MeasuredForceBounds, nu2: float, qdot: float) -> TipBounds:
-        """Returns the radii for other forces; other sources of the rows, and speeds, as they are."""
+        """Returns the radii for other forces; other sources, and speeds, as they are."""
         by_row = [sums[name] - np.sum([table[name][source] for source in SOURCES], axis=0)
                   + np.sum(list(inputs.for_other(force, nu2, qdot, tip, name).values()), axis=0)
                   for name in (DEPTH, TIP)]

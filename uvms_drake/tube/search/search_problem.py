@@ -7,10 +7,12 @@ of each channel, the norm of some components, over all motions of the declared s
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 Part = tuple[np.ndarray, float]
@@ -114,3 +116,24 @@ def input_within(drift: np.ndarray, share: np.ndarray, u_limits: np.ndarray,
 def _within(x: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """Returns real or complex x, cut to ± limit."""
     return np.where(np.abs(x.real) > limit, np.sign(x.real) * limit, x)
+
+
+class NominalMotion(NamedTuple):
+    """Nominal motion, maybe complex."""
+
+    config: np.ndarray
+    """𝔮̄ (..., 6+n) [m, rad]."""
+    zeta: np.ndarray
+    """ζ̄ (..., 6+n) [m/s, rad/s]."""
+    kinematics: Kinematics
+    """Geometry at 𝔮̄."""
+    drift: np.ndarray
+    """f(𝔮̄, ζ̄) (..., 6+n) [m/s², rad/s²]."""
+    M: np.ndarray
+    """M(𝔮̄) (..., 6+n, 6+n)."""
+
+
+def nominal_motion(model: UvmsModel, config: np.ndarray, zeta: np.ndarray) -> NominalMotion:
+    """Returns the nominal motion at (𝔮̄, ζ̄) (..., 6+n) each."""
+    kinematics = model.kinematics(config)
+    return NominalMotion(config, zeta, kinematics, *model.drift_and_inertia(kinematics, zeta))

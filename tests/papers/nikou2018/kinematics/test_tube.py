@@ -35,7 +35,6 @@ from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.papers.nikou2018 import Transpose
-from uvms_drake.papers.nikou2018.compare_laws import compare_laws
 from uvms_drake.papers.nikou2018.comparison import with_paper
 from uvms_drake.papers.nikou2018.kinematics.laws import velocity_law
 from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
@@ -48,9 +47,7 @@ from uvms_drake.papers.nikou2018.kinematics.velocity_radii import (
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.studies.pareto_front import pareto_front
-from uvms_drake.studies.propose_gains import propose_gains
-from uvms_drake.tube.constants.constants import estimate_constants
+from uvms_drake.tube.constants import estimate_constants
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.terminal_set import (
@@ -480,10 +477,3 @@ def test_options_that_break_the_theory_are_conditions(override, begins):
     (broken,) = [item for item in assumed_conditions(
         load_scenario(NAME, [override])) if not item.holds]
     assert broken.name.startswith(begins)
-
-
-@pytest.mark.parametrize("function", [
-    pareto_front, compare_laws, lambda scenario, model: propose_gains(scenario, model, 10.0)])
-def test_what_is_about_the_dynamics_refuses_the_kinematics(scenario, function):
-    with pytest.raises(InvalidParameter, match="motion = 'kinematic'"):
-        function(scenario, load_model(scenario))

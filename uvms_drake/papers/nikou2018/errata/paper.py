@@ -14,7 +14,7 @@ from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.papers.nikou2018.lemma import LemmaConstants
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.constants.constants import sampled_values
+from uvms_drake.tube.constants import sampled_values
 
 # (sec:simulation_results), SI units and radians.
 NUM_JOINTS = 4

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.limits.attitude import VehicleAngle
-from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.pose import Joints, VehicleAngle
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.ocp import MpcConfig

@@ -24,9 +24,9 @@ from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.problem import posed_task
 from uvms_drake.station.signals import POSE, SPEEDS, TWIST, Components
-from uvms_drake.tube.constants.constants import Constant, estimate_constants
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.estimates import CertificateSettings
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.settings import CertificateSettings
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario

@@ -15,9 +15,9 @@ from uvms_drake.papers.nikou2018.kinematics.velocity_radii import second_velocit
 from uvms_drake.papers.nikou2018.transpose import Transpose
 from uvms_drake.papers.nikou2018.transpose_tube import undetermined_joints
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants.constant_check import checked_constants
+from uvms_drake.tube.constants import checked_constants
 from uvms_drake.tube.law_tube import Basis, LawTube, Theories, register_tube
-from uvms_drake.tube.resolved.bounds import attitude_radii
+from uvms_drake.tube.row_gains import attitude_radii
 
 KINEMATIC_TUBES: Theories = {}
 """Theories of the laws that have a tube where the velocity is the input."""

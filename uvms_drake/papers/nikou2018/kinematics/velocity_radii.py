@@ -15,9 +15,9 @@ import numpy as np
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.tube.constants.constants import START_RANKS
+from uvms_drake.tube.constants import START_RANKS
+from uvms_drake.tube.estimates import Estimate
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.estimate import Estimate
 from uvms_drake.tube.search.local_search import DIFFERENCE, climb
 from uvms_drake.tube.search.search_problem import SearchProblem
 from uvms_drake.tube.search.second_search import second_search

@@ -1,0 +1,215 @@
+"""A scenario made for a robot: what it is made of, and that it certifies with nothing tuned."""
+
+import re
+
+import numpy as np
+import pytest
+from support.arms import write_arm
+from support.field import copied
+from support.robots import TEMPLATE, altered, without_an_arm
+
+from uvms_drake.certificate.certify import certify, check_inputs
+from uvms_drake.certificate.table import verdict
+from uvms_drake.command.main import main
+from uvms_drake.model.trim import middle_posture
+from uvms_drake.model.uvms_model import UvmsModel, read_uvms
+from uvms_drake.report.robot.robot_sheet import sheet_of
+from uvms_drake.setup import first_scenario as module
+from uvms_drake.setup.first_scenario import MARGIN, find_posture, first_scenario, strength_of
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.tube.row_gains import input_gain
+
+ROBOTS = ("bluerov2_alpha5", "box_uvms", "girona500_arm5e")
+
+
+def made(folder, robot: str, *options: str) -> Scenario:
+    """Returns the scenario that the command writes."""
+    file = folder / "press.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", robot, *options]) == 0
+    return load_scenario(str(file))
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_it_is_a_scenario_in_which_the_task_can_be_held(robot, tmp_path):
+    scenario = made(tmp_path, robot, "--force", "6")
+    model = check_inputs(scenario)
+    # The tip is 0.2 m in front of the wall, not much aside, and the vehicle level at the task.
+    chi = model.task_pose(scenario.start.config)
+    assert chi[0] == pytest.approx(-0.2, abs=0.02)
+    assert np.all(np.abs(chi[1:3]) < 0.05)
+    ocp = make_ocp(scenario, model)
+    config = model.configuration(ocp.y_des)
+    np.testing.assert_allclose(config[3:5], 0.0, atol=1e-3)
+    np.testing.assert_allclose(config[6:], scenario.start.q)
+    np.testing.assert_allclose(scenario.task.force, [6.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    # What holds the task, by the contact's own model, leaves half of every input at least.
+    assert np.all(np.abs(ocp.u_eq) < 0.5 * np.asarray(scenario.limits.u))
+    # Along one axis more, nobody gives more than he can.
+    M = np.diag(model.mass_matrix(model.kinematics(config)))
+    assert np.all(M * (scenario.limits.u - np.abs(ocp.u_eq)) < strength_of(read_uvms(robot)).force)
+
+
+def test_a_posture_is_level_bent_and_off_the_limits():
+    model = UvmsModel(read_uvms("box_uvms"))
+    q, dexterity = find_posture(model)
+    assert np.sum(q) == pytest.approx(0.0, abs=0.02)  # Both pitch, and the tool is level.
+    # Of two links of 0.3 m, the elbow at q2: the area that they span, and the largest value.
+    J = 0.3 * np.array([[np.sin(q[0]), 0.0], [np.cos(q[0]) + 1.0, 1.0]])
+    assert dexterity == pytest.approx(np.linalg.svd(J, compute_uv=False)[-1], rel=1e-2)
+    assert np.all(q > model.q_lower + MARGIN - 0.01)
+    assert np.all(q < model.q_upper - MARGIN + 0.01)
+
+
+def test_a_wall_is_turned_to_a_tool_that_cannot_be_level(tmp_path):
+    robot = altered(tmp_path, (".sdf", "<lower>-1.5</lower> <upper>0.5</upper>",
+                               "<lower>-1.3</lower> <upper>-0.9</upper>"),
+                    (".sdf", "<lower>0.1</lower> <upper>2.2</upper>",
+                     "<lower>0.0</lower> <upper>0.2</upper>"))
+    scenario = made(tmp_path, str(robot))
+    model = check_inputs(scenario)
+    tilt = scenario.task.frame[1]
+    assert tilt == pytest.approx(np.sum(scenario.task.posture), abs=1e-3)
+    assert abs(tilt) > 0.8
+    config = model.configuration(make_ocp(scenario, model).y_des)
+    np.testing.assert_allclose(config[3:6], 0.0, atol=1e-3)
+    into = np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
+    np.testing.assert_allclose(scenario.task.force[:3], 5.0 * into, atol=1e-9)
+    tips = model.task_pose(scenario.start.config)[:3]
+    assert tips @ into == pytest.approx(-0.2, abs=0.03)
+
+
+def test_a_robot_that_is_too_weak_is_told_why(tmp_path, capsys):
+    weak = altered(tmp_path, (".sdf", "<effort>30</effort>", "<effort>1.2</effort>"))
+    file = tmp_path / "press.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", str(weak)]) == 1
+    assert re.fullmatch(
+        r"uvms-drake: error: not with this robot, because the motor of joint shoulder gives "
+        r"1\.2 N m along q1, of which weight and buoyancy take [\d.]+ N m, and 5 N on the wall add "
+        r"[\d.]+ at rest, and has to move [\d.]+ kg m²: .*; what would help: [\d.]+ N m along q1 "
+        r"and [\d.]+ N m along q2\n",
+        capsys.readouterr().err)
+    assert not file.exists()
+
+
+def test_what_thrusters_cannot_hold_against_is_not_promised(monkeypatch):
+    uvms = read_uvms("bluerov2_alpha5")
+    assert first_scenario(uvms, 5.0).covered == 1.0
+    monkeypatch.setattr(module, "CURRENT", 1.0)
+    found = first_scenario(uvms, 5.0)
+    assert 0.2 < found.covered < 1.0
+    # One axis has nothing to spare: its input holds the task, the disturbance and a manoeuvre.
+    model = UvmsModel(uvms)
+    config = np.concatenate([np.zeros(6), found.posture])
+    M = np.diag(model.mass_matrix(model.kinematics(config)))
+    left = module.SHARES[0] * (found.strength.force - np.abs(found.tau_eq))[:3] / M[:3]
+    needs = module.TAKEN * input_gain(1.0, 1.0) * found.disturbance[:3] + module.MANOEUVRE[0]
+    assert np.min(left - needs) == pytest.approx(0.0, abs=1e-9)
+    # A metre per second drags with (10 + 40 · 1) N in surge, (12 + 40 · 1) N in sway, of the hull.
+    drag = found.disturbance[0] / found.covered * M[0]
+    assert 50.0 < drag < 1.3 * 50.0
+
+
+@pytest.mark.parametrize(("args", "expected"), [
+    (["--new", "there.yaml", "--robot", TEMPLATE], "--new = 'there.yaml': must be a .yaml file "
+     "that is not there yet"),
+    (["--new", "new", "--robot", TEMPLATE], "--new = 'new': must be a .yaml file"),
+    (["--new", "new.yaml", "--robot", "submarine"], "model = 'submarine': must be one of"),
+    (["--new", "new.yaml", "--robot", TEMPLATE, "--force", "0"], "--force = 0.0: must be positive"),
+    (["--new", "new.yaml"], "--robot = None: must be a robot, with --new")])
+def test_bad_input_is_refused_in_a_line(args, expected, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.yaml").touch()
+    assert main(["scenario", *args]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"uvms-drake: error: {expected}")
+    assert err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["there.yaml"]
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("robot", ["arm3", "bluerov2_alpha5", "box_uvms", "girona500_arm5e"])
+def test_the_first_certificate_holds(robot, tmp_path):
+    """Of a made-up arm, of a BlueROV2 in another posture than that of its shipped scenarios, ..."""
+    model = str(write_arm(tmp_path, 3)) if robot == "arm3" else robot
+    certificate = certify(made(tmp_path, model))
+    assert certificate.certified, verdict(certificate)
+    print(f"\n{robot}: {len(certificate.conditions)} conditions, force within "
+          f"{certificate.bounds['force']:.2g} N of 5 N")
+
+
+@pytest.mark.slow
+def test_a_vehicle_without_an_arm_certifies_presses_and_feels(tmp_path, monkeypatch):
+    """A tool that is bolted on: n = 0."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    robot, file, felt = without_an_arm(tmp_path), tmp_path / "press.yaml", tmp_path / "felt.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", str(robot)]) == 0
+    assert main(["run", str(file), "--duration", "0.2", "--output", str(tmp_path / "run")]) == 0
+    assert not (tmp_path / "run" / "joints.png").exists()
+    felt.write_text("""
+base: press.yaml
+contact: !SensedContact {direction: [1, 0, 0], angle: 0.08, force: 20, speed: 0.06, delay: 0.03}
+surface: !ShapedSurface {geometry: !Plane {point: [0.05, 0, 0], normal: [-1, 0, 0]}}
+sensing: [!ForceSensor {rate: 500, lag: 0.004}]
+limits: {static_force: null}
+simulator: {max_step_size: 0.004}
+""")
+    found = certify(load_scenario(str(felt), [
+        "certificate.tube_samples=50", "certificate.constant_samples=50"]))
+    assert found.tube.depth > 0.0
+    assert main(["run", str(felt), "--uncertified", "--duration", "0.2", "--no-figures",
+                 "--output", str(tmp_path / "felt")]) == 0
+
+
+def tip_of(q: np.ndarray) -> np.ndarray:
+    """Returns the tip (..., 3) of the template's arm: two links of 0.3 m, z down."""
+    first, both = q[..., 0], q[..., 0] + q[..., 1]
+    return np.stack([0.42 + 0.3 * (np.cos(first) + np.cos(both)), 0.0 * both,
+                     0.12 - 0.3 * (np.sin(first) + np.sin(both))], axis=-1)
+
+
+@pytest.mark.parametrize(("name", "limits"), [
+    ("above", (3.4, 5.0)), ("below", (-5.0, -3.4)), ("wide", (-5.7, 0.0)),
+    ("turns", (5.0, 15.0)), ("one_end", (3.4, np.inf))])
+def test_joints_beyond_half_a_turn_have_a_sheet_and_a_scenario(name, limits, tmp_path):
+    """Reach by plain NumPy on a grid of postures; a joint with one limit turns once from there."""
+    case = f"limits_beyond_pi/{name if name in ('above', 'below', 'wide') else 'above'}"
+    changes = [] if case.endswith(name) else [(
+        ".sdf", "<lower>3.4</lower> <upper>5.0</upper>", f"<lower>{limits[0]}</lower>" + (
+            f" <upper>{limits[1]}</upper>" if np.isfinite(limits[1]) else ""))]
+    robot = copied(case, tmp_path, *changes)
+    uvms = read_uvms(str(robot))
+    high = min(limits[1], limits[0] + 2.0 * np.pi)
+    tips = tip_of(np.stack(np.meshgrid(np.linspace(-1.5, 0.5, 800), np.linspace(
+        limits[0], high, 800)), axis=-1).reshape(-1, 2))
+    sheet = sheet_of(uvms, name, middle_posture(uvms))
+    np.testing.assert_allclose(
+        sheet.reach, [tips.min(axis=0), tips.max(axis=0)], atol=5e-3)
+    if name == "wide":
+        assert sheet.reach[0, 2] == pytest.approx(-0.324, abs=2e-3)
+    if np.isfinite(limits[1]):
+        scenario = made(tmp_path, str(robot))
+        assert limits[0] <= scenario.limits.q_lower[1] < scenario.limits.q_upper[1] <= limits[1]
+        assert limits[0] <= scenario.start.q[1] <= limits[1]
+
+
+def test_the_arm_of_the_bluerov2_presses_straight_ahead(tmp_path):
+    """Its first joint has 0.032 .. 6.02 and looks ahead at π; the vehicle stands square."""
+    scenario = made(tmp_path, "bluerov2_alpha5")
+    assert scenario.start.q[0] == pytest.approx(np.pi, abs=0.03)
+    assert scenario.limits.q_upper[0] > np.pi
+    yaw = scenario.start.eta[5] - 0.02  # By which a start is off on purpose.
+    assert abs(yaw) < np.deg2rad(1.0)
+
+
+def test_what_a_run_would_refuse_is_not_written(tmp_path, capsys, monkeypatch):
+    wild = tmp_path / "wild.template"
+    wild.write_text(module.TEMPLATE.read_text("utf-8").replace("k: {gain}", "k: 1000000000.0"),
+                    encoding="utf-8")
+    monkeypatch.setattr(module, "TEMPLATE", wild)
+    file = tmp_path / "press.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", "box_uvms"]) == 2
+    assert "simulator.max_step_size = 0.01: must be at most 1.1e-09" in capsys.readouterr().err
+    assert not file.exists()

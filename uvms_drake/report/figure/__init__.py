@@ -1,1 +1,0 @@
-"""Figures of the force, the contact estimate and the error budget."""

@@ -1,1 +1,0 @@
-"""Summary and figures of an inspection mission."""

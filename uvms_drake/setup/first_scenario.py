@@ -1,0 +1,425 @@
+"""A scenario for a robot: numbers that a first certificate may hold with, from the robot's own.
+
+Everything is a closed form or a search over postures, and none of it is proven: that is for
+`certify`. With M the inertia with the water at the posture and 𝔉 the task's wrench, at rest,
+
+    τ_eq = b + Jᵀ𝔉,   u_eq = M⁻¹τ_eq,   uᵢ = |u_eq,i| + s (τ_max,i − |τ_eq,i|) / Mᵢᵢ,            (1)
+
+s the share of the remaining force that one axis may use while others are in use, too.
+Where τ_max is unknown, u is the need of the task. The disturbance is the force of a current
+on the hull and friction on the joints, over Mᵢᵢ; the gains k = σ are the smallest of `GAINS` whose
+bound of the deviation, ‖J_pos Ŵ‖d̃/(kσ) at the posture, is a fifth of the force on the wall.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.control.laws.tip_rows import best_rows
+from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.model.joint_range import joint_range
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.uvms import Uvms
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.report.robot.robot_sheet import largest_wrench
+from uvms_drake.setup.holding import Holding, coordinate, what_helps
+from uvms_drake.tube.row_gains import input_gain
+
+POSTURES = 3000
+"""Random postures among which the search begins."""
+ROUNDS = (0.3, 0.1, 0.03, 0.01)
+"""Sizes of the steps by which it goes on from the best [rad]."""
+LEVEL = 0.1
+"""Pitch of the tool that costs as much as e times less dexterity [rad]."""
+SIDEWAYS, ROLLED = 0.3, 1.0
+"""Its yaw and roll that do, likewise [rad]."""
+STEEP = 0.35
+"""Pitch of the tool from which the wall is turned to face it [rad]."""
+FORWARD_SHARE = 0.75
+"""Share of the largest forward reach that the tip should have."""
+MARGIN = 0.3
+"""Distance of a posture from the joints' limits, but for narrow ones [rad]."""
+HALF_RANGE = 0.25
+"""Tolerance of the joints about the posture [rad]."""
+SHARES = (0.6, 0.8)
+"""Shares s of (1), of thrusters and of motors."""
+CURRENT = 0.2
+"""Speed of the water that the certificate is to cover [m/s]."""
+FRICTION = 0.1
+"""Friction of a joint that it is to cover [N m]; of a weak motor a fifth of its effort."""
+TILTING = 1.5
+"""Angular over linear disturbance of the hull [rad/m]."""
+TAKEN = 2.5
+"""Largest tightening of an input by the tube, over `input_gain` times the disturbance."""
+MANOEUVRE = (0.05, 0.1, 1.0)
+"""Accelerations that a plan wants at least: linear, angular, of a joint [m/s², rad/s²]."""
+SPARE = 8.0
+"""Multiple of these that it is given where the limit is unknown."""
+MOST = (2.0, 6.0, 20.0)
+"""Inputs that are enough, in addition to those of the task: linear, angular, of a joint."""
+GAINS = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0)
+"""Candidates for k = σ [1/s]."""
+STIFFNESS = 1000.0
+"""Stiffness of the wall of the base [N/m]."""
+WEAKEST = 0.2
+"""Least share of the disturbance that is worth a certificate."""
+LAG_MARGIN = 0.5
+"""Gain times lag of a loop that is far from its edge of stability, which is at 2 for k = σ."""
+TEMPLATE = Path(__file__).with_name("first_scenario.template")
+"""Text of a scenario's file, with a name in braces for each of its numbers."""
+
+
+class Strength(NamedTuple):
+    """Largest generalised force of a robot by coordinate (6+n,), and its source."""
+
+    force: np.ndarray
+    """τ_max [N, N m]; infinite where unknown."""
+    names: tuple[str, ...]
+    """Source of the limit."""
+
+
+@dataclass(frozen=True)
+class FirstScenario:
+    """The numbers of a scenario for a robot."""
+
+    force: np.ndarray
+    """𝔉_des, force part (3,) [N]."""
+    frame: np.ndarray
+    """Angles of the task's frame (3,) [rad]."""
+    pose: np.ndarray
+    """Angles (3,) of the end-effector on the wall, about it [rad]."""
+    posture: np.ndarray
+    """q_des (n,) [rad]."""
+    dexterity: float
+    """σ_min(J_sq) there."""
+    eta: np.ndarray
+    """Vehicle's pose at the start (6,) [m, rad]."""
+    q_limits: np.ndarray
+    """Smallest and largest joint angles (2, n) [rad]."""
+    u: np.ndarray
+    """Limits of the inputs (6+n,) [m/s², rad/s²]."""
+    strength: Strength
+    tau_eq: np.ndarray
+    """Generalised force that holds the task (6+n,) [N, N m]."""
+    disturbance: np.ndarray
+    """Semi-axes of its ellipsoid (6+n,) [m/s², rad/s²]."""
+    covered: float
+    """Covered share of `CURRENT` and `FRICTION`."""
+    gain: float
+    """k = σ [1/s]."""
+    lag: float
+    """Lag and dead time of the thrusters [s]; 0 if they are not known."""
+    undriven: tuple[str, ...]
+    """Axes that they do not drive."""
+    short: tuple[str, ...]
+    """Axes whose limit of the input is above that of thrusters or motors, for a disturbance that an
+    author has declared."""
+
+
+class Choices(NamedTuple):
+    """Choices of an author, in place of those that `first_scenario` makes for a robot."""
+
+    into: np.ndarray | None = None
+    """Direction into the surface (3,), a unit vector in Σ_I; None: that of the tool."""
+    place: np.ndarray = np.zeros(3)
+    """Point of the surface to press on (3,) in Σ_I [m]."""
+    posture: np.ndarray | None = None
+    """Joint angles q_des (n,) [rad]; None: those of `find_posture`."""
+    disturbance: np.ndarray | None = None
+    """Semi-axes of the disturbance (6+n,) [m/s², rad/s²]; None: as much as the robot leaves of a
+    current and friction."""
+
+
+MADE = Choices()
+"""No choice of an author."""
+
+
+def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choices = MADE
+                   ) -> FirstScenario:
+    """Returns a scenario in which a robot swims to a wall and presses on it.
+
+    Args:
+        uvms: The robot, in a finalized plant.
+        force: Along the tool [N].
+        distance: From the tip to the wall at the start [m].
+        chosen: Choices that are made already.
+
+    Raises:
+        RunFailed: It cannot be done with this robot; says why.
+        InvalidParameter: A choice does not go with the robot.
+    """
+    # The task: the vehicle level, the tool along the normal, in a frame without singularity.
+    world = UvmsModel(uvms)
+    require(chosen.posture is None or bool(
+        np.all((world.q_lower <= chosen.posture) & (chosen.posture <= world.q_upper))), "posture",
+        chosen.posture, f"within the robot's joint limits, {world.q_lower} to {world.q_upper}")
+    posture, dexterity = find_posture(world) if chosen.posture is None else (
+        chosen.posture, dexterity_at(world, chosen.posture))
+    tool = _level(world, posture)
+    pitch, heading = _attitude(chosen.into, tool)
+    steep = abs(pitch) > STEEP
+    frame = np.array([0.0, pitch, heading]) if steep else np.zeros(3)
+    model = UvmsModel(uvms, frame)
+    into = rotation_matrix(frame)[:, 0] if chosen.into is None else chosen.into
+    pose = np.round(model.task_pose(_headed(posture, heading - tool[5]))[3:6], 4)
+    config = model.configuration(np.concatenate([chosen.place, pose, posture]))
+    wrench = np.concatenate([force * into, np.zeros(3)])
+    # The input that holds it, and the one that motors and thrusters leave for the disturbance.
+    at, rest = model.kinematics(config), np.zeros(model.size)
+    M = model.mass_matrix(at)
+    tau_eq = model.inverse_dynamics(at, rest, rest) + model.task_jacobian(config)[:6].T @ wrench
+    u_eq = np.abs(np.linalg.solve(M, tau_eq))
+    strength = strength_of(uvms)
+    wanted = chosen.disturbance if chosen.disturbance is not None else (
+        _disturbance(model, config, np.diag(M), strength))
+    n = model.num_joints
+    share = np.repeat(SHARES, [6, n])
+    margin = share * (strength.force - np.abs(tau_eq)) / np.diag(M)
+    manoeuvre = np.repeat(MANOEUVRE, [3, 3, n])
+    taken = TAKEN * input_gain(1.0, 1.0) * wanted
+    shares = (margin - manoeuvre) / taken
+    covered = 1.0 if chosen.disturbance is not None else float(min(1.0, np.min(shares)))
+    if covered < WEAKEST:
+        raise RunFailed(_too_weak(uvms, model, config, force * into, int(np.argmin(shares))))
+    needed = covered * taken + SPARE * manoeuvre
+    most = np.maximum(needed, np.repeat(MOST, [3, 3, n]))
+    # A disturbance that an author declares counts, even if thrusters leave less for it.
+    short = shares < covered
+    u = u_eq + np.where(np.isfinite(margin) & ~short, np.minimum(margin, most), needed)
+    # The start: in front of the wall, a little off the task.
+    limits = np.array([world.q_lower, world.q_upper])
+    across = rotation_matrix(np.array([0.0, 0.0, heading])) @ np.array([0.0, -0.02, -0.02])
+    start = config[:6] + np.concatenate([across - distance * into, [0.0, 0.0, 0.02]])
+    return FirstScenario(
+        force=force * into, frame=frame, pose=pose, posture=posture, dexterity=dexterity,
+        eta=start, q_limits=np.clip([posture - HALF_RANGE, posture + HALF_RANGE], *limits),
+        u=u, strength=strength, tau_eq=tau_eq, disturbance=covered * wanted, covered=covered,
+        gain=_gain(model, config, covered * wanted, force), lag=_lag(uvms),
+        undriven=() if uvms.thrusters is None else tuple(uvms.thrusters.undriven),
+        short=tuple(coordinate(i) for i, is_short in enumerate(short) if is_short))
+
+
+def _attitude(into: np.ndarray | None, tool: np.ndarray) -> tuple[float, float]:
+    """Returns pitch and heading of the inward normal [rad], given the level tool's χ (6,)."""
+    pitch = float(tool[4])
+    if into is None:
+        return pitch, 0.0
+    level = float(np.hypot(into[0], into[1]))
+    inward = float(np.arctan2(-into[2], level))
+    require(abs(inward - pitch) <= STEEP, "surface.normal", -into,
+            f"within {STEEP:g} rad of opposite to the tool, which points {abs(pitch):.3g} rad "
+            f"{'up' if pitch > 0.0 else 'down'} from level at this posture of a level vehicle")
+    return inward, float(np.arctan2(into[1], into[0])) if level > 1e-9 else 0.0
+
+
+def _too_weak(uvms: Uvms, model: UvmsModel, config: np.ndarray, force: np.ndarray, i: int) -> str:
+    """Returns why a robot cannot press with a force (3,) at 𝔮 (6+n,), with advice.
+
+    `i` is the coordinate of which least is left.
+    """
+    at, rest, size = model.kinematics(config), np.zeros(model.size), float(np.linalg.norm(force))
+    M, strength = model.mass_matrix(at), strength_of(uvms)
+    unknown = Strength(np.full(model.size, np.inf), strength.names)
+    holding = Holding(
+        weight=model.inverse_dynamics(at, rest, rest),
+        by_newton=model.task_jacobian(config)[:3].T @ force / size,
+        reserve=_least_rest(model, config, strength),
+        reserve_if_strong=_least_rest(model, config, unknown), strength=strength.force)
+    return (f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "
+            f"{_unit(i)} along {coordinate(i)}, of which {holding.said(i, size)} at rest, and has "
+            f"to move {M[i, i]:.3g} {'kg' if i < 3 else 'kg m²'}: too little is left against a "
+            f"current of {WEAKEST * CURRENT:.2g} m/s and friction of {WEAKEST * FRICTION:.2g} N m; "
+            f"what would help: {what_helps(uvms, config, holding, size)}")
+
+
+def _least_rest(model: UvmsModel, config: np.ndarray, strength: Strength) -> np.ndarray:
+    """Returns the forces (6+n,) to move with that a scenario has to have at least [N, N m]."""
+    M, n = np.diag(model.mass_matrix(model.kinematics(config))), model.num_joints
+    taken = TAKEN * input_gain(1.0, 1.0) * _disturbance(model, config, M, strength)
+    least: np.ndarray = M / np.repeat(SHARES, [6, n]) * (
+        np.repeat(MANOEUVRE, [3, 3, n]) + WEAKEST * taken)
+    return least
+
+
+def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
+    """Returns joint angles (n,) [rad] that are good to press with, and σ_min(J_sq) there.
+
+    Sought is the largest σ_min(J_sq) with the tool level and far forward: of three joints and more,
+    J_sq is that of `best_rows`; of fewer, of the tip's position.
+    """
+    n = model.num_joints
+    if n == 0:
+        return np.zeros(0), 1.0
+    lower, upper = joint_range(model)
+    margin = np.minimum(MARGIN, 0.25 * (upper - lower))
+    lower, upper = lower + margin, upper - margin
+
+    def forward_reach(chi: np.ndarray) -> np.ndarray:
+        out: np.ndarray = chi[:, 0] * np.cos(chi[:, 5]) + chi[:, 1] * np.sin(chi[:, 5])
+        return out
+
+    def score(q: np.ndarray, reach: float | None = None) -> np.ndarray:
+        chi = model.task_pose(np.concatenate([np.zeros((len(q), 6)), q], axis=1))
+        far = forward_reach(chi)
+        reach = float(np.max(far)) if reach is None else reach
+        short = np.maximum(0.0, FORWARD_SHARE * reach - far) / (0.1 * abs(reach))
+        dexterity = np.log(np.maximum(_dexterities(model, q), 1e-12))
+        out: np.ndarray = (dexterity - (chi[:, 4] / LEVEL) ** 2 - (chi[:, 5] / SIDEWAYS) ** 2
+                           - (chi[:, 3] / ROLLED) ** 2 - short**2)
+        return out
+
+    # Random postures, then smaller and smaller steps about the best one.
+    rng = np.random.default_rng(0)
+    tried = rng.uniform(lower, upper, (POSTURES, n))
+    chi = model.task_pose(np.concatenate([np.zeros((POSTURES, 6)), tried], axis=1))
+    reach = float(np.max(forward_reach(chi)))
+    best = tried[np.argmax(score(tried, reach))]
+    for size in ROUNDS:
+        near = np.clip(best + rng.normal(0.0, size, (POSTURES // 10, n)), lower, upper)
+        near[0] = best
+        best = near[np.argmax(score(near, reach))]
+    best = np.clip(np.round(best, 2), lower, upper)
+    return best, dexterity_at(model, best)
+
+
+def dexterity_at(model: UvmsModel, posture: np.ndarray) -> float:
+    """Returns σ_min(J_sq) at joint angles (n,); 1 of a robot without joints."""
+    return float(_dexterities(model, posture[None])[0]) if model.num_joints else 1.0
+
+
+def _dexterities(model: UvmsModel, postures: np.ndarray) -> np.ndarray:
+    """Returns σ_min(J_sq) (m,) at joint angles (m, n) [rad]."""
+    rows = best_rows(model) if model.num_joints > 2 else np.arange(3)
+    config = np.concatenate([np.zeros((len(postures), 6)), postures], axis=1)
+    J = model.task_jacobian(config)[:, rows, 6:]
+    smallest: np.ndarray = np.linalg.svd(J, compute_uv=False)[:, -1]
+    return smallest
+
+
+def strength_of(uvms: Uvms) -> Strength:
+    """Returns the largest forces of thrusters and motors, the weaker way, by coordinate."""
+    force = np.full(6 + len(uvms.joints), np.inf)
+    names = ["no source"] * 6 + [f"the motor of joint {joint.name()}" for joint in uvms.joints]
+    if uvms.thrusters is not None:
+        thrusters = ThrusterModel.of(uvms.thrusters)
+        for axis in (axis for axis in range(6) if axis not in thrusters.undriven):
+            force[axis] = min(largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0))
+            names[axis] = "thrusters.yaml"
+    by_joint = {joint.index(): 6 + i for i, joint in enumerate(uvms.joints)}
+    for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
+        motor = uvms.plant.get_joint_actuator(index)
+        force[by_joint[motor.joint().index()]] = motor.effort_limit()
+    return Strength(force, tuple(names))
+
+
+def _level(model: UvmsModel, posture: np.ndarray) -> np.ndarray:
+    """Returns χ (6,) of the tip, the vehicle level at the origin."""
+    return model.task_pose(_headed(posture, 0.0))[:6]
+
+
+def _headed(posture: np.ndarray, yaw: float) -> np.ndarray:
+    return np.concatenate([np.zeros(5), [yaw], posture])
+
+
+def _disturbance(model: UvmsModel, config: np.ndarray, inertia: np.ndarray, strength: Strength
+                 ) -> np.ndarray:
+    """Returns semi-axes (6+n,): a current's drag on the hull, friction at the joints, over M."""
+    # The input that holds it, and the one that motors and thrusters leave for the disturbance.
+    at, rest = model.kinematics(config), np.zeros(model.size)
+    still = model.inverse_dynamics(at, rest, rest)
+    linear = []
+    for axis in (0, 1):
+        flow = rest.copy()
+        flow[axis] = CURRENT
+        linear.append(abs((model.inverse_dynamics(at, flow, rest) - still)[axis]) / inertia[axis])
+    hull = max(max(linear), 0.02)
+    friction = np.minimum(FRICTION, 0.2 * strength.force[6:])
+    return np.concatenate([np.full(3, hull), np.full(3, TILTING * hull), friction / inertia[6:]])
+
+
+def _gain(model: UvmsModel, config: np.ndarray, disturbance: np.ndarray, force: float) -> float:
+    """Returns the smallest gain by which the deviation is a fifth of the force, or the largest."""
+    reach = float(np.linalg.norm(model.task_jacobian(config)[:3] * disturbance, 2))
+    enough = [gain for gain in GAINS if STIFFNESS * reach / gain**2 <= 0.2 * force]
+    return enough[0] if enough else GAINS[-1]
+
+
+def _lag(uvms: Uvms) -> float:
+    if uvms.thrusters is None:
+        return 0.0
+    return uvms.thrusters.dead_time + max(kind.lag for kind in uvms.thrusters.kinds.values())
+
+
+def _unit(i: int) -> str:
+    return "N" if i < 3 else "N m"
+
+
+def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
+    """Returns the text of a scenario's file.
+
+    Args:
+        found: Its numbers.
+        model: As `model` has it: a name or a path from the file's folder.
+        robot: Name of the robot.
+    """
+    n, force = len(found.posture), float(np.linalg.norm(found.force))
+    bound = float(found.disturbance[0])
+    weights = found.disturbance / bound
+    known = np.isfinite(found.strength.force)
+    thrust = "thrusters.yaml" if np.any(known[:6]) else "unknown without thrusters.yaml"
+    tau = np.where(known, found.strength.force, np.ceil(4.0 * np.abs(found.tau_eq) + 20.0))
+    text = TEMPLATE.read_text(encoding="utf-8").format(
+        robot=robot, model=model, undriven=", ".join(found.undriven), force=force,
+        lag=_lag_note(found), eta=_row(found.eta),
+        posture=_row(found.posture), normal=_exact(-found.force / force),
+        covered="" if found.covered == 1.0 else f"{found.covered:.0%} of ",
+        current=CURRENT, friction=FRICTION, bound=_number(bound), weights=_row(weights, 2),
+        wrench=_exact([*found.force, 0.0, 0.0, 0.0]), pose=_row([0.0, 0.0, 0.0, *found.pose]),
+        frame=_exact(found.frame), dexterity=found.dexterity, tolerance=_number(0.1 * force),
+        tip_pitch=_number(max(0.4, 0.3 + abs(float(found.pose[1])))),
+        static=_number(max(3.0 * force, force + 3.0)),
+        q_lower=_row(-_floored(-found.q_limits[0]), 10),
+        q_upper=_row(_floored(found.q_limits[1]), 10),
+        thrust=thrust,
+        u=_row(found.u, 2), tau=_row(tau, 3), tube_u=_row(2.0 * found.disturbance, 2),
+        weight_y=_row([20.0] * 3 + [10.0] * 3 + [2.0] * n),
+        weight_zeta=_row([5.0] * 6 + [10.0] * n),
+        weight_u=_row(np.clip(1.5 / found.u**2, 0.005, 30.0), 2), gain=_number(found.gain),
+        step=min(0.02, 0.2 / found.gain))
+    return "".join(f"{_aligned(line)}\n" for line in text.splitlines())
+
+
+def _aligned(line: str) -> str:
+    value, mark, comment = line.partition("  # ")
+    return f"{value:<32}{mark}{comment}" if value.strip() and mark else line
+
+
+def _lag_note(found: FirstScenario) -> str:
+    if found.lag == 0.0:
+        return ""
+    most = LAG_MARGIN / found.lag
+    return (f"\n# Thrusters with a delay of {found.lag:g} s allow gains of about {most:.2g} 1/s:\n"
+            "# with them, see the law of `girona500_real_loop`.")
+
+
+def _number(value: float) -> str:
+    return f"{float(f'{value:.3g}'):.10g}"
+
+
+def _floored(values: np.ndarray) -> np.ndarray:
+    """Returns numbers with four decimals that are no larger, but for rounding."""
+    out: np.ndarray = np.floor(1e4 * values + 1e-6) / 1e4
+    return out
+
+
+def _row(values: Iterable[float], digits: int = 4) -> str:
+    rounded = (0.0 if abs(value) < 1e-9 else float(f"{value:.{digits}g}") for value in values)
+    return "[" + ", ".join(f"{value:.10g}" for value in rounded) + "]"
+
+
+def _exact(values: Iterable[float]) -> str:
+    return "[" + ", ".join(f"{value + 0.0:.17g}" for value in values) + "]"

@@ -1,1 +1,0 @@
-"""Benchmarks: step times of the controller, the plant and the simulation."""

@@ -1,1 +1,0 @@
-"""Tolerances: the largest size of each source of error under which a certificate holds."""

@@ -1,1 +1,0 @@
-"""Constants of robot and declared set: proven by branch and bound, or estimated."""
