@@ -85,7 +85,7 @@ if TYPE_CHECKING:
     from uvms_drake.station.simulation import simulate as simulate
     from uvms_drake.station.step_size import with_step as with_step
     from uvms_drake.tube import laws as tubes  # noqa: F401  a namespace
-    from uvms_drake.visual.server import open_meshcat as open_meshcat
+    from uvms_drake.visual.stage import open_meshcat as open_meshcat
 
 __version__ = VERSION
 
@@ -120,7 +120,7 @@ _HOME = {
     "make_uvms_plant": "plant.uvms_plant",
     "Motion": "station.motions.motion",
     "OcpProgram": "control.ocp.ocp_program",
-    "open_meshcat": "visual.server",
+    "open_meshcat": "visual.stage",
     "OpenLoopDisturbance": "plant.disturbance",
     "Pair": "control.laws.law",
     "Part": "model.signals.sensor_actuator",

@@ -2,12 +2,16 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 import pytest
+from pydrake.common.yaml import yaml_load_typed
 
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
-from uvms_drake.common.schema import conform, dump_typed, load_typed, parse_yaml
+from uvms_drake.common.constraints import NotNegative, OneOf, Positive, Vector
+from uvms_drake.common.errors import InvalidParameter, ScenarioError, require
+from uvms_drake.common.kinds import offer
+from uvms_drake.common.schema import check_values, conform, dump_typed, load_typed, parse_yaml
 
 
 @dataclass
@@ -131,3 +135,44 @@ def test_an_alias_a_merged_mapping_and_a_mapping_within_itself_have_no_key_twice
         "a": {"c": 1}, "b": {"c": 2}, "d": [{"c": 1}, {"c": 1}]}
     loop = parse_yaml("a: &a {b: *a}")
     assert loop["a"]["b"] is loop["a"]
+
+
+@dataclass
+class Spring:
+    stiffness: Annotated[float, Positive] = 1.0
+    rows: Annotated[np.ndarray, Vector(2), NotNegative] = field(default_factory=lambda: np.ones(2))
+    law: Annotated[str, OneOf("linear", "cubic")] = "linear"
+    limit: Annotated[float, Positive] | None = None
+
+    def check(self):
+        require(self.stiffness < 10.0 * self.rows[0], "stiffness", self.stiffness, "softer")
+
+
+@dataclass
+class Springs:
+    each: list[Spring] = field(default_factory=list)
+
+
+@pytest.mark.parametrize(("raw", "text"), [
+    ({"stiffness": 0}, "each[0].stiffness = 0.0: must be positive"),
+    ({"rows": [1]}, "each[0].rows = [1.]: must be 2 finite numbers"),
+    ({"rows": [1, -1]}, "each[0].rows = [ 1., -1.]: must be zero or positive"),
+    ({"law": "square"}, "each[0].law = 'square': must be one of linear, cubic"),
+    ({"limit": -1}, "each[0].limit = -1.0: must be positive"),
+    ({"stiffness": 11}, "each[0].stiffness = 11.0: must be softer"),
+])
+def test_the_constraints_of_a_schema_are_checked_at_load_and_in_python(raw, text):
+    with pytest.raises(InvalidParameter) as caught:
+        load_typed(Springs, {"each": [raw]})
+    assert str(caught.value) == text
+    values = {key: np.array(value, dtype=float) if isinstance(value, list) else value
+              for key, value in raw.items()}
+    with pytest.raises(InvalidParameter, match=text.split(" = ")[0].replace("[0]", r"\[0\]")):
+        check_values(Springs([Spring(**values)]))
+
+
+def test_drakes_own_loader_reads_a_schema_with_constraints():
+    offer(Springs, Spring)
+    assert yaml_load_typed(schema=Spring, data="{stiffness: 2, limit: 3}").limit == 3.0
+    with pytest.raises(InvalidParameter):
+        load_typed(Spring, {"limit": -3.0})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.plant.disturbance import RandomDisturbance
@@ -326,7 +326,6 @@ def test_plant_and_controller_have_models_of_their_own():
     ("girona500_ideal", ["disturbance.weights=[1, 1, 1, 1, 1, 1]"], "disturbance.weights"),
     ("girona500_ideal", ["ancillary.k=0"], "ancillary.k"),
     ("girona500_ideal", ["mpc.weight_u.3=0"], "mpc.weight_u"),
-    ("girona500_ideal", ["mpc.horizon=0"], "mpc.horizon"),
     ("girona500_ideal", ["model=no_such_robot"], "model"),
     ("girona500_bilateral", ["task.pose=[0, 0, 0, 0, 0, 0]"], "task.pose"),
     ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
@@ -335,9 +334,9 @@ def test_plant_and_controller_have_models_of_their_own():
     ("paper_kinematic", ["disturbance.weights=[1, 1, 1, 2, 2, 2]"], "disturbance.weights"),
 ])
 def test_what_cannot_be_used_is_named(name, overrides, key):
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises((InvalidParameter, ScenarioError)) as caught:
         make_station(load_scenario(name, overrides))
-    assert caught.value.key == key
+    assert str(caught.value).startswith(f"{key} = ")
     assert "\n" not in str(caught.value)
 
 

@@ -31,6 +31,7 @@ from uvms_drake.certificate.declared_unknowns import (
 )
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import (
     HoldRadii,
     Limit,
@@ -59,7 +60,7 @@ from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.estimates import Estimate, check_settings, unrefuted
+from uvms_drake.tube.estimates import Estimate, unrefuted
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.search_memo import active_memo
@@ -216,13 +217,8 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
         InvalidParameter: It would not.
     """
     model, motion = model or load_model(scenario), motion_of(scenario)
-    with within("certificate"):
-        check_settings(scenario.certificate)
-    motion.check(scenario)
-    require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
+    check_values(scenario)
     check_limits(scenario.limits, model.num_joints, accelerations=motion.has_forces)
-    with within("ancillary"):
-        scenario.ancillary.check()
     motion.weights(scenario.disturbance, model.size)
     none = np.zeros(model.size if motion.has_forces else 0)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))

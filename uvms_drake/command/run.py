@@ -315,7 +315,7 @@ def sound(certificate: AnyCert, source: str) -> AnyCert:
 def _open_meshcat(args: argparse.Namespace) -> "Meshcat":
     """Returns a Meshcat with a browser on it, or at once with --no-wait."""
     from uvms_drake.visual.controls import wait_for_browser
-    from uvms_drake.visual.server import LOCAL, open_meshcat
+    from uvms_drake.visual.stage import LOCAL, open_meshcat
 
     meshcat = open_meshcat(args.host or LOCAL)
     waiting = "" if args.no_wait else "; the run begins when a browser has opened it"

@@ -5,6 +5,7 @@ its type; a file chooses the kind by its tag, `surface: !UnilateralPlane {stiffn
 """
 
 import dataclasses
+import typing
 from typing import TypeVar
 
 from uvms_drake.common.errors import require
@@ -23,6 +24,8 @@ def offer(base: type, *kinds: type) -> None:
         kinds: Its dataclasses; the first is that of a mapping without a tag.
     """
     _KINDS[base] = {kind.__name__: kind for kind in kinds}
+    for kind in kinds:
+        _show_plain_types(kind)
 
 
 def kinds_of(base: object) -> tuple[type, ...]:
@@ -65,4 +68,17 @@ def register(kind: type[T]) -> type[T]:
     require(before is None or again, "register", name,
             "another name: a kind of this name is there already")
     known[name] = kind
+    _show_plain_types(kind)
     return kind
+
+
+def _show_plain_types(struct: typing.Any) -> None:
+    """Leaves the constraints out of the types that a dataclass tells of its fields, and below it.
+
+    Drake's `yaml_load_typed` reads these and knows no `Annotated`; `schema` reads the annotations.
+    """
+    hints = typing.get_type_hints(struct)
+    for field in dataclasses.fields(struct):
+        field.type = hints[field.name]
+        if dataclasses.is_dataclass(field.type):
+            _show_plain_types(field.type)

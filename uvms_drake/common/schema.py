@@ -7,6 +7,7 @@ but those of a union. As there, a mapping changes only the fields of a default t
 """
 
 import ast
+import contextlib
 import dataclasses
 import difflib
 import inspect
@@ -25,7 +26,7 @@ import numpy as np
 import yaml  # type: ignore[import-untyped]  # Drake's own choice and dependency.
 from pydrake.common.yaml import yaml_dump_typed
 
-from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError
+from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError, within
 from uvms_drake.common.kinds import kinds_of
 
 T = typing.TypeVar("T")
@@ -176,17 +177,61 @@ def _require_plain(root: yaml.Node | None) -> None:
 
 
 def load_typed(schema: type[T], raw: object) -> T:
-    """Returns raw YAML data as an instance of `schema`.
+    """Returns raw YAML data as an instance of `schema`, with values that it allows.
 
     Args:
         schema: A dataclass or one of Drake's config structs, which can be made without arguments.
         raw: A mapping, as of `parse_yaml`.
 
     Raises:
-        InvalidParameter: An unknown key or tag, or a value of the wrong type.
+        InvalidParameter: An unknown key or tag, a value of the wrong type, or one not allowed.
     """
     typed: T = conform(schema, raw)
+    check_values(typed)
     return typed
+
+
+def check_values(struct: object, key: str = "") -> None:
+    """Raises `InvalidParameter` for the first value in a struct that its schema does not allow.
+
+    First come the constraints of its fields, see `constraints`, and those of the structs in them;
+    then its own `check`, of several fields together.
+
+    Args:
+        struct: A dataclass, or one of Drake's config structs.
+        key: Its dotted path, for the error.
+    """
+    fields = _annotated(type(struct))  # type: ignore[arg-type]  # It is hashable.
+    for name, declared in fields.items():
+        _check_value(declared, getattr(struct, name), f"{key}.{name}" if key else name)
+    if hasattr(struct, "check"):
+        with within(key) if key else contextlib.nullcontext():
+            struct.check()
+
+
+def _check_value(declared: typing.Any, value: typing.Any, key: str) -> None:
+    """Raises `InvalidParameter` for a field's value, by its declared type."""
+    if value is None and _is_union(declared):
+        return
+    for option in typing.get_args(declared) if _is_union(declared) else (declared,):
+        if typing.get_origin(option) is typing.Annotated:
+            inner, *constraints = typing.get_args(option)
+            for constraint in constraints:
+                constraint.check(key, value)
+            _check_value(inner, value, key)
+        elif typing.get_origin(option) is list:
+            for i, item in enumerate(value):
+                _check_value(typing.get_args(option)[0], item, f"{key}[{i}]")
+    if _is_struct(value):
+        check_values(value, key)
+
+
+@lru_cache
+def _annotated(schema: type) -> dict[str, typing.Any]:
+    """Returns the type of each field of a struct, with its constraints."""
+    types_of = typing.get_type_hints(schema, include_extras=True) if (
+        dataclasses.is_dataclass(schema)) else {}
+    return {name: types_of.get(name, plain) for name, plain in field_types(schema).items()}
 
 
 def conform(schema: typing.Any, value: object, key: str = "", default: object = None

@@ -10,7 +10,7 @@ from uvms_drake.certificate.certify import check_inputs
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.program import FOLDER
-from uvms_drake.common.schema import parse_yaml
+from uvms_drake.common.schema import check_values, parse_yaml
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.description.robot_folder import model_dir, shipped_robots
 from uvms_drake.model.robot import Robot
@@ -22,7 +22,7 @@ from uvms_drake.plant.robot_loading import sound_robot
 from uvms_drake.setup.first_scenario import Choices, first_scenario, format_first_scenario
 from uvms_drake.station.contact import Contact
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import Scenario, check_scenario, typed_scenario
+from uvms_drake.station.scenario.scenario import Scenario, typed_scenario
 from uvms_drake.station.scenario.scenario_file import with_base
 from uvms_drake.station.step_size import with_step
 
@@ -112,7 +112,7 @@ def make_scenario(
     scenario.contact, scenario.sensing = contact or scenario.contact, list(sensing)
     if not scenario.contact.takes_static_force(scenario.surface):
         scenario.limits.static_force = None
-    check_scenario(scenario)
+    check_values(scenario)
     return with_step(scenario, check_inputs(scenario, load_model(scenario, robot)))
 
 

@@ -8,6 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import Gain, PassThrough
 
 from uvms_drake.common.errors import require, within
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
@@ -81,7 +82,7 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
         InvalidParameter: A value of the scenario cannot be used.
     """
     motion, model = motion_of(scenario), model or load_model(scenario)
-    motion.check(scenario)
+    check_values(scenario)
     builder = DiagramBuilder()
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(
         scenario, model, motion.make_ocp(scenario, model)))

@@ -9,6 +9,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import within
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -24,7 +25,7 @@ from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
-from uvms_drake.visual.illustration import Illustration
+from uvms_drake.visual.scene import Illustration
 
 UNLOGGED = {"plant_state", "configuration"}
 """Outputs of vectors of a plant that are no signals: they are `state` in other coordinates."""
@@ -98,7 +99,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
         InvalidParameter: A value of the scenario cannot be used.
     """
     builder, motion = DiagramBuilder(), motion_of(scenario)
-    motion.check(scenario)
+    check_values(scenario)
     model = model or load_model(scenario)
     own, start = controller is None, scenario.start.config
     if controller is None:

@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.schema import check_values
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
@@ -54,7 +55,7 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
             by the tube's errors, which only a station has.
     """
     motion, model = motion_of(scenario), model or load_model(scenario)
-    motion.check(scenario)
+    check_values(scenario)
     require(motion.has_forces, "motion", scenario.motion, "dynamic, for a plant moved by forces")
     # A Simulator with a largest step of zero would never end.
     step = scenario.simulator.max_step_size

@@ -8,14 +8,15 @@ See tube/theory.md#estimates-and-second-searches.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.errors import require
+from uvms_drake.common.constraints import AtLeast, Between, NotNegative
 from uvms_drake.tube.conditions import Condition
 
-MOST_SAMPLES = 1_000_000
-"""Largest number of samples; a supremum that so many miss, more will miss too."""
+Samples = Between(10, 1_000_000, ", which take hours and gigabytes")
+"""Numbers of samples; a supremum that so many miss, more will miss too."""
 
 
 @dataclass(frozen=True)
@@ -75,21 +76,13 @@ def unrefuted(estimates: tuple[Estimate, ...]) -> tuple[Condition, ...]:
 class CertificateSettings:
     """Samples, seed and safety factor of the estimates."""
 
-    constant_samples: int = 2000
+    constant_samples: Annotated[int, Samples] = 2000
     """States at which each constant is evaluated before the local searches."""
-    tube_samples: int = 300
+    tube_samples: Annotated[int, Samples] = 300
     """Nominal states from the worst of which the tube in velocities and inputs is searched for."""
-    terminal_samples: int = 2000
+    terminal_samples: Annotated[int, Samples] = 2000
     """States in which the terminal set is checked, for every radius tried."""
-    safety_factor: float = 1.1
+    safety_factor: Annotated[float, AtLeast(1)] = 1.1
     """Factor of every estimated supremum."""
-    seed: int = 0
+    seed: Annotated[int, NotNegative] = 0
 
-
-def check_settings(settings: CertificateSettings) -> None:
-    """Raises `InvalidParameter` for the first setting that has no meaning."""
-    for key in ("constant_samples", "tube_samples", "terminal_samples"):
-        require(10 <= getattr(settings, key) <= MOST_SAMPLES, key, getattr(settings, key),
-                f"from 10 to {MOST_SAMPLES}, which take hours and gigabytes")
-    require(settings.safety_factor >= 1.0, "safety_factor", settings.safety_factor, "at least 1")
-    require(settings.seed >= 0, "seed", settings.seed, "zero or positive")

@@ -48,6 +48,7 @@ from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
 from uvms_drake.control.mpc.solver_faults import (
@@ -57,13 +58,10 @@ from uvms_drake.control.mpc.solver_faults import (
     solver_fault,
 )
 from uvms_drake.control.ocp import scp
-from uvms_drake.papers.nikou2018 import Kinematic
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.report.events import events
 from uvms_drake.sensing.faults import FrozenState, LostState
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.dynamic import Dynamic
-from uvms_drake.station.parts import check_faults
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -80,8 +78,9 @@ STEP = 0.2
 def scenario_of(duration: float, *faults, overrides=()):
     scenario = load_scenario("girona500_ideal", [
         f"duration={duration}", f"log_period={PERIOD}", CLOSE, *overrides])
-    check_faults(faults, Dynamic())
-    return replace(scenario, faults=list(faults))
+    scenario = replace(scenario, faults=list(faults))
+    check_values(scenario)
+    return scenario
 
 
 def run(scenario):
@@ -182,12 +181,6 @@ def test_a_deadline_throws_plans_away_that_take_longer():
     np.testing.assert_array_equal(record.mpc_status[:1], SOLVED)
     np.testing.assert_array_equal(record.mpc_status[1:], TIMED_OUT)
     assert_tube_kept(record, report)
-
-
-@pytest.mark.parametrize("value", ["0", "-1"])
-def test_a_deadline_is_positive(value):
-    with pytest.raises(InvalidParameter, match=r"^mpc\.deadline = .*: must be positive$"):
-        make_station(scenario_of(1.0, overrides=[f"mpc.deadline={value}"]))
 
 
 # Faults of the measurement -----------------------------------------------------------------------
@@ -317,7 +310,6 @@ def test_a_stuck_joint_is_noted(joint):
 
 def kinematic(*faults):
     scenario = load_scenario("paper_kinematic_certified", ["duration=1.5"])
-    check_faults(faults, Kinematic())
     return run(replace(scenario, faults=list(faults)))
 
 

@@ -8,9 +8,9 @@ from support.scenarios import error_of, load_text
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.common.kinds import kinds_of
+from uvms_drake.common.schema import check_values
 from uvms_drake.station.scenario.scenario import (
     Scenario,
-    check_scenario,
     dump_scenario,
     load_scenario,
 )
@@ -88,4 +88,4 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
 
 def test_a_scenario_made_in_python_is_checked_too():
     with pytest.raises(InvalidParameter, match="duration = nan: must be positive"):
-        check_scenario(Scenario(duration=float("nan")))
+        check_values(Scenario(duration=float("nan")))

@@ -21,11 +21,13 @@ A problem values a plan (`evaluate`) and makes the convex program about a plan (
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Generic, NamedTuple, Self
+from typing import Annotated, ClassVar, Generic, NamedTuple, Self
 
 import numpy as np
 
+from uvms_drake.common.constraints import AtLeast, NotNegative, OneOf, Positive
 from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram, TerminalLimit
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.costs.term import CostTerm
@@ -39,8 +41,6 @@ from uvms_drake.model.frames.euler import inverse_rate_matrix, wrap_angle
 from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.uvms_model import UvmsModel
 
-INITIAL_STATES = ("nominal", "measured")
-INPUT_REFERENCES = ("equilibrium", "zero")
 STRUCTURED = "structured"
 SOLVERS = (STRUCTURED, "clarabel", "gurobi", "ipopt", "mosek", "nlopt", "osqp", "scs", "snopt")
 """Names of solvers, see `solvers`."""
@@ -50,13 +50,13 @@ SOLVERS = (STRUCTURED, "clarabel", "gurobi", "ipopt", "mosek", "nlopt", "osqp", 
 class MpcConfig:
     """Horizon, weights and solver settings of the nominal MPC."""
 
-    horizon: int = 20
+    horizon: Annotated[int, AtLeast(1)] = 20
     """Number N of intervals."""
-    time_step: float = 0.2
+    time_step: Annotated[float, Positive] = 0.2
     """Length h of an interval and sampling period [s]; T = N h."""
-    iterations: int = 1
+    iterations: Annotated[int, AtLeast(1)] = 1
     """Sequential convex iterations per sample; the first solve iterates to convergence."""
-    solver: str = STRUCTURED
+    solver: Annotated[str, OneOf(*SOLVERS)] = STRUCTURED
     """Solver: `structured`, which knows the stages of the program; or one of Drake's: of the convex
     programs (`clarabel`, `gurobi`, `mosek`, `osqp`, `scs`), with the same plans; or of the whole
     nonlinear program (`ipopt`, `nlopt`, `snopt`), to its optimum, whatever `iterations` is."""
@@ -68,18 +68,18 @@ class MpcConfig:
     """Diagonal of R for ū − ū_eq; not read where ζ is the input."""
     terminal_set: bool = True
     """Whether plans must end in a terminal set; without it nothing is certified."""
-    terminal_radius: float = 0.1
+    terminal_radius: Annotated[float, Positive] = 0.1
     """Radius ε of the terminal set ‖ξ‖_P ≤ ε; declared."""
-    initial_state: str = "nominal"
+    initial_state: Annotated[str, OneOf("nominal", "measured")] = "nominal"
     """Start of a plan: `nominal`, the state that the last plan predicted, as the tube requires; or
     `measured`, as in (eq:diff_mpc)."""
-    input_reference: str = "equilibrium"
+    input_reference: Annotated[str, OneOf("equilibrium", "zero")] = "equilibrium"
     """Input without cost: `equilibrium`, u_eq; or `zero`, as in (eq:mpc_cost_function)."""
-    hover: float = 0.0
+    hover: Annotated[float, NotNegative] = 0.0
     """Time of the Context until which the robot keeps its place, so that its observers settle [s];
     it plans from the first sample not before it. A mission's clocks run meanwhile. Without a
     certificate the tube is monitored from then on."""
-    deadline: float | None = None
+    deadline: Annotated[float, Positive] | None = None
     """Wall time after which a plan, other than the first, is discarded [s]; none if it is left out.
     A run that has one is not reproducible bit for bit."""
     terminal_weight: np.ndarray | None = None
@@ -182,17 +182,7 @@ class Ocp(ABC, Generic[P]):
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):
-        require(mpc.horizon >= 1, "horizon", mpc.horizon, "a positive integer")
-        require(0.0 < mpc.time_step < np.inf, "time_step", mpc.time_step, "positive")
-        require(mpc.iterations >= 1, "iterations", mpc.iterations, "a positive integer")
-        require(mpc.terminal_radius > 0.0, "terminal_radius", mpc.terminal_radius, "positive")
-        require(mpc.deadline is None or 0.0 < mpc.deadline < np.inf, "deadline",
-                mpc.deadline, "positive")
-        require(0.0 <= mpc.hover < np.inf, "hover", mpc.hover, "zero or positive")
-        for key, choices in (("initial_state", INITIAL_STATES),
-                             ("input_reference", INPUT_REFERENCES), ("solver", SOLVERS)):
-            require(getattr(mpc, key) in choices, key, getattr(mpc, key),
-                    f"one of {', '.join(choices)}")
+        check_values(mpc)
         self.model = model
         self.starts_at_measured = mpc.initial_state == "measured"
         self.horizon = mpc.horizon

@@ -27,7 +27,6 @@ from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.law_tube import Basis, LawTube
-from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario
@@ -62,7 +61,7 @@ class Contact(ABC):
         """Returns the surface for drawing and for task errors, of the nominal and the true one."""
         return nominal
 
-    def check(self, scenario: "Scenario") -> None:
+    def check_in(self, scenario: "Scenario") -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this contact."""
         require(not scenario.mission.steps, "mission.steps", scenario.mission.steps,
                 "left out, without a sensed contact")
@@ -142,9 +141,6 @@ class Contact(ABC):
         """Returns the declared bounds that a report checks; None: the surface is known."""
         return None
 
-    def specification(self, scenario: "Scenario") -> ContactSpecification | None:
-        """Returns the data of an unknown wall for a picture; None: the surface is known."""
-        return None
 
     # A campaign.
 

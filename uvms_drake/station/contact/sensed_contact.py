@@ -64,7 +64,6 @@ from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_in
 from uvms_drake.tube.contact.tip_motion import JERK, second_jerk, tip_jerk, unevenness
 from uvms_drake.tube.estimates import Estimate, largest_of, together
 from uvms_drake.tube.law_tube import Basis, LawTube
-from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario
@@ -101,7 +100,7 @@ class SensedContact(UnknownContact, Contact):
         """Returns the true surface: the nominal model has none."""
         return check_surface(true)
 
-    def check(self, scenario: "Scenario") -> None:
+    def check_in(self, scenario: "Scenario") -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this contact."""
         require(scenario.motion == "dynamic", "contact", type(self).__name__,
                 "!KnownSurface, if the motion is kinematic")
@@ -326,10 +325,6 @@ class SensedContact(UnknownContact, Contact):
         with within("contact"):
             return self.checked()
 
-    def specification(self, scenario: "Scenario") -> ContactSpecification:
-        """Returns the direction into the wall, and the margin of the safe region."""
-        return ContactSpecification(
-            sensed_contact(scenario).direction, safe_depth_margin(scenario))
 
     def turned(self, R: np.ndarray) -> Self:
         """Returns the contact with n turned by R (3, 3)."""

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from uvms_drake.common.errors import vector
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.model.contact_model import ContactModel
@@ -15,7 +14,6 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant
-from uvms_drake.plant.waves import check_waves
 from uvms_drake.station.motions.motion import Motion
 from uvms_drake.station.problem import true_surface
 from uvms_drake.tube.constants import Constant, estimate_constants
@@ -44,8 +42,6 @@ class Dynamic(Motion[DynamicOcp]):
 
     def check(self, scenario: "Scenario") -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
-        vector("current", scenario.current, 3)
-        check_waves(scenario.waves)
 
     def disturbance_size(self, size: int) -> int:
         """Returns the number of components of d."""

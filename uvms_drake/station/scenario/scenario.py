@@ -6,19 +6,16 @@ The parameters of each part are declared with that part; here they are composed 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from uvms_drake.actuation import IdealWrench, Thrusters
-from uvms_drake.common.errors import (
-    require,
-    shortened,
-    vector,
-    within,
-)
-from uvms_drake.common.schema import conform, dump_typed, load_typed, read_yaml
+from uvms_drake.common.constraints import AtMost, NotNegative, OneOf, Positive, Vector
+from uvms_drake.common.errors import require, shortened, within
+from uvms_drake.common.schema import check_values, conform, dump_typed, read_yaml
 from uvms_drake.control.laws import AncillaryLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp.ocp import MpcConfig
@@ -33,11 +30,11 @@ from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.contact import Contact, KnownSurface
 from uvms_drake.station.motions.motions import motion_named
-from uvms_drake.station.parts import check_components, check_faults
 from uvms_drake.station.scenario.cost_check import check_cost
 from uvms_drake.station.scenario.modules import import_modules
 from uvms_drake.station.scenario.scenario_file import (
     apply_overrides,
+    refuse_gone,
     reported_in,
     scenario_path,
     scenario_source,
@@ -56,7 +53,7 @@ LONGEST_NAME = 100
 class Start:
     """State at t = 0, at rest."""
 
-    eta: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    eta: Annotated[np.ndarray, Vector(6)] = field(default_factory=lambda: np.zeros(6))
     """Vehicle's pose η = (x, y, z, φ, θ, ψ) in Σ_I [m, rad]."""
     q: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Joint angles [rad]."""
@@ -71,18 +68,24 @@ class Start:
 class Task:
     """The task of the end-effector."""
 
-    force: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    force: Annotated[np.ndarray, Vector(6)] = field(default_factory=lambda: np.zeros(6))
     """Desired wrench 𝔉_des on the surface, in Σ_I (6,) [N, N m]."""
-    pose: np.ndarray | None = None
+    pose: Annotated[np.ndarray, Vector(6)] | None = None
     """Pose χ on the surface for the coordinates free of 𝔉_des; none for a spring."""
-    frame: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    frame: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
     """ZYX Euler angles in Σ_I of the task's frame Σ_T, about whose axes the end-effector's Euler
     angles are, those of `pose` too (3,) [rad]. Zero is the paper's, in which a tool that points up
     or down is singular; with −π/2 for the second, x of Σ_T points down, into a floor."""
     posture: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Joint angles q_des [rad], which resolve the redundancy of vehicle and arm."""
-    force_tolerance: float = 2.0
+    force_tolerance: Annotated[float, Positive] = 2.0
     """Size of 𝔉 − 𝔉_des below which the force counts as settled [N, N m]."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for a force that would count as settled from the start."""
+        force = float(np.linalg.norm(self.force))
+        require(force == 0.0 or self.force_tolerance < force, "force_tolerance",
+                self.force_tolerance, f"smaller than the desired force itself, {force:g} N")
 
     def force_along(self, direction: np.ndarray) -> float:
         """Returns the desired force along a direction (3,) [N]."""
@@ -103,9 +106,9 @@ class Scenario:
     modules: list[str] = field(default_factory=list)
     """Python modules, imported first, that register kinds of their own, see `common.kinds`: names,
     or paths of files from the scenario's file. Their code runs, as that of any import."""
-    seed: int = 0
+    seed: Annotated[int, NotNegative, AtMost(LARGEST_SEED)] = 0
     """Seed of everything random."""
-    duration: float = 20.0
+    duration: Annotated[float, Positive] = 20.0
     """Simulated time [s]. A sensor drifts until its end, and a certificate counts with that."""
     motion: str = "dynamic"
     """Kind of motion: `dynamic`, forces move the robot; or one that a module registers, as
@@ -114,7 +117,7 @@ class Scenario:
     """Name of a shipped robot, or a robot's folder, from the scenario's file or from where the
     program runs."""
     start: Start = field(default_factory=Start)
-    current: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    current: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
     """Velocity of the water in Σ_I [m/s]; the controller does not know it."""
     waves: list[Wave] = field(default_factory=list)
     """Waves on top of it, which the controller does not know either."""
@@ -143,9 +146,43 @@ class Scenario:
     simulator: SimulatorConfig = field(default_factory=lambda: SimulatorConfig(
         integration_scheme="runge_kutta3", max_step_size=0.0, use_error_control=False))
     """Integrator; a step of zero is chosen by the rates of the loop, see `step_size.with_step`."""
-    log_period: float = 0.02
+    log_period: Annotated[float, Positive] = 0.02
     """Time between two samples of every logged signal [s]."""
     visual: VisualConfig = field(default_factory=VisualConfig)
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with the others."""
+        motion = motion_named(self.motion)
+        motion.check(self)
+        angles = np.asarray(self.start.eta, dtype=float)[3:]
+        require(bool(np.all(np.abs(angles) <= 2.0 * np.pi)), "start.eta", self.start.eta,
+                "with angles within ±2π")
+        require(self.log_period <= self.duration, "log_period", self.log_period,
+                f"at most the duration, {self.duration:g} s")
+        with within("mission"):
+            self.mission.checked()
+        self.contact.check_in(self)
+        # Errors, parts and faults, the integrator, and the picture.
+        with within("model_error"):
+            check_model_error(self.model_error)
+        with within("surface_error"):
+            check_surface_error(self.surface_error)
+        for key in ("sensing", "actuation", "faults"):
+            for i, part in enumerate(getattr(self, key)):
+                require(motion.has_forces or not part.needs_forces, f"{key}[{i}]",
+                        type(part).__name__, f"left out, if the motion is {motion.name}")
+        for i, part in enumerate(self.actuation):
+            require(not isinstance(part, IdealWrench) or (
+                len(self.actuation) == i + 1 and not any(
+                    type(each) is Thrusters for each in self.actuation)), f"actuation[{i}]",
+                "IdealWrench", "the last part, and left out beside !Thrusters")
+        for i, fault in enumerate(self.faults):
+            require(type(fault) not in map(type, self.faults[:i]), f"faults[{i}]",
+                    type(fault).__name__, "of a kind that is not declared twice")
+        _check_simulator(self.simulator)
+        check_cost(self.duration, self.log_period, self.simulator.max_step_size,
+                   self.mpc.time_step, self.mpc.horizon)
+        check_visual(self.visual)
 
     @property
     def law(self) -> str:
@@ -181,15 +218,22 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
         if overrides:
             scenario = typed_scenario(
                 apply_overrides(yaml_load_data(dump_scenario(scenario)), overrides))
-        check_scenario(scenario)
+        check_values(scenario)
+        name = scenario.name
+        usable = name.isprintable() and not any(c in name for c in "/\\") and (
+            0 < len(name.encode(errors="replace")) <= LONGEST_NAME and name not in (".", ".."))
+        require(usable, "name", shortened(name),
+                f"usable as the name of a folder, of at most {LONGEST_NAME} bytes")
     return scenario
 
 
 def typed_scenario(raw: object) -> Scenario:
-    """Returns raw data as a scenario, after the import of the modules that it names."""
+    """Returns raw data as a scenario, not checked, after the import of the modules it names."""
     if isinstance(raw, dict) and "modules" in raw:
         raw = {**raw, "modules": import_modules(conform(list[str], raw["modules"], "modules"))}
-    return load_typed(Scenario, raw)
+    refuse_gone(raw)
+    scenario: Scenario = conform(Scenario, raw)
+    return scenario
 
 
 def dump_scenario(scenario: Scenario) -> str:
@@ -198,66 +242,10 @@ def dump_scenario(scenario: Scenario) -> str:
     return dump_typed(scenario, leave_out=("publish_every_time_step",))
 
 
-def check_scenario(scenario: Scenario) -> None:
-    """Raises `InvalidParameter` for the first value outside its range.
-
-    The parts check their own parameters when they are built; these are the remaining ones.
-    """
-    # Motion, seed, start and times.
-    motion = motion_named(scenario.motion)
-    require(scenario.seed <= LARGEST_SEED, "seed", scenario.seed, f"at most {LARGEST_SEED}")
-    angles = np.asarray(scenario.start.eta, dtype=float)[3:]
-    require(bool(np.all(np.abs(angles) <= 2.0 * np.pi)), "start.eta", scenario.start.eta,
-            "with angles within ±2π")
-    _require_positive("duration", scenario.duration)
-    _require_positive("log_period", scenario.log_period)
-    require(scenario.log_period <= scenario.duration, "log_period", scenario.log_period,
-            f"at most the duration, {scenario.duration:g} s")
-    # Task, contact and mission.
-    tolerance = scenario.task.force_tolerance
-    _require_positive("task.force_tolerance", tolerance)
-    with within("task"):
-        force = float(np.linalg.norm(vector("force", scenario.task.force, 6)))
-    require(force == 0.0 or tolerance < force, "task.force_tolerance", tolerance,
-            f"smaller than the desired force itself, {force:g} N")
-    with within("mission"):
-        scenario.mission.checked()
-    scenario.contact.check(scenario)
-    # Errors, parts and faults, the integrator, the picture, and the name.
-    with within("model_error"):
-        check_model_error(scenario.model_error)
-    with within("surface_error"):
-        check_surface_error(scenario.surface_error)
-    check_components("sensing", scenario.sensing, motion)
-    check_components("actuation", scenario.actuation, motion)
-    for i, part in enumerate(scenario.actuation):
-        require(not isinstance(part, IdealWrench) or (len(scenario.actuation) == i + 1 and not any(
-            type(each) is Thrusters for each in scenario.actuation)), f"actuation[{i}]",
-            "IdealWrench", "the last part, and left out beside !Thrusters")
-    check_faults(scenario.faults, motion)
-    _check_simulator(scenario.simulator)
-    check_cost(scenario.duration, scenario.log_period, scenario.simulator.max_step_size,
-               scenario.mpc.time_step, scenario.mpc.horizon)
-    check_visual(scenario.visual)
-    name = scenario.name
-    usable = name.isprintable() and not any(c in name for c in "/\\") and (
-        0 < len(name.encode(errors="replace")) <= LONGEST_NAME and name not in (".", ".."))
-    require(usable, "name", shortened(name),
-            f"usable as the name of a folder, of at most {LONGEST_NAME} bytes")
-
-
 def _check_simulator(settings: SimulatorConfig) -> None:
-    schemes = GetIntegrationSchemes()
-    require(settings.integration_scheme in schemes, "simulator.integration_scheme",
-            settings.integration_scheme, f"one of {', '.join(schemes)}")
-    require(0.0 <= settings.max_step_size < np.inf, "simulator.max_step_size",
-            settings.max_step_size, "positive, or 0 for as long as is accurate")
-    _require_positive("simulator.accuracy", settings.accuracy)
+    """Raises `InvalidParameter` for a value of Drake's settings that a run cannot use."""
+    for key, constraint in (
+            ("integration_scheme", OneOf(*GetIntegrationSchemes())), ("accuracy", Positive),
+            ("max_step_size", NotNegative), ("target_realtime_rate", NotNegative)):
+        constraint.check(f"simulator.{key}", getattr(settings, key))
     require(settings.start_time == 0.0, "simulator.start_time", settings.start_time, "0")
-    rate = settings.target_realtime_rate
-    require(0.0 <= rate < np.inf, "simulator.target_realtime_rate", rate,
-            "positive, or 0 for as fast as possible")
-
-
-def _require_positive(key: str, value: float) -> None:
-    require(0.0 < value < np.inf, key, value, "positive")

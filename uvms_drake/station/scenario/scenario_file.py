@@ -21,6 +21,27 @@ from uvms_drake.common.schema import parse_yaml, read_yaml
 from uvms_drake.model.description.robot_folder import shipped_robots
 from uvms_drake.station.scenario.modules import from_folder
 
+_DRAWN = "left out: drawn runs certify a loop that is not ideal (certify --runs)"
+GONE_KEYS = {
+    "certificate.plans": _DRAWN,
+    "certificate.linear": _DRAWN,
+}
+"""Allowed in place of each key that scenarios once had, as the end of "must be ..."."""
+GONE_SCENARIOS = {
+    "girona500_sampled": "girona500_contact (ideal), or girona500_real_loop with drawn runs",
+    "girona500_lag": "girona500_contact (ideal), or girona500_real_loop with drawn runs",
+}
+"""Replacement of each scenario that was once shipped."""
+
+
+def refuse_gone(raw: object, key: str = "") -> None:
+    """Raises `InvalidParameter` for the first key in raw data that former versions had."""
+    for name, value in raw.items() if isinstance(raw, dict) else ():
+        path = f"{key}.{name}" if key else str(name)
+        require(path not in GONE_KEYS, path, value, GONE_KEYS.get(path, ""))
+        for item in value if isinstance(value, list) else [value]:
+            refuse_gone(item, path)
+
 
 def shipped_scenarios() -> dict[str, Path]:
     """Returns the files of the scenarios that come with the package, by name."""
@@ -42,6 +63,9 @@ def scenario_path(name_or_path: str, key: str = "scenario") -> Path:
         if path.is_file():
             return path
         there = path.exists()
+    if name_or_path in GONE_SCENARIOS:
+        raise ScenarioError(f"{key} = {name_or_path!r}: must be {GONE_SCENARIOS[name_or_path]}; "
+                            "it is not shipped any more")
     close = difflib.get_close_matches(name_or_path, shipped, n=1)
     known = f"one of {', '.join(shipped)}"
     if there:

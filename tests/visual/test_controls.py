@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.visual.illustration` and of the user's controls during a run."""
+"""Tests of `uvms_drake.visual.controls`, and of a run that is watched."""
 
 from dataclasses import fields, replace
 from types import SimpleNamespace
@@ -6,15 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 from support.meshcat import packed_transform, press
-from support.synthetic import synthetic_record
 
-from uvms_drake.report.replay import moment_of
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.station.simulation import simulate
 from uvms_drake.visual import controls
-from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.controls import (
     DISTURBANCE,
     FORCE,
@@ -25,8 +23,9 @@ from uvms_drake.visual.controls import (
     HomeButton,
     stop_button,
 )
-from uvms_drake.visual.scene import Scene
 from uvms_drake.visual.stage import UNSEEN
+
+FORCE_DES = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @pytest.fixture
@@ -71,14 +70,43 @@ def test_the_button_ends_a_run_as_one_of_a_shorter_duration(meshcat):
     np.testing.assert_array_equal(record.state, again.state)
 
 
-def test_the_ghost_is_off_by_the_magnified_deviation(meshcat):
-    record = synthetic_record(4.0)
-    scenario = replace(record.scenario, visual=VisualConfig(magnification=20.0))
-    Scene(meshcat, setting_of(scenario, record.model)).show(moment_of(record, 100), 0.0)
-    real, ghost = (packed_transform(meshcat, f"ned/{name}/vehicle")[:3, 3]
-                   for name in ("uvms", "nominal"))
-    expected = 20.0 * (record.nominal_config[100, :3] - record.config[100, :3])
-    np.testing.assert_allclose(ghost - real, expected, atol=1e-9)
+def test_the_slider_says_what_the_task_does_until_it_is_moved(meshcat):
+    slider = ForceSlider.AddToBuilder(DiagramBuilder(), FORCE_DES, meshcat)
+    port = slider.GetOutputPort("force")
+    context = slider.CreateDefaultContext()
+    np.testing.assert_array_equal(port.Eval(context), FORCE_DES)
+    meshcat.SetSliderValue(FORCE, 30.0)
+    context.SetTime(0.1)
+    np.testing.assert_allclose(port.Eval(context), 1.5 * FORCE_DES)
+
+
+def test_a_force_between_the_sliders_steps_is_not_rounded(meshcat):
+    force = np.array([3.0, 4.0, 12.1, 0.0, 0.0, 0.5])
+    slider = ForceSlider(force, meshcat)
+    np.testing.assert_array_equal(
+        slider.GetOutputPort("force").Eval(slider.CreateDefaultContext()), force)
+
+
+@pytest.mark.parametrize("force", [FORCE_DES, np.zeros(6)])
+def test_without_meshcat_or_force_there_is_no_slider(force, meshcat):
+    slider = ForceSlider(force, None if np.any(force) else meshcat)
+    np.testing.assert_array_equal(
+        slider.GetOutputPort("force").Eval(slider.CreateDefaultContext()), force)
+    assert FORCE not in meshcat.GetSliderNames()
+
+
+def test_a_part_of_the_disturbance_is_let_through(meshcat):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(np.array([0.3, -0.1])))
+    slider = DisturbanceSlider.AddToBuilder(
+        builder, meshcat, disturbance=source.get_output_port())
+    diagram = builder.Build()
+    for percent, part in ((None, 1.0), (40.0, 0.4), (0.0, 0.0)):
+        if percent is not None:
+            meshcat.SetSliderValue(DISTURBANCE, percent)
+        context = slider.GetMyContextFromRoot(diagram.CreateDefaultContext())
+        np.testing.assert_array_equal(slider.get_output_port().Eval(context), [
+            part * 0.3, part * -0.1])
 
 
 @pytest.mark.long
