@@ -34,12 +34,12 @@ def folder(text: str) -> Path:
 
 
 @contextlib.contextmanager
-def new_at(path: Path) -> Iterator[None]:
-    """Raises `InvalidParameter` if the path of --new cannot be written."""
+def new_at(path: Path, option: str = "--new") -> Iterator[None]:
+    """Raises `InvalidParameter` if the path of an option cannot be written."""
     try:
         yield
     except OSError as error:
-        raise InvalidParameter("--new", str(path),
+        raise InvalidParameter(option, str(path),
                                f"a path that can be written to ({error.strerror})") from None
 
 

@@ -7,7 +7,7 @@ import pytest
 from support.robot_files import FILES
 from support.synthetic import synthetic_record
 
-from uvms_drake.command.robot_from import write_robot
+from uvms_drake.command.robot import write_robot
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.report.robot.render import RobotScene, picture_axes
 from uvms_drake.report.robot.robot_figure import draw_robot, wall_points, wall_triangles
