@@ -38,7 +38,7 @@ NO_FAILURE = " A run that does not settle in time is no failure."
 MISSION, MISSIONS = "jacket_inspection_real", 10
 """Scenario and number of runs of a certificate in probability of a mission."""
 EACH, EACH_SEED = 5, 2
-"""Number of runs with each unknown, and their seed. A run with joint friction, which is stiff, takes
+"""Number of runs with each unknown, and their seed. Joint friction is stiff: a run with it takes
 ten times as long."""
 DRAWS = 20
 """Draws of each case of the benchmark."""
