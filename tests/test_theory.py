@@ -105,7 +105,7 @@ def test_every_condition_of_the_package_names_a_theorem():
     assert count > 40
 
 
-@pytest.mark.parametrize("name", ["girona500_ideal", "girona500_contact", "paper_kinematic"])
+@pytest.mark.parametrize("name", ["girona500_ideal", "girona500_contact"])
 def test_assumptions_name_their_theorem(name):
     found = assumed_conditions(load_scenario(name))
     assert found and all(is_theorem(each.theorem) for each in found)

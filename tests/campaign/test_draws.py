@@ -11,8 +11,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.plant.waves import Wave
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 
 pytestmark = pytest.mark.slow

@@ -18,8 +18,7 @@ from uvms_drake.certificate.certify import between_knots, certify
 from uvms_drake.certificate.table import verdict
 from uvms_drake.command.main import main
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from support.scenarios import OF_A_STATION
 
 from uvms_drake.certificate.assumptions import (
     SCOPE,
@@ -19,7 +20,6 @@ from uvms_drake.certificate.table import format_certificate, scope, verdict
 from uvms_drake.common.errors import ScenarioError
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 REAL = ("bluerov2_real_loop", "girona500_real_loop", "jacket_inspection_real")
 """Scenarios with thrusters, which are not certified."""
@@ -29,7 +29,7 @@ def unmet(scenario):
     return [item.name for item in assumed_conditions(scenario) if not item.holds]
 
 
-@pytest.mark.parametrize("name", sorted(set(shipped_scenarios()) - set(REAL)))
+@pytest.mark.parametrize("name", sorted(set(OF_A_STATION) - set(REAL)))
 def test_every_shipped_scenario_names_the_axes_that_its_robot_does_not_drive(name):
     scenario = load_scenario(name)
     model = load_model(scenario)
@@ -39,7 +39,7 @@ def test_every_shipped_scenario_names_the_axes_that_its_robot_does_not_drive(nam
         scenario.model == "girona500_arm5e")
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", OF_A_STATION)
 def test_every_assumption_is_a_statement_with_a_guarantor(name):
     scenario = load_scenario(name)
     found = assumptions_of(scenario, load_model(scenario))

@@ -39,7 +39,7 @@ def certificate(scenario) -> Certificate:
         tube=TubeRadii(e=0.003, z=0.02, u=np.full(10, 0.1), tau=np.full(10, np.inf)),
         terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
         estimates=(Estimate("ω", 1.1, 0.9),), tightening=3, proven=1,
-        bounds={"force": 2.5}, paper={"printed radius": np.inf}, **fingerprint(scenario))
+        bounds={"force": 2.5}, **fingerprint(scenario))
 
 
 def test_a_certificate_survives_its_file(certificate, tmp_path):
@@ -48,7 +48,6 @@ def test_a_certificate_survives_its_file(certificate, tmp_path):
     assert again.to_data() == certificate.to_data()
     assert again.certified
     assert again.estimates == certificate.estimates
-    assert again.paper["printed radius"] == np.inf
     np.testing.assert_array_equal(again.tube.tau, np.inf)
 
 

@@ -21,11 +21,9 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import read_uvms
-from uvms_drake.papers.nikou2018.comparison import with_paper
 from uvms_drake.report.robot.robot_sheet import largest_wrench
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
@@ -201,20 +199,6 @@ def test_the_numbers_of_the_ideal_scenario_are_those_of_the_readme(certificate):
         [0.162, 0.171, 0.160, 0.168, 0.170, 0.180, 2.20, 1.29, 1.48, 0.350], rel=0.05)
 
 
-def test_the_papers_law_would_take_gains_that_no_vehicle_can_run(certificate, scenario):
-    """And an arm with self-motion is outside of its tube whatever the gains."""
-    with_both = with_paper(certificate, scenario, load_model(scenario))
-    assert with_both.constants[:3] == certificate.constants
-    assert {constant.how for constant in with_both.constants[3:]} == {"estimated"}
-    k, sigma = with_both.paper["smallest k"], with_both.paper["at σ"]
-    assert k > 500.0
-    failing = certify(load_scenario(
-        "girona500_ideal", [PAPER, f"ancillary=!Transpose {{k: {1.1 * k}, sigma: {sigma}}}"]))
-    assert [item.holds for item in failing.conditions[:5]] == [True, True, True, False, True]
-    assert all(item.holds for item in failing.conditions[5:])
-    assert "does not determine" in failing.failed.name
-
-
 @pytest.mark.long
 def test_the_bilateral_scenario_is_certified(monkeypatch):
     """The constants that are estimated, which have no part in it, are searched for less."""
@@ -310,12 +294,6 @@ def test_the_worst_of_the_ellipsoid_stays_in_the_certified_tube():
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
     assert report["worst_trajectory_position"] > 0.95
     assert 0.5 < report["worst_set_position"] <= 1.0
-
-
-def test_weights_are_no_part_of_kinematic_motion():
-    with pytest.raises(InvalidParameter, match=r"disturbance\.weights = .*: must be left out"):
-        certify(load_scenario("paper_kinematic_certified", [
-            "disturbance.weights=[1, 1, 1, 1, 1, 1]"]))
 
 
 @dataclass

@@ -24,7 +24,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.plant.waves import water_motion
-from uvms_drake.station.motions.dynamic import make_simulated_uvms
+from uvms_drake.station.plant import make_simulated_uvms
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.unmodelled_dynamics import box, motions

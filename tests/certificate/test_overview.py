@@ -105,11 +105,3 @@ def test_an_assumption_that_is_kept_does_not_read_like_its_opposite(scenario):
     text = format_certificate(replace(HOLDS, conditions=tuple(assumed_conditions(scenario))))
     assert "none of this" not in text
     assert "  faults: as the proofs assume " in text
-
-
-def test_the_papers_lemma_is_there_if_it_was_asked_for(scenario):
-    """D16: `printed radius inf` in every certificate."""
-    title = "the paper's Lemma"
-    assert title not in format_certificate(HOLDS)
-    assert title not in format_overview(HOLDS, forces(HOLDS, scenario))
-    assert title in format_certificate(replace(HOLDS, paper={"printed radius": np.inf}))

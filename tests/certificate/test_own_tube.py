@@ -11,7 +11,7 @@ from uvms_drake.certificate.certify import basis_of, certify
 from uvms_drake.certificate.table import format_certificate
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.laws import DYNAMIC_TUBES
+from uvms_drake.tube.laws import TUBES
 
 LAW = """
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ def test_the_tube_and_its_constants_are_found_by_the_exact_type(files):
     assert scenario.ancillary.name == "cascade"
     assert "cascade_law.py" in fingerprint(scenario)["files"]
     law = type(scenario.ancillary)
-    assert law in DYNAMIC_TUBES and type("Derived", (law,), {}) not in DYNAMIC_TUBES
+    assert law in TUBES and type("Derived", (law,), {}) not in TUBES
 
 
 def test_a_constant_of_ones_own_is_the_supremum_of_its_norm(files, few_searches):

@@ -108,7 +108,7 @@ def test_a_limit_without_an_advice_of_its_own_has_that_of_all():
     assert line.endswith(HELP["tightening"])
 
 
-@pytest.mark.parametrize("name", ["girona500_contact", "girona500_real_loop", "paper_kinematic"])
+@pytest.mark.parametrize("name", ["girona500_contact", "girona500_real_loop"])
 def test_every_topic_of_an_assumption_has_its_advice(name):
     """But those that have one in figures, or none that is known."""
     for condition in assumed_conditions(load_scenario(name)):

@@ -30,7 +30,6 @@ OUTSIDE = ["--set", "current=[0.1, 0.0, 0.0]"]
     (["--runs", "2", "--set", "seed=4"], "--set = 'seed=4': must be --seed N"),
     (["--runs", "2", "--set", "mpc.deadline=0.1"], "mpc.deadline"),
     (["--runs", "2", "--largest", "seed"], "--largest = 'seed': must be left out with --runs"),
-    (["--runs", "2", "--paper"], "--paper = True: must be left out with --runs"),
     (["--confidence", "0.9"], "--confidence = 0.9: must be left out without --runs"),
     (["--workers", "2"], "--workers = 2: must be left out without --runs"),
     (["--runs", "2", "--workers", "1", "--scheduler", "tcp://x:1"], "not allowed with")])

@@ -188,7 +188,7 @@ WORDS = {
             "a.b.c", "ancillary.k"],
     "option": ["--seed", "--duration", "--largest", "--runs", "--workers", "--model-error",
                "--replay", "--scheduler", "--output"],
-    "flag": ["--uncertified", "--paper", "--full", "--no-figures",
+    "flag": ["--uncertified", "--full", "--no-figures",
              "--fast", "--help", "--version", "-x"]}
 
 

@@ -16,7 +16,7 @@ from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.report.robot.robot_sheet import sheet_of
 from uvms_drake.setup import first_scenario as module
 from uvms_drake.setup.first_scenario import MARGIN, find_posture, first_scenario, strength_of
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.tube.row_gains import input_gain
 

@@ -222,9 +222,3 @@ def test_a_law_that_does_not_take_the_force_is_refused():
     with pytest.raises(InvalidParameter, match=(
             r"^ancillary = 'transpose': must be a law that takes the measured force")):
         make_station(scenario_of(1.0, PAPER, "ancillary=!Transpose {}"))
-
-
-@pytest.mark.parametrize("override", ["sensing=[!ForceSensor {}]", "faults=[!JumpedForce {}]"])
-def test_kinematic_motion_has_no_force_to_measure(override):
-    with pytest.raises(ScenarioError, match="must be left out, if the motion is kinematic"):
-        load_scenario("paper_kinematic", [override])

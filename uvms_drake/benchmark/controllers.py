@@ -19,7 +19,7 @@ from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.modules import import_file
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -62,8 +62,7 @@ def _mpc(scenario: Scenario, model: ContactModel, alone: AncillaryLaw | None = N
     if alone is not None:
         scenario = replace(scenario, ancillary=alone, mpc=replace(
             scenario.mpc, initial_state="measured", hover=0.0))
-    motion = motion_of(scenario)
-    controller = motion.make_controller(scenario, model, motion.make_ocp(scenario, model))
+    controller = scenario.contact.make_controller(scenario, model, make_ocp(scenario, model))
     mpc = controller.GetSubsystemByName("nominal_mpc")
     assert isinstance(mpc, NominalMpc)
     mpc.time_by(time.process_time)  # A run may share its core with others.

@@ -33,8 +33,7 @@ from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.report.signals import settling_index
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.motions.motions import limits_of
-from uvms_drake.station.problem import task_place
+from uvms_drake.station.problem import limits_of, task_place
 from uvms_drake.station.scenario.scenario import Scenario
 
 LARGEST_FORCE = 500.0

@@ -18,7 +18,7 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.model.signals.fault import Fault
-from uvms_drake.plant.adversary import ROWS, AdversarialDisturbance
+from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
     Disturbance,
@@ -28,9 +28,7 @@ from uvms_drake.plant.disturbance import (
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.motions import make_ocp, motion_of
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.problem import load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
@@ -51,7 +49,7 @@ def vary(campaign: Campaign, index: int) -> Scenario:
         RunFailed: No draw has a feasible first plan.
     """
     base = campaign.base
-    motion, model = motion_of(base), load_model(base)
+    model = load_model(base)
     ocp = make_ocp(base, model)
     for attempt in range(ATTEMPTS):
         rng = np.random.Generator(np.random.Philox(
@@ -71,7 +69,7 @@ def vary(campaign: Campaign, index: int) -> Scenario:
         scenario = base.contact.drawn(scenario, first, rng)
         unknown = drawn_unknowns(scenario.unknowns, rng)
         return replace(
-            scenario, disturbance=_disturbance(scenario.disturbance, motion, model.size, rng),
+            scenario, disturbance=_disturbance(scenario.disturbance, model.size, rng),
             faults=[*scenario.faults, *_faults(rng)], model_error=unknown.error,
             current=unknown.current, waves=list(unknown.waves),
             actuation=with_errors(scenario.actuation, model, partial(_parts, rng)))
@@ -134,17 +132,13 @@ def _parts(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.array([_part(rng) for _ in range(count)])
 
 
-def _disturbance(declared: Disturbance, motion: Motion, size: int, rng: np.random.Generator
-                 ) -> Disturbance:
-    """Returns a disturbance of the full bound: an adversary of any kind, or a random one.
-
-    Where no forces act the only adversary is `along_task_error`.
-    """
+def _disturbance(declared: Disturbance, size: int, rng: np.random.Generator) -> Disturbance:
+    """Returns a disturbance of the full bound: an adversary of any kind, or a random one."""
     bound, weights = declared.bound, declared.weights
     period = float(np.exp(rng.uniform(*np.log(PERIODS))))
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    kind = str(rng.choice([*motion.adversaries, "random"]))
-    direction = rng.normal(size=motion.disturbance_size(size))
+    kind = str(rng.choice([*KINDS, "random"]))
+    direction = rng.normal(size=size)
     if kind == "random":
         return RandomDisturbance(bound, bandwidth=1.0 / period, weights=weights)
     if kind == "constant":

@@ -22,8 +22,6 @@ from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.contact import OPERATOR, Statement
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER
 from uvms_drake.station.contact.sensed_contact import CERTIFIER
-from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
 
 SCOPE = ("actuation", "sensing", "surface")
@@ -45,18 +43,14 @@ class Assumption:
 
 def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption, ...]:
     """Returns the assumptions of a scenario's certificate, those of `SCOPE` first."""
-    motion, contact, actuation = motion_of(scenario), scenario.contact, scenario.actuation
+    contact, actuation = scenario.contact, scenario.actuation
     path = command_path_of(actuation, model)
-    about_surface = (
-        [*contact.about_surface(scenario), ("surface", "the tip alone touches anything", OPERATOR)]
-        if motion.has_forces else [("surface", "none that disturbs the motion", OPERATOR)])
     return tuple(Assumption(about, statement, by) for about, statement, by in (
-        *_actuation(scenario.model, actuation, path, scenario.limits, model,
-                    forces=motion.has_forces),
+        *_actuation(scenario.model, actuation, path, scenario.limits, model),
         *_sensing([*contact.about_sensing(scenario)], path),
-        *about_surface,
-        *_disturbance(motion, scenario.disturbance, scenario.unknowns, model.size),
-        *_robot(scenario.model, forces=motion.has_forces),
+        *contact.about_surface(scenario), ("surface", "the tip alone touches anything", OPERATOR),
+        *_disturbance(scenario.disturbance, scenario.unknowns, model.size),
+        *_robot(scenario.model),
         *_program(scenario.mpc.time_step, scenario.certificate.safety_factor)))
 
 
@@ -97,12 +91,11 @@ def _timing(path: CommandPath) -> str:
 
 
 def _actuation(robot: str, actuation: Sequence[Actuator], path: CommandPath, limits: Limits,
-               model: UvmsModel, *, forces: bool) -> Iterator[Statement]:
-    """Yields the wrench and the torques, or the velocity if no forces move the robot."""
+               model: UvmsModel) -> Iterator[Statement]:
+    """Yields the wrench and the torques."""
     undriven = undriven_axes(model)
     timing = _timing(path)
-    ideal = ("an ideal wrench on six axes and a torque on every joint" if forces else
-             "the velocity of the vehicle on six axes and the rate of every joint as commanded")
+    ideal = "an ideal wrench on six axes and a torque on every joint"
     if _thrusters(actuation):
         yield "actuation", f"the thrusters of {robot} as its files have them", MAKER
     elif undriven:
@@ -112,11 +105,10 @@ def _actuation(robot: str, actuation: Sequence[Actuator], path: CommandPath, lim
                f"{OPERATOR}, by other thrusters")
     else:
         yield "actuation", f"{ideal}, {timing}", MAKER
-    if forces:
-        limited = [name for name in ("tau", "thrusters") if getattr(limits, name) is not None]
-        yield ("actuation", "every force M(𝔮)u of a command within limits.u"
-               + (f" and limits.{', limits.'.join(limited)}" if limited else "")
-               + " is there, without dead band, ripple or thermal limit", MAKER)
+    limited = [name for name in ("tau", "thrusters") if getattr(limits, name) is not None]
+    yield ("actuation", "every force M(𝔮)u of a command within limits.u"
+           + (f" and limits.{', limits.'.join(limited)}" if limited else "")
+           + " is there, without dead band, ripple or thermal limit", MAKER)
 
 
 def _sensing(force: list[Statement], path: CommandPath) -> Iterator[Statement]:
@@ -128,7 +120,7 @@ def _sensing(force: list[Statement], path: CommandPath) -> Iterator[Statement]:
     yield from force
 
 
-def _disturbance(motion: Motion, bound: Disturbance, unknowns: Unknowns, size: int
+def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int
                  ) -> Iterator[Statement]:
     """Yields the bound of d, and the declared unknowns that are a part of it."""
     ball = f"in norm at most {bound.d_bound:.4g}"
@@ -136,7 +128,7 @@ def _disturbance(motion: Motion, bound: Disturbance, unknowns: Unknowns, size: i
         ball = "in the ellipsoid of semi-axes " + ", ".join(
             f"{each:.3g}" for each in bound.axes(size))
     yield ("disturbance", f"all that acts on the robot and is not modelled is a "
-           f"{motion.disturbance_symbol} {ball} {motion.disturbance_unit}", OPERATOR)
+           f"d {ball} m/s², rad/s²", OPERATOR)
     error, current = unknowns.error, unknowns.current
     if np.any(current):
         yield ("disturbance", "of that, a steady uniform current of at most "
@@ -151,10 +143,10 @@ def _disturbance(motion: Motion, bound: Disturbance, unknowns: Unknowns, size: i
         yield ("disturbance", f"all else keeps to {1.0 - error.share:.3g} of the bound", OPERATOR)
 
 
-def _robot(robot: str, *, forces: bool) -> Iterator[Statement]:
+def _robot(robot: str) -> Iterator[Statement]:
     """Yields the robot and its start."""
-    yield ("robot", f"geometry, joints and their ranges are those of the files of {robot}"
-           + (", and so are inertia, added mass, drag and buoyancy" if forces else ""), MAKER)
+    yield ("robot", f"geometry, joints and their ranges are those of the files of {robot}, "
+           "and so are inertia, added mass, drag and buoyancy", MAKER)
     yield "robot", "it is at rest at the declared start, no plan before it", OPERATOR
 
 

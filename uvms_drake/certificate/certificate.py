@@ -71,11 +71,11 @@ class Certificate:
     scenario: str
     law: str
     k: float
-    """Gain k of the velocity error [1/s]; of no meaning with kinematic motion."""
+    """Gain k of the velocity error [1/s]."""
     sigma: float
     """Gain σ of the task error [1/s]."""
     d_bound: float
-    """Bound d̃ [m/s², rad/s²] of the disturbance; with kinematic motion w̃ [m/s, rad/s]."""
+    """Bound d̃ [m/s², rad/s²] of the disturbance."""
     files: dict[str, str]
     """SHA-256 of the robot's files, by name."""
     inputs: str
@@ -84,8 +84,6 @@ class Certificate:
     weights: np.ndarray | None = None
     """Bounds of each component of the disturbance over d̃, the diagonal of Ŵ: ‖Ŵ⁻¹d‖₂ ≤ d̃. None,
     and not in the file, for a ball."""
-    motion: str = "dynamic"
-    """Kind of motion, see `Scenario`."""
     made_by: str = "certify"
     """The command that wrote it."""
     assumptions: tuple[Assumption, ...] = ()
@@ -110,9 +108,6 @@ class Certificate:
     terminal: TerminalResult | None = None
     bounds: dict[str, float] = field(default_factory=dict)
     """Ultimate bounds by name, see `tube.ultimate_bounds`."""
-    paper: dict[str, float] = field(default_factory=dict)
-    """Radii of the paper's Lemma with the same gains and d̃, for comparison; inf if not certified.
-    Not in the file, if they were not asked for."""
 
     @property
     def failed(self) -> Condition | None:
@@ -161,9 +156,8 @@ class Certificate:
             del data["weights"]
         if not self.budget:
             del data["budget"], data["margin"]
-        for name in ("legs", "paper"):
-            if not data[name]:
-                del data[name]
+        if not data["legs"]:
+            del data["legs"]
         return signed(data)
 
     @staticmethod

@@ -3,8 +3,8 @@
     limits ──▶ declared set ──▶ constants ──▶ tube ──▶ tightened sets ──▶ terminal set ──▶ plan
 
 Each arrow adds its conditions to the certificate. It stops at the first stage with a condition that
-does not hold: then the scenario is not certified. The tube depends on the scenario's motion and
-law, see `Motion.tubes`; a law that is not there has no certificate.
+does not hold: then the scenario is not certified. The tube depends on the law, see
+`law_tube.TUBES`; a law that is not there has no certificate.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -53,15 +53,25 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.command_path import command_path_of
-from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.parts import uncovered
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.problem import (
+    disturbance_weights,
+    limits_of,
+    load_model,
+    make_ocp,
+    start_state,
+)
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.estimates import Estimate, unrefuted
-from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.covering import prove_constants
+from uvms_drake.tube.estimates import (
+    CertificateSettings,
+    Estimate,
+    unrefuted,
+)
+from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
+from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.search_memo import active_memo
 from uvms_drake.tube.terminal_set import largest_radius
@@ -74,6 +84,9 @@ FEASIBILITY = "control/theory.md#recursive-feasibility"
 """Theorems of the conditions."""
 STAGES = 4
 """Number of stages of a certificate; how long each takes differs from scenario to scenario."""
+BEGINS = (0.04, 0.7, 0.99)
+"""Elapsed fractions of the time of a certificate at which tube, terminal set and first plan begin,
+about, in the shipped scenarios."""
 UNLIMITED = 1.0
 """‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
 
@@ -93,13 +106,13 @@ def certify(scenario: Scenario, progress: Progress = silent,
     assert active_memo() is None, "a certificate searches for itself"
     # Inputs, and a law without a tube, for which there is nothing to compute.
     model = check_inputs(scenario, model)
-    motion, law, disturbance = motion_of(scenario), scenario.ancillary, scenario.disturbance
-    weights = motion.weights(disturbance, model.size)
+    law, disturbance = scenario.ancillary, scenario.disturbance
+    weights = disturbance_weights(scenario, model)
     draft = Certificate(
-        scenario=scenario.name, motion=scenario.motion, law=scenario.law, k=law.k, sigma=law.sigma,
+        scenario=scenario.name, law=scenario.law, k=law.k, sigma=law.sigma,
         d_bound=disturbance.d_bound, weights=None if np.all(weights == 1.0) else weights,
         assumptions=assumptions_of(scenario, model), **fingerprint(scenario))
-    if type(law) not in motion.tubes:
+    if type(law) not in TUBES:
         return draft.adding([assumption(
             f"certificate of the law {type(law).__name__}", "none is known", topic="law",
             theorem=GUARANTEE)])
@@ -107,8 +120,8 @@ def certify(scenario: Scenario, progress: Progress = silent,
         # Tube without contact, then the additional terms of a sensed contact.
         progress(f"1 of {STAGES}: constants", 0.0)
         basis = basis_of(scenario, model)
-        progress(f"2 of {STAGES}: tube", motion.stages[0])
-        found = motion.tubes[type(law)].tube(law, basis)
+        progress(f"2 of {STAGES}: tube", BEGINS[0])
+        found = TUBES[type(law)].tube(law, basis)
         if all(condition.holds for condition in found.conditions):
             found = scenario.contact.in_contact(found, scenario, basis)
         # These belong to the file even if the tube leaves nothing of a limit.
@@ -164,18 +177,19 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     Those that it cannot give up are `assumptions.assumptions_of`.
     """
     # Axes without a thruster, model errors, options of the MPC, parts of the loop.
-    motion, contact, actuation = motion_of(scenario), scenario.contact, scenario.actuation
+    contact, actuation = scenario.contact, scenario.actuation
     mpc, model = scenario.mpc, model or load_model(scenario)
     unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
     assumed: list[tuple[str, str, float]] = [
-        *uncounted_unknowns(scenario.unknowns, motion, actuation),
+        *uncounted_unknowns(scenario.unknowns, actuation),
         ("surface_error", "which the controller does not know", scenario.surface_error.size),
         ("faults", "which the proofs do not cover", len(uncovered(scenario.faults))),
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
-        ("mpc.terminal_set", "none", not mpc.terminal_set)]
-    assumed += contact.assumed_settings()
-    assumed += motion.assumed_settings(mpc)
+        ("mpc.terminal_set", "none", not mpc.terminal_set),
+        ("mpc.input_reference", "not the equilibrium's input",
+         mpc.input_reference != "equilibrium"),
+        *contact.assumed_settings()]
     conditions = [
         assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
                    + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
@@ -193,16 +207,16 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     return conditions
 
 
-def uncounted_unknowns(unknowns: Unknowns, motion: Motion, actuation: Sequence[Actuator]
+def uncounted_unknowns(unknowns: Unknowns, actuation: Sequence[Actuator]
                        ) -> list[tuple[str, str, float]]:
     """Returns key, reason and size of the unknowns that `declared_unknowns` does not count.
 
-    It counts forces on a robot whose command acts at once.
+    It counts them for a robot whose command acts at once.
     """
-    counted = motion.has_forces and all(isinstance(part, IdealWrench) for part in actuation)
+    counted = all(isinstance(part, IdealWrench) for part in actuation)
     sizes = {"current": float(np.linalg.norm(unknowns.current)),
              "waves": largest_speed(unknowns.waves), "model_error": unknowns.error.size}
-    return [(key, "counted only where forces move the robot at once", 0.0 if counted else size)
+    return [(key, "counted only where the command acts at once", 0.0 if counted else size)
             for key, size in sizes.items()]
 
 
@@ -216,11 +230,11 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
     Raises:
         InvalidParameter: It would not.
     """
-    model, motion = model or load_model(scenario), motion_of(scenario)
+    model = model or load_model(scenario)
     check_values(scenario)
-    check_limits(scenario.limits, model.num_joints, accelerations=motion.has_forces)
-    motion.weights(scenario.disturbance, model.size)
-    none = np.zeros(model.size if motion.has_forces else 0)
+    check_limits(scenario.limits, model.num_joints)
+    disturbance_weights(scenario, model)
+    none = np.zeros(model.size)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
     start_state(without_tube, make_ocp(without_tube, model))
     return model
@@ -262,29 +276,29 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         model: The controller's model.
         names: Names of the constants; those that the scenario's law needs if None.
     """
-    motion, law, limits = motion_of(scenario), scenario.ancillary, scenario.limits
+    law, limits = scenario.ancillary, scenario.limits
     actuation, settings = scenario.actuation, scenario.certificate
-    limited = not motion.has_forces or scenario.contact.force_limit(limits) is not None
+    limited = scenario.contact.force_limit(limits) is not None
     if not limited and not scenario.contact.takes_static_force(scenario.surface):
         raise NotOffered("surface", type(scenario.surface).__name__,
                          "one that has `static_force_rows`, for limits.static_force")
     require(limited, "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
     declared, contact = declared_set(limits, model), scenario.contact.force_bounds(scenario)
-    weights = motion.weights(scenario.disturbance, model.size)
+    weights = disturbance_weights(scenario, model)
     if names is None:
-        names = motion.tubes[type(law)].constants(law, weights)
+        names = TUBES[type(law)].constants(law, weights)
 
     # Constants, estimated and proven.
     key = {"names": names,
            "set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
            "surface": repr(scenario.surface), "samples": settings.constant_samples,
            "safety_factor": settings.safety_factor, "seed": settings.seed,
-           "files": fingerprint(scenario)["files"], "motion": scenario.motion,
+           "files": fingerprint(scenario)["files"],
            "weights": weights.tolist()}
 
     def search() -> dict:
-        found = motion.constants(names, model, declared, weights, settings)
+        found = constants_of(names, model, declared, weights, settings)
         return {name: constant.to_data() for name, constant in found.items()}
 
     constants = cached(key, search) if names else {}
@@ -299,6 +313,30 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
             limits.tau is not None or limits.thrusters is not None or limits.more),
         largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
         command_path=command_path_of(actuation, model))
+
+
+def constants_of(names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
+                 weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
+    """Returns constants by name; those that decide the tube of `resolved` are proven.
+
+    Args:
+        names: Names of the constants.
+        model: The prediction model.
+        declared: Set of the suprema.
+        weights: Diagonal of Ŵ, see `Basis`.
+        settings: Effort of the searches.
+    """
+    ball = bool(np.all(weights == 1.0))
+    norms = {name if ball else WEIGHTED[name]: name for name in PROVEN.values()}
+    proven = prove_constants(
+        model, declared, tuple(norms[name] for name in names if name in norms),
+        seed=settings.seed, weights=weights)
+    estimated = estimate_constants(
+        model, declared, tuple(name for name in names if name not in norms),
+        samples=settings.constant_samples, safety_factor=settings.safety_factor,
+        seed=settings.seed)
+    return estimated | {name: replace(proven[plain], name=name)
+                        for name, plain in norms.items() if plain in proven}
 
 
 def tightening_margins(tube: TubeRadii, limits: Mapping[str, Limit]) -> list[Condition]:
@@ -353,8 +391,7 @@ def how_many_are_proven(found: LawTube, limits: Mapping[str, Limit]) -> tuple[in
 
 def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
                        model: ContactModel, progress: Progress) -> Certificate:
-    _, terminal_set, plan = motion_of(scenario).stages
-    progress(f"3 of {STAGES}: terminal set", terminal_set)
+    progress(f"3 of {STAGES}: terminal set", BEGINS[1])
     settings = scenario.certificate
     try:
         ocp = make_ocp(draft.applied_to(scenario), model)
@@ -375,7 +412,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
                   theorem=TERMINAL, topic="terminal set")])
     if not draft.certified:
         return draft
-    progress(f"4 of {STAGES}: first plan", plan)
+    progress(f"4 of {STAGES}: first plan", BEGINS[2])
     applied = draft.applied_to(scenario)  # With the terminal set.
     first = scenario.contact.first_problem(applied, model, make_ocp(applied, model), start)
     return draft.adding(first_plan(first, start)[1])

@@ -7,7 +7,6 @@ import numpy as np
 from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.control.limits import HoldRadii
-from uvms_drake.station.motions.motions import motion_named
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import QUANTITIES, Constant
 from uvms_drake.tube.contact.tip_motion import JERK
@@ -76,7 +75,7 @@ PLAIN = {weighted: name for name, weighted in WEIGHTED.items()}
 def format_certificate(certificate: Certificate) -> str:
     """Returns the certificate as text."""
     return "\n".join([
-        f"{certificate.scenario}: {certificate.motion} motion, law {certificate.law}, "
+        f"{certificate.scenario}: law {certificate.law}, "
         f"{_gains(certificate)}",
         "", "constants", *(_constant_row(item) for item in certificate.constants),
         "", "conditions", *(_condition_row(item) for item in certificate.conditions),
@@ -87,9 +86,6 @@ def format_certificate(certificate: Certificate) -> str:
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),
         *_leg_rows(certificate),
-        *(["", "the paper's Lemma with these constants"] if certificate.paper else []),
-        *(f"  {name:<32}{value:>12.4g} {UNITS[name]}"
-          for name, value in certificate.paper.items()),
         *_assumption_rows(certificate),
         "", *scope(certificate), verdict(certificate)])
 
@@ -107,11 +103,6 @@ def _assumption_rows(certificate: Certificate) -> list[str]:
 
 
 def _gains(certificate: Certificate) -> str:
-    motion = motion_named(certificate.motion)
-    if not motion.has_forces:
-        known = f"σ = {certificate.sigma:g} 1/s, " if math.isfinite(certificate.sigma) else ""
-        symbol, unit = motion.disturbance_symbol, motion.disturbance_unit
-        return f"{known}{symbol}̃ = {certificate.d_bound:.4g} {unit}"
     gains = (("k", certificate.k), ("σ", certificate.sigma))
     known = "".join(f"{name} = {gain:g} 1/s, " for name, gain in gains if math.isfinite(gain))
     if certificate.weights is None:

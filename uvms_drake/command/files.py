@@ -13,6 +13,8 @@ from uvms_drake.certificate.in_probability import AnyCertificate
 from uvms_drake.common.errors import InvalidParameter, shortened
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 
+BROKEN = 3
+"""Exit status of a completed run that has broken a guarantee or violated a limit."""
 MAIN_SCENARIO = "girona500_contact"
 SUMMARY_FILE = "summary.json"
 REPLAY_FILE = "replay.html"
@@ -61,9 +63,9 @@ def take_quiet(command: argparse.ArgumentParser) -> None:
 
 def picture_files() -> tuple[str, ...]:
     """Returns the names of all the files that `write_pictures` may write."""
-    from uvms_drake.report.figures import all_figures
+    from uvms_drake.report.figures import FIGURES
 
-    return (*all_figures(), REPORT_FILE, REPLAY_FILE)
+    return (*FIGURES, REPORT_FILE, REPLAY_FILE)
 
 
 def write_data(record: Record, folder: Path, certificate: AnyCertificate | None = None

@@ -23,6 +23,7 @@ from uvms_drake.certificate.in_probability import (
     read_any_certificate,
 )
 from uvms_drake.command.files import (
+    BROKEN,
     DATA_FILES,
     MAIN_SCENARIO,
     REPLAY_FILE,
@@ -34,6 +35,7 @@ from uvms_drake.command.files import (
     write_pictures,
 )
 from uvms_drake.command.interrupt import PROGRAM, postponed
+from uvms_drake.command.paper import run_own
 from uvms_drake.command.progress import CERTIFYING, Bar, alarms_above, stream_of
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.common.output import output_folder
@@ -55,9 +57,6 @@ if TYPE_CHECKING:
 # Slow imports (simulation, summary, figures, replay) are local to their functions.
 
 AnyCert = TypeVar("AnyCert", Certificate, AnyCertificate)
-
-BROKEN = 3
-"""Exit status of a completed run that has broken a guarantee or violated a limit."""
 
 EPILOG = f"""\
 scenarios that are shipped (see 'uvms-drake scenarios'):
@@ -126,6 +125,8 @@ def run_scenario(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario, overrides, options)
     source = scenario_source(args.scenario, options)
     path = args.output if args.output is not None else Path("out") / scenario.name
+    if scenario.simulation:
+        return run_own(args, scenario, path)
     # The certificate that `certify` or a former run has left, if it fits.
     certificate = None
     with reported_in(source):

@@ -23,8 +23,7 @@ from uvms_drake.station.contact.drawn_contact import (
     tips,
 )
 from uvms_drake.station.contact.drawn_surfaces import is_member
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.problem import load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.step_bounds import friction_rate
 from uvms_drake.station.step_size import with_step
