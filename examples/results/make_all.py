@@ -24,7 +24,7 @@ import numpy as np
 
 import uvms_drake as uv
 from uvms_drake.benchmark.benchmark import read_record
-from uvms_drake.certificate.failure_probability import percent_above
+from uvms_drake.certificate.in_probability import percent_above
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 FOLDER = Path(__file__).parent

@@ -8,8 +8,12 @@ from dataclasses import replace
 import pytest
 from support.outputs import DATA, DATA_ONLY, written
 
-from uvms_drake.certificate.certificate import Certificate, fingerprint, write_certificate
-from uvms_drake.certificate.in_probability import read_any_certificate
+from uvms_drake.certificate.certificate import (
+    Certificate,
+    fingerprint,
+    read_certificate,
+    write_certificate,
+)
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
 
@@ -59,7 +63,7 @@ def copied(made, tmp_path, capsys):
 def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
     assert written(made) == {"certificate.json", "runs"}
     assert {"setup.json", "runs.jsonl", "campaign.json"} <= written(made / "runs")
-    certificate = read_any_certificate(made / "certificate.json")
+    certificate = read_certificate(made / "certificate.json")
     assert (certificate.runs, certificate.failures, certificate.made_by) == (2, 0, "certify")
     assert certificate.probability == pytest.approx(1.0 - 0.05**0.5)
     assert certificate.source == json.loads(
@@ -142,7 +146,7 @@ def test_a_run_elsewhere_finds_it_where_no_worst_case_certificate_holds(
     assert main([*command, "--seed", "5"]) == 0
     assert VERDICT in capsys.readouterr().out
     assert written(tmp_path) == DATA | {"certificate.json"}
-    assert read_any_certificate(tmp_path / "certificate.json").made_by == "run"
+    assert read_certificate(tmp_path / "certificate.json").made_by == "run"
     # One that nobody has made is not found.
     assert main(["run", *SHORT, *OUTSIDE, "--output", str(tmp_path / "other"), *DATA_ONLY]) == 1
     assert "'certify --runs N' bounds the probability" in capsys.readouterr().err
@@ -156,7 +160,7 @@ def test_a_run_that_fails_is_counted(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "2 of 2 runs failed (0, 1): 2 left the declared tube." in out
     assert out.startswith("girona500_ideal: not certified in probability: every run failed\n")
-    certificate = read_any_certificate(tmp_path / "certificate.json")
+    certificate = read_certificate(tmp_path / "certificate.json")
     assert (certificate.failures, certificate.probability) == (2, 1.0)
     # It is no certificate to run with; with one that bounds failures, those of a run are told.
     run = ["run", *SHORT, "--set", "tube.z=1e-7", "--output", str(tmp_path), *DATA_ONLY]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.unknown_wall import close_to_the_wall
 
-from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certificate import from_data, to_data
 from uvms_drake.certificate.certify import certify
 from uvms_drake.command.run import BROKEN, _report
 from uvms_drake.common.errors import InvalidParameter
@@ -123,7 +123,7 @@ def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     assert tube.depth < tube.position < 0.0021
     assert {"contact_speed[0]", "tool_angle"} < {
         item.name.removeprefix("tube in limits.") for item in certificate.conditions}
-    again = Certificate.from_data(certificate.to_data())
+    again = from_data(to_data(certificate))
     assert again.budget == certificate.budget
 
 

@@ -16,8 +16,8 @@ from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, file
 from uvms_drake.benchmark.press import measure, run_press
 from uvms_drake.campaign.harness import runs, stored
 from uvms_drake.campaign.pool import Pool
-from uvms_drake.certificate.cache import source_digest
 from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.cache import source_digest
 from uvms_drake.common.errors import InvalidParameter, RunFailed, require
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.progress import Progress

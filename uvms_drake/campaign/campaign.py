@@ -16,8 +16,8 @@ from pathlib import Path
 from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.campaign.harness import stored
-from uvms_drake.certificate.cache import source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
+from uvms_drake.common.cache import source_digest
 from uvms_drake.common.errors import InvalidParameter, RunFailed, require
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 

@@ -9,8 +9,12 @@ from typing import Any
 
 from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.campaign.draws import declared_distribution
-from uvms_drake.certificate.failure_probability import failure_bound
-from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
+from uvms_drake.certificate.certificate import probability_fingerprint
+from uvms_drake.certificate.in_probability import (
+    FAILURES,
+    ProbabilityCertificate,
+    failure_bound,
+)
 from uvms_drake.station.scenario.scenario import Scenario
 
 
@@ -50,7 +54,7 @@ def certificate_in_probability(
     kinds = {result["index"]: failures_of(result) for result in results}
     assert sorted(kinds) == list(range(len(results))), "a run is missing: it may have failed"
     failed = tuple(index for index in sorted(kinds) if kinds[index])
-    inputs = ProbabilityCertificate.inputs_of(scenario)
+    inputs = probability_fingerprint(scenario)
     assert inputs["source"] == campaign.source
     return ProbabilityCertificate(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,

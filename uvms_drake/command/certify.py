@@ -64,8 +64,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
         return find_largest(args)
     _require_default(args, ("within",), "without --largest")
     from uvms_drake.certificate.certify import certified_once, check_inputs
-    from uvms_drake.certificate.overview import force_bounds, format_overview
-    from uvms_drake.certificate.table import format_certificate
+    from uvms_drake.certificate.text import format_overview
 
     # Bad input of any kind is refused before anything is computed.
     scenario = load_scenario(args.scenario, args.overrides)
@@ -83,11 +82,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
             seconds = time.perf_counter() - started
         write_certificate(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
-    force = force_bounds(
-        certificate, scenario.contact.force_limit(scenario.limits), scenario.task.force)
-    print(format_overview(certificate, force, seconds))
-    print(f"\n{format_certificate(certificate)}" if args.full else
-          "everything: --full")
+    print(format_overview(certificate, scenario, seconds))
+    print(f"\n{certificate}" if args.full else "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     return 0 if certificate.certified else 1
 

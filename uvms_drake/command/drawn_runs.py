@@ -30,14 +30,19 @@ from uvms_drake.campaign.summary import (
     summarise_campaign,
     summarise_times,
 )
-from uvms_drake.certificate.cache import store
-from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    Certificate,
+    cache_key,
+    to_data,
+    write_certificate,
+)
 from uvms_drake.certificate.certify import certified_once, check_inputs
-from uvms_drake.certificate.in_probability import cache_key
-from uvms_drake.certificate.probability_table import format_probability
+from uvms_drake.certificate.text import format_probability
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
 from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.command.run import BROKEN, note, sound
+from uvms_drake.common.cache import store
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_summary
@@ -113,7 +118,7 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         campaign, scenario, summary["results"], args.confidence)
     with output_folder(path, replaced, replaces=True) as output:
         write_certificate(certificate, output.folder)
-    store(cache_key(scenario), certificate.to_data())
+    store(cache_key(scenario), to_data(certificate))
     print(format_probability(certificate))
     print(f"\n{text}" if args.full else "\nall results of the runs: --full")
     print(f"written to {path}: {CERTIFICATE_FILE}, {STORE}", file=sys.stderr)

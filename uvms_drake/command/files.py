@@ -8,8 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.in_probability import AnyCertificate
+from uvms_drake.certificate.certificate import AnyCertificate, Certificate
 from uvms_drake.common.errors import InvalidParameter, shortened
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 

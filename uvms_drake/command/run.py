@@ -9,19 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
-from uvms_drake.certificate.cache import stored
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
+    AnyCertificate,
     Certificate,
+    cache_key,
+    from_data,
+    read_certificate,
     stale_reason,
     write_certificate,
 )
-from uvms_drake.certificate.in_probability import (
-    AnyCertificate,
-    ProbabilityCertificate,
-    cache_key,
-    read_any_certificate,
-)
+from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.command.files import (
     BROKEN,
     DATA_FILES,
@@ -37,6 +35,7 @@ from uvms_drake.command.files import (
 from uvms_drake.command.interrupt import PROGRAM, postponed
 from uvms_drake.command.paper import run_own
 from uvms_drake.command.progress import CERTIFYING, Bar, alarms_above, stream_of
+from uvms_drake.common.cache import stored
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.common.output import output_folder
 from uvms_drake.model.contact_model import ContactModel
@@ -218,7 +217,7 @@ def _announced(certificate: AnyCertificate, scenario: Scenario, model: ContactMo
     """Returns the lines that a run begins with: kind and scope of its certificate."""
     if isinstance(certificate, ProbabilityCertificate):
         return [certificate.verdict]
-    from uvms_drake.certificate.table import scope
+    from uvms_drake.certificate.text import scope
 
     return [*scope(certificate), f"certified: {certificate.force_sentence}"]
 
@@ -264,7 +263,7 @@ def _committed(scenario: Scenario, model: ContactModel, source: str, path: Path,
         check_inputs(scenario, model)
     if not path.is_file():
         return None
-    certificate = read_any_certificate(path)
+    certificate = read_certificate(path)
     if changed := stale_reason(certificate, scenario):
         if certificate.made_by == "certify":
             if isinstance(certificate, ProbabilityCertificate):  # Its runs are of another campaign.
@@ -288,7 +287,7 @@ def _new_certificate(scenario: Scenario, model: ContactModel, source: str, strea
         certificate = certified_once(scenario, progress, model)
     known = None if certificate.certified else stored(cache_key(scenario))
     if known is not None:
-        return sound(replace(ProbabilityCertificate.from_data(known), made_by="run"), source)
+        return sound(replace(from_data(known), made_by="run"), source)
     return sound(replace(certificate, made_by="run"), source)
 
 
@@ -300,16 +299,11 @@ def note(scenario: Scenario) -> None:
 
 def sound(certificate: AnyCert, source: str) -> AnyCert:
     """Returns a certificate that holds, or raises `RunFailed`; one in probability is none less."""
-    from uvms_drake.certificate.table import verdict
-
-    if isinstance(certificate, ProbabilityCertificate):
-        if not certificate.holds:
-            raise RunFailed(f"{source}: {certificate.verdict}; --uncertified takes the scenario's "
-                            "declared tube")
-    elif not certificate.certified:
-        raise RunFailed(f"{source}: {verdict(certificate)}; 'certify --runs N' bounds the "
-                        "probability that a run fails; --uncertified takes the scenario's "
-                        "declared tube")
+    if not certificate.certified:
+        instead = "" if isinstance(certificate, ProbabilityCertificate) else (
+            "; 'certify --runs N' bounds the probability that a run fails")
+        raise RunFailed(f"{source}: {certificate.verdict}{instead}; --uncertified takes the "
+                        "scenario's declared tube")
     return certificate
 
 

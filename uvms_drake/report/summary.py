@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
-from uvms_drake.certificate.in_probability import AnyCertificate, ProbabilityCertificate
+from uvms_drake.certificate.certificate import AnyCertificate
+from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING

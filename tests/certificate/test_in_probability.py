@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.certificate.failure_probability`."""
+"""Bound of the probability of failure: closed form, tables, exact arithmetic, simulated runs."""
 
 from fractions import Fraction
 from math import comb
@@ -6,7 +6,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from uvms_drake.certificate.failure_probability import (
+from uvms_drake.certificate.in_probability import (
     binomial_tail,
     failure_bound,
     percent_above,
