@@ -105,7 +105,7 @@ def failures_in_words(record: Record, certificate: AnyCertificate | None, summar
 
     failed, claim = broken(summary), summary["in_probability"]
     if isinstance(certificate, ProbabilityCertificate) and not claim["outside"]:
-        from uvms_drake.campaign.probability.failures import failures_of
+        from uvms_drake.campaign.failures import failures_of
         from uvms_drake.campaign.run import outcome
 
         result = {"error": None, **outcome(record)}
