@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.robots import TEMPLATE, altered
+from support.snapshot import check_snapshot
 
 from uvms_drake.command.main import main
 from uvms_drake.model.robot import Robot
@@ -22,6 +23,12 @@ def test_a_new_robot_is_sound_and_has_the_name_of_its_folder(tmp_path, capsys):
     assert not any(TEMPLATE in path.read_text(encoding="utf-8") for path in robot.iterdir())
     assert main(["robot", str(robot)]) == 0
     assert capsys.readouterr().out.startswith("my_robot: 2 joints, no thrusters.yaml\nmass  ")
+
+
+@pytest.mark.parametrize("robot", ["box_uvms", "bluerov2_alpha5", "girona500_arm5e"])
+def test_a_sheet_reads_as_stored(robot, capsys):
+    assert main(["robot", robot]) == 0
+    check_snapshot(f"robot_{robot}", capsys.readouterr().out)
 
 
 def test_a_new_robot_that_cannot_be_written_whole_leaves_nothing(tmp_path, monkeypatch, capsys):

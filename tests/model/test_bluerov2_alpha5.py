@@ -77,12 +77,6 @@ def test_the_floats_of_the_arm_are_part_of_the_vehicles_volume(uvms):
         1000.0 * water.displaced_volume * np.asarray(water.center_of_buoyancy), moment, atol=2e-5)
 
 
-def test_the_water_knows_every_body_and_no_other(uvms):
-    bodies = {uvms.plant.get_body(index).name()
-              for index in uvms.plant.GetBodyIndices(uvms.model_instance)}
-    assert bodies == {"vehicle", *ARM} == set(uvms.hydrodynamics.bodies)
-
-
 def test_its_top_speed_is_near_the_makers(uvms):
     """1.5 m/s at the 130 N that four thrusters give ahead, two of them backwards."""
     model = UvmsModel(uvms)

@@ -38,10 +38,6 @@ def test_round_trip_from_the_papers_order(coordinates, states):
         np.testing.assert_allclose(coordinates.from_drake(there), state, atol=1e-12)
 
 
-def test_size_counts_vehicle_and_arm(coordinates):
-    assert coordinates.size == 6 + 4
-
-
 def test_the_pose_is_that_of_the_vehicle(uvms, coordinates, states):
     context = uvms.plant.CreateDefaultContext()
     for state in states:
@@ -50,15 +46,6 @@ def test_the_pose_is_that_of_the_vehicle(uvms, coordinates, states):
         np.testing.assert_allclose(X_WB.translation(), state[:3], atol=1e-15)
         np.testing.assert_allclose(
             X_WB.rotation().matrix(), rotation_matrix(state[3:6]), atol=1e-14)
-
-
-def test_joint_angles_and_rates_are_those_of_the_joints(uvms, coordinates, states):
-    context = uvms.plant.CreateDefaultContext()
-    uvms.plant.SetPositionsAndVelocities(context, coordinates.to_drake(states[0]))
-    for i in range(4):
-        joint = uvms.plant.GetJointByName(f"joint{i + 1}")
-        assert joint.get_angle(context) == states[0, 6 + i]
-        assert joint.get_angular_rate(context) == states[0, 16 + i]
 
 
 def test_zeta_is_the_vehicles_velocity_in_its_own_axes(uvms, coordinates, states):
@@ -79,16 +66,6 @@ def test_the_map_of_velocities_is_orthogonal(coordinates, states):
         np.testing.assert_allclose(T.T @ T, np.eye(10), atol=1e-14)
         np.testing.assert_allclose(
             T @ state[10:], drake_state[coordinates.num_positions:], atol=1e-14)
-
-
-def test_power_is_the_same_in_both_orders(coordinates, states):
-    rng = np.random.default_rng(seed=5)
-    for state in states:
-        tau = rng.normal(size=10)
-        drake_state = coordinates.to_drake(state)
-        v = drake_state[coordinates.num_positions:]
-        power = v @ coordinates.vector_to_drake(drake_state, tau)
-        assert power == pytest.approx(state[10:] @ tau, abs=1e-13)
 
 
 def test_configuration_moves_with_zeta(uvms, coordinates, states):

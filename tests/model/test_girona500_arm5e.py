@@ -2,17 +2,12 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Cylinder, Ellipsoid, Role, Sphere
 from pydrake.math import RollPitchYaw
-from pydrake.multibody.parsing import PackageMap, Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.multibody.plant import MultibodyPlant
 from support import dh
 
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
-from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 
@@ -62,15 +57,6 @@ def test_joint_limits_are_the_papers(uvms):
     assert [joint.position_upper_limit() for joint in uvms.joints] == list(dh.UPPER)
 
 
-def test_every_joint_has_a_torque_and_a_speed_limit(uvms):
-    for joint in uvms.joints:
-        actuator = uvms.plant.GetJointActuatorByName(joint.name())
-        assert 0.0 < actuator.effort_limit() <= 100.0
-        assert 0.0 < joint.velocity_upper_limit() <= 1.0
-        assert joint.velocity_lower_limit() == -joint.velocity_upper_limit()
-        assert joint.default_damping() > 0.0
-
-
 @pytest.mark.parametrize(
     ("eta", "q", "chi"),
     [
@@ -91,22 +77,6 @@ def test_the_end_effector_points_straight_down_at_q_zero(uvms):
     X_WT = uvms.tip.CalcPoseInWorld(_context(uvms, np.zeros(6), np.zeros(4)))
     assert RollPitchYaw(X_WT.rotation()).pitch_angle() == pytest.approx(-np.pi / 2, abs=1e-7)
     np.testing.assert_allclose(X_WT.rotation().col(0), [0.0, 0.0, 1.0], atol=1e-12)
-
-
-def test_positive_elbow_angles_lift_the_tool(uvms):
-    """The joints' axes 2 and 3 point to starboard, so positive angles raise the tool."""
-    def height(q) -> float:
-        return -uvms.tip.CalcPoseInWorld(_context(uvms, np.zeros(6), q)).translation()[2]
-
-    assert height([0, 0.1, 0, 0]) > height([0, 0, 0, 0])
-    assert height([0, 0, 0.1, 0]) > height([0, 0, 0, 0])
-
-
-def test_the_water_knows_every_body_and_no_other(uvms):
-    bodies = {uvms.plant.get_body(index).name()
-              for index in uvms.plant.GetBodyIndices(uvms.model_instance)}
-    assert bodies == {"vehicle", *ARM}
-    assert set(uvms.hydrodynamics.bodies) == bodies
 
 
 @pytest.mark.parametrize("name", ARM)
@@ -171,39 +141,6 @@ def test_the_arm_weighs_what_its_datasheet_says(uvms):
     assert mass - displaced == pytest.approx(2.75, abs=0.01)
 
 
-def test_the_robot_floats_up_slowly(uvms):
-    """Vehicles are ballasted to come up if the power fails: here about 1 kg·g."""
-    weight = uvms.plant.CalcTotalMass(uvms.plant.CreateDefaultContext())
-    buoyancy = WATER * sum(body.displaced_volume for body in uvms.hydrodynamics.bodies.values())
-    assert weight - buoyancy == pytest.approx(-1.0, abs=0.1)
-
-
-def test_the_vehicle_is_upright_by_itself(uvms):
-    """The centre of buoyancy is 0.11 m above the centre of mass, and on the same vertical."""
-    com = uvms.vehicle.default_spatial_inertia().get_com()
-    cob = uvms.hydrodynamics.bodies["vehicle"].center_of_buoyancy
-    np.testing.assert_allclose(com - cob, [0.0, 0.0, 0.11], atol=1e-12)
-
-
-def test_inertia_with_added_mass_is_positive_definite_everywhere(uvms):
-    """M = M_RB + Σ Jᵀ M_A J, and the water makes it larger."""
-    plant = uvms.plant
-    permutation = np.r_[3:6, 0:3]  # Drake's (ω, v) to Fossen's (v, ω).
-    for config in dh.random_configurations(seed=2, count=20):
-        context = _context(uvms, config[:6], config[6:])
-        dry = plant.CalcMassMatrix(context)
-        added = np.zeros_like(dry)
-        for name, body in uvms.hydrodynamics.bodies.items():
-            frame = plant.GetFrameByName(name)
-            J = plant.CalcJacobianSpatialVelocity(
-                context, JacobianWrtVariable.kV, frame, [0, 0, 0], plant.world_frame(), frame)
-            J = J[permutation]
-            added += J.T @ added_mass_about_origin(body.added_mass) @ J
-        assert np.linalg.eigvalsh(dry)[0] > 0.05
-        assert np.linalg.eigvalsh(added)[0] > -1e-9
-        assert np.linalg.eigvalsh(dry + added)[0] > 0.1
-
-
 def test_the_water_outweighs_the_vehicle_sideways(uvms):
     """External flow and flood water together: M_A > M_RB in sway and heave, less in surge."""
     M = added_mass_about_origin(uvms.hydrodynamics.bodies["vehicle"].added_mass)
@@ -226,80 +163,6 @@ def test_motors_add_their_reflected_inertia_to_the_joints(uvms):
     expected[6:] = 0.5, 0.5, 0.3, 0.1
     np.testing.assert_allclose(with_motors - without, np.diag(expected), atol=1e-12)
     assert without[9, 9] < 1e-3, "the wrist alone is nearly massless"
-
-
-def test_the_package_resolves_its_url():
-    packages = PackageMap()
-    packages.AddPackageXml(str(model_dir("girona500_arm5e") / "package.xml"))
-    assert packages.Contains("girona500_arm5e")
-    plant = MultibodyPlant(time_step=0.0)
-    parser = Parser(plant)
-    parser.package_map().AddMap(packages)
-    (instance,) = parser.AddModelsFromUrl("package://girona500_arm5e/girona500_arm5e.sdf")
-    assert plant.HasFrameNamed("tip", instance)
-
-
-@pytest.fixture(scope="module")
-def shapes() -> dict:
-    """Returns (pose in its body, shape) of each visual by "body/visual"."""
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    uvms = add_uvms(plant, "girona500_arm5e")
-    plant.Finalize()
-    inspector = scene_graph.model_inspector()
-    shapes = {}
-    for index in plant.GetBodyIndices(uvms.model_instance):
-        body = plant.get_body(index)
-        for geometry in inspector.GetGeometries(
-                plant.GetBodyFrameIdOrThrow(index), Role.kIllustration):
-            name = inspector.GetName(geometry).split("::")[-1]
-            shapes[f"{body.name()}/{name}"] = (
-                inspector.GetPoseInFrame(geometry), inspector.GetShape(geometry))
-    return shapes
-
-
-@pytest.mark.parametrize("side", ["port", "starboard"])
-def test_an_upper_hull_has_length_and_volume_of_the_real_one(shapes, side):
-    """It spans x from −0.803 to 0.704 m and encloses 96.7 L."""
-    X_tube, tube = shapes[f"vehicle/hull_{side}"]
-    X_nose, nose = shapes[f"vehicle/hull_{side}_nose"]
-    X_tail, tail = shapes[f"vehicle/hull_{side}_tail"]
-    assert (type(tube), type(nose), type(tail)) == (Cylinder, Ellipsoid, Ellipsoid)
-    bow, stern = (X_tube.translation()[0] + sign * tube.length() / 2 for sign in (1, -1))
-    assert X_nose.translation()[0] == pytest.approx(bow)
-    assert X_tail.translation()[0] == pytest.approx(stern)
-    assert bow + nose.a() == pytest.approx(0.704, abs=1e-3)
-    assert stern - tail.a() == pytest.approx(-0.803, abs=1e-3)
-    r = tube.radius()
-    volume = np.pi * r**2 * (tube.length() + 2 / 3 * (nose.a() + tail.a()))
-    assert volume == pytest.approx(0.0967, rel=2e-3)
-
-
-def test_the_lower_hull_ends_behind_the_arm(shapes):
-    X_tube, tube = shapes["vehicle/hull_lower"]
-    assert X_tube.translation()[0] + tube.length() / 2 < dh.ARM_BASE[0] - 0.03
-    assert X_tube.translation()[2] == pytest.approx(dh.ARM_BASE[2], abs=2e-3)
-
-
-def test_thrusters_stand_where_the_real_ones_do(shapes):
-    expected = {
-        "surge_port": ([-0.3297, -0.2587, -0.021], [1, 0, 0]),
-        "surge_starboard": ([-0.3297, 0.2587, -0.021], [1, 0, 0]),
-        "heave_bow": ([0.5347, 0.0, -0.3137], [0, 0, 1]),
-        "heave_stern": ([-0.5827, 0.0, -0.3137], [0, 0, 1]),
-        "sway": ([-0.0627, 0.0307, -0.021], [0, 1, 0]),
-    }
-    for name, (position, axis) in expected.items():
-        X, duct = shapes[f"vehicle/{name}_duct"]
-        np.testing.assert_allclose(X.translation(), position, atol=1e-12)
-        np.testing.assert_allclose(np.abs(X.rotation().col(2)), axis, atol=1e-6)
-        assert duct.length() < 2 * duct.radius() == pytest.approx(0.218)
-
-
-def test_the_probe_ends_exactly_at_the_tip(shapes):
-    X, ball = shapes["link4/ball"]
-    assert isinstance(ball, Sphere)
-    np.testing.assert_allclose(X.translation(), [0.0, 0.0, -ball.radius()], atol=1e-12)
 
 
 def test_the_plants_pose_and_jacobian_of_the_tip_are_the_chains(uvms):

@@ -38,15 +38,6 @@ def test_the_steps_of_the_chain_are_those_of_the_plant(links, uvms):
             [X_LF.rotation() @ joint.revolute_axis(), X_LF.translation()], atol=1e-14)
 
 
-def test_weight_less_buoyancy_of_the_robot_is_that_of_its_bodies(links, uvms):
-    water = uvms.hydrodynamics
-    mass = sum(uvms.plant.get_body(index).default_mass() - water.fluid_density
-               * water.bodies[uvms.plant.get_body(index).name()].displaced_volume
-               for index in uvms.plant.GetBodyIndices(uvms.model_instance))
-    g = np.array([0.2, 0.3, 9.0])
-    np.testing.assert_allclose(np.sum(links.weight @ g, axis=0)[:3], mass * g, rtol=1e-12)
-
-
 def test_welded_bodies_are_dragged_by_the_velocities_of_their_own_points(links, uvms):
     """The power that drag takes from a link is that of every point, its velocity from Drake."""
     plant, rng = uvms.plant, np.random.default_rng(2)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.robot_files import FILES, FLIP, NAMES, PlainUrdf, turn
 
-from uvms_drake.command.robot_from import write_robot
+from uvms_drake.command.robot import write_robot
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.description.meshes import bounding_box, format_obj, mesh_volume

@@ -3,12 +3,11 @@
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.description.robot_folder import model_dir, models_dir
+from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.model.uvms import Uvms, add_uvms
 
 SHIPPED = "girona500_arm5e"
@@ -56,23 +55,6 @@ def test_handles_of_a_shipped_robot():
     assert "vehicle" in uvms.hydrodynamics.bodies
 
 
-def test_gravity_points_along_z_because_the_world_is_ned():
-    plant = _add(SHIPPED).plant
-    np.testing.assert_array_equal(plant.gravity_field().gravity_vector(), [0.0, 0.0, 9.81])
-
-
-def test_an_unknown_robot_is_refused_with_the_names_of_those_shipped():
-    with pytest.raises(InvalidParameter, match=f"^model = 'titan': must be one of .*{SHIPPED}"):
-        add_uvms(MultibodyPlant(time_step=0.0), "titan")
-
-
-def test_every_shipped_robot_is_found_by_its_name():
-    folders = [path.parent for path in models_dir().glob("*/package.xml")]
-    assert folders
-    for folder in folders:
-        assert model_dir(folder.name) == folder
-
-
 def test_a_robot_may_be_given_by_its_folder(tmp_path):
     copy = shutil.copytree(model_dir(SHIPPED), tmp_path / SHIPPED)
     hydrodynamics = copy / "hydrodynamics.yaml"
@@ -95,21 +77,3 @@ def test_a_serial_arm_may_hang_on_welded_bodies(tmp_path):
     uvms = _add(str(robot))
     assert [joint.name() for joint in uvms.joints] == ["to_upper", "to_lower"]
     assert uvms.tip.body().name() == "lower"
-
-
-def test_a_vehicle_without_an_arm_has_no_joints(tmp_path):
-    assert _add(str(_write_robot(tmp_path / "bare", []))).joints == ()
-
-
-def test_a_second_arm_is_refused_by_the_name_of_its_joint(tmp_path):
-    robot = _write_robot(tmp_path / "two_arms", [
-        ("revolute", "vehicle", "left"), ("revolute", "vehicle", "right")])
-    with pytest.raises(
-            InvalidParameter, match=r"joint to_left: must be of type fixed, as 'left' is not in"):
-        add_uvms(MultibodyPlant(time_step=0.0), str(robot))
-
-
-def test_a_robot_without_a_tip_is_refused(tmp_path):
-    robot = _write_robot(tmp_path / "no_tip", [("revolute", "vehicle", "link")], tip="tool")
-    with pytest.raises(InvalidParameter, match="must have a frame 'tip': its frames are"):
-        add_uvms(MultibodyPlant(time_step=0.0), str(robot))

@@ -220,26 +220,6 @@ def test_model_and_plant_accelerate_alike(uvms, states, surface, where):
         assert np.all(depth > 0.0) == (where != "free"), "the states are where they should be"
 
 
-def test_the_inertia_is_symmetric_positive_definite(model):
-    configs = np.array(list(dh.random_configurations(seed=9, count=50)))
-    M = model.mass_matrix(model.kinematics(configs))
-    np.testing.assert_allclose(M, np.swapaxes(M, 1, 2), atol=1e-12)
-    assert np.min(np.linalg.eigvalsh(M)) > 0.05
-
-
-@pytest.mark.parametrize("where", ["free", "skin", "deep"])
-def test_the_derivatives_of_f_are_those_of_differences(model, states, derivative, where):
-    config, zeta = np.split(states[where], 2, axis=1)
-    f, f_config, f_zeta = model.drift_derivatives(config, zeta)
-    np.testing.assert_allclose(f, model.drift(config, zeta), rtol=1e-12)
-    scale = np.max(np.abs(f_config))
-    for j, direction in enumerate(np.eye(10)):
-        by_config = derivative(lambda s, d=direction: model.drift(config + s * d, zeta), 2e-5)
-        by_zeta = derivative(lambda s, d=direction: model.drift(config, zeta + s * d), 2e-5)
-        np.testing.assert_allclose(f_config[..., j], by_config, rtol=1e-6, atol=1e-8 * scale)
-        np.testing.assert_allclose(f_zeta[..., j], by_zeta, rtol=1e-6, atol=1e-8 * scale)
-
-
 def complex_derivatives(model: ContactModel, config: np.ndarray, zeta: np.ndarray):
     """Returns ∂f/∂𝔮 and ∂f/∂ζ (m, 6+n, 6+n), one column at a time, by complex steps."""
     f = model.drift(config, zeta)
@@ -417,12 +397,3 @@ def test_a_force_that_is_given_counts_as_that_of_the_surface(uvms, model, states
     np.testing.assert_allclose(
         alone.inverse_dynamics(kinematics, zeta, zeta)
         + np.einsum("kij,ki->kj", kinematics.J_chi, force), expected, rtol=1e-10, atol=1e-10)
-
-
-def test_without_a_surface_f_is_that_of_the_water(uvms, model, states):
-    config, zeta = np.split(states["free"], 2, axis=1)
-    alone = UvmsModel(uvms)
-    np.testing.assert_array_equal(alone.drift(config, zeta), model.drift(config, zeta))
-    for a, b in zip(alone.drift_derivatives(config, zeta), model.drift_derivatives(config, zeta),
-                    strict=True):
-        np.testing.assert_array_equal(a, b)

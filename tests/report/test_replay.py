@@ -2,17 +2,15 @@
 
 import re
 from base64 import b64decode
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from screenshots import write_still
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
-from uvms_drake.control.limits import TubeRadii
 from uvms_drake.report import replay
 from uvms_drake.report.replay import frame_indices, moment_of, write_replay
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.visual.contact import KNOWN
 from uvms_drake.visual.scene import Scene
 
 pytestmark = pytest.mark.long
@@ -72,26 +70,8 @@ def test_the_front_and_the_believed_wall_can_be_found_in_a_replay_of_a_felt_cont
 
 def test_what_is_known_at_an_instant_is_what_was_logged():
     record = synthetic_sensed_record(4.0)
-    known = moment_of(record, 150).known
-    np.testing.assert_array_equal(known.force_last_valid, record.signals["force_last_valid"][150])
-    assert known.safe_depth == record.chi_nominal[150, 0] + 0.025
-    assert known.contact_depth == 0.003
-    assert known.stiffness_estimate == pytest.approx(710.0)
-    assert np.isnan(moment_of(record, 50).known.contact_depth)
-
-
-@pytest.mark.parametrize("name", ["girona500_bilateral", "paper_kinematic"])
-def test_the_papers_surface_and_motion_can_be_shown(name, tmp_path):
-    record = replace(synthetic_record(0.2), scenario=load_scenario(name))
-    write_replay(record, tmp_path / "replay.html")
-    assert (tmp_path / "replay.html").stat().st_size > 0
-
-
-def test_a_run_without_a_tube_can_be_shown(tmp_path):
-    record = synthetic_record(0.2)
-    tube = TubeRadii(u=np.zeros(10))
-    write_replay(record, tmp_path / "with.html")
-    write_replay(replace(record, scenario=replace(record.scenario, tube=tube)),
-                 tmp_path / "without.html")
-    sizes = [(tmp_path / f"{name}.html").stat().st_size for name in ("with", "without")]
-    assert 0 < sizes[1] < sizes[0], "the tube and its inset are not drawn"
+    found = moment_of(record, 150).estimate
+    assert set(found) == set(KNOWN)
+    for name, value in found.items():
+        np.testing.assert_array_equal(value, record.signals[name][150])
+    assert moment_of(synthetic_record(4.0), 150).estimate == {}

@@ -11,8 +11,8 @@ from uvms_drake.report.figures import make_figures
 from uvms_drake.report.html import format_report
 from uvms_drake.report.replay import write_replay
 from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.visual.scene import UP, ZOOM, Scene
-from uvms_drake.visual.server import open_meshcat
+from uvms_drake.visual.scene import ZOOM, Scene
+from uvms_drake.visual.stage import UP, open_meshcat
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ from support.sockets import LOCAL, listening_addresses
 
 import uvms_drake
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.visual.server import open_meshcat
+from uvms_drake.visual.stage import open_meshcat
 
 PACKAGE = Path(uvms_drake.__file__).parent
 LINUX = pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs Linux's /proc")
@@ -42,7 +42,7 @@ def test_an_address_that_is_not_this_machines_is_refused_in_a_line():
                          ids=lambda folder: folder.name)
 def test_every_other_file_opens_its_meshcat_through_it(folder):
     opened = [f"{path}:{node.lineno}" for path in folder.rglob("*.py")
-              if path != PACKAGE / "visual" / "server.py"
+              if path != PACKAGE / "visual" / "stage.py"
               for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
               if isinstance(node, ast.Call) and getattr(
                   node.func, "id", getattr(node.func, "attr", "")) in ("Meshcat", "StartMeshcat")]

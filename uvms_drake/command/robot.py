@@ -2,12 +2,14 @@
 
 import argparse
 import os
+import shutil
 import sys
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from uvms_drake.command.files import folder, new_at
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.command.robot_from import write_robot, write_robot_folder
 from uvms_drake.common.errors import InvalidFile, require, vector
 from uvms_drake.common.output import output_folder
 from uvms_drake.model.description.robot_folder import model_dir
@@ -90,17 +92,61 @@ def show_robot(args: argparse.Namespace) -> int:
 
 
 def write_template(robot: Path) -> None:
-    """Writes a copy of the template, by the name of the folder, which must not be there yet.
+    """Writes a copy of the template, by the name of the folder."""
+    source = sorted(model_dir(TEMPLATE).iterdir())
+    _write_folder(robot, "--new", lambda name: {
+        file.name.replace(TEMPLATE, name):
+            file.read_text(encoding="utf-8").replace(TEMPLATE, name).encode() for file in source})
+
+
+def write_robot(file: Path, robot: Path) -> int:
+    """Writes the folder of the robot in a file as it was found, and prints the notes of the import.
+
+    Args:
+        file: URDF or SDFormat.
+        robot: The folder.
+
+    Returns:
+        Exit status.
+
+    Raises:
+        InvalidParameter: The file is no robot, or the folder cannot be written; nothing is left.
+    """
+    from uvms_drake.model.robot_import.importer import import_robot
+
+    notes = []
+
+    def imported(name: str) -> dict[str, bytes]:
+        found = import_robot(file, name)
+        notes.append(found.notes.format())
+        return found.files
+
+    _write_folder(robot, "--from", imported)
+    print(notes[0])
+    print(f"written to {robot}, with this list in README.md; '{PROGRAM} robot {robot}' shows it")
+    return 0
+
+
+def _write_folder(robot: Path, option: str, files: Callable[[str], dict[str, bytes]]) -> None:
+    """Writes the files of a robot into a folder that appears when all of them are there.
 
     Raises:
         InvalidParameter: The folder is there, cannot be written, or its name is none for a robot.
     """
-    name, source = robot.name, model_dir(TEMPLATE)
-    require(name.isidentifier() and name.isascii(), "--new", str(robot),
+    name = robot.name
+    require(name.isidentifier() and name.isascii(), option, str(robot),
             "a folder by the name of the robot: letters, digits and _")
-    require(not os.path.lexists(robot), "--new", str(robot), "a folder that is not there yet")
-    with new_at(robot):
-        write_robot_folder({
-            file.name.replace(TEMPLATE, name):
-                file.read_text(encoding="utf-8").replace(TEMPLATE, name).encode()
-            for file in sorted(source.iterdir())}, robot)
+    require(not os.path.lexists(robot), option, str(robot), "a folder that is not there yet")
+    content = files(name)
+    with new_at(robot, option):
+        robot.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=robot.parent))
+        try:
+            staging.chmod(0o755)
+            for path, data in content.items():
+                (staging / path).parent.mkdir(parents=True, exist_ok=True)
+                (staging / path).write_bytes(data)
+            staging.rename(robot)
+        except BaseException:
+            shutil.rmtree(staging, ignore_errors=True)
+            raise

@@ -122,6 +122,17 @@ class UvmsModel:
 
     # Kinematics
 
+    def joint_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the smallest and largest joint coordinates (n,) to look at [rad, m].
+
+        They are the joints' own limits, beyond ±π too. A joint without any is looked at for half a
+        turn either way of zero, one with a single limit for a turn from there.
+        """
+        lower, upper = self.q_lower, self.q_upper
+        below, above = np.isfinite(lower), np.isfinite(upper)
+        return (np.where(below, lower, np.where(above, upper - 2.0 * np.pi, -np.pi)),
+                np.where(above, upper, np.where(below, lower + 2.0 * np.pi, np.pi)))
+
     def kinematics(self, config: np.ndarray) -> Kinematics:
         """Returns the geometry at 𝔮 (..., 6+n)."""
         X_BL = self._chain(config[..., 6:])

@@ -15,7 +15,6 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.frames.spatial import cross
-from uvms_drake.model.joint_range import joint_range
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 from uvms_drake.plant.hydrodynamics import Hydrodynamics, drag_force
@@ -57,7 +56,7 @@ def model_complaints(uvms: Uvms) -> list[InvalidParameter]:
 def random_state(model: UvmsModel, rng: np.random.Generator) -> np.ndarray:
     """Returns a state (𝔮, ζ) (2(6+n),) of any attitude, with speeds of the order of one."""
     attitude = rng.uniform([-np.pi, -1.3, -np.pi], [np.pi, 1.3, np.pi])
-    angles = rng.uniform(*joint_range(model))
+    angles = rng.uniform(*model.joint_range())
     return np.concatenate([rng.normal(size=3), attitude, angles, rng.normal(size=model.size)])
 
 

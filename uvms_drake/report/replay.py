@@ -7,9 +7,9 @@ from pydrake.geometry import Meshcat
 
 from uvms_drake.station.record import Record
 from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.visual.objects.contact_knowledge import contact_knowledge_from
+from uvms_drake.visual.contact import KNOWN
 from uvms_drake.visual.scene import Moment, Scene
-from uvms_drake.visual.server import open_meshcat
+from uvms_drake.visual.stage import open_meshcat
 
 MOST_FRAMES = 1800
 """Largest number of pictures in a replay, of 4 kB each; the browser interpolates."""
@@ -47,8 +47,8 @@ def moment_of(record: Record, index: int) -> Moment:
                   u=record.u[index], nominal_input=record.nominal_input[index],
                   desired_force=record.desired_force[index], path=path,
                   force=record.force[index],
-                  known=contact_knowledge_from(
-                      {name: x[index] for name, x in record.signals.items()}))
+                  estimate={name: record.signals[name][index] for name in KNOWN}
+                  if KNOWN.keys() <= record.signals.keys() else {})
 
 
 def frame_indices(time: np.ndarray, rate: float) -> np.ndarray:

@@ -21,7 +21,6 @@ import numpy as np
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.laws.tip_rows import best_rows
 from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.model.joint_range import joint_range
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
@@ -254,7 +253,7 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     n = model.num_joints
     if n == 0:
         return np.zeros(0), 1.0
-    lower, upper = joint_range(model)
+    lower, upper = model.joint_range()
     margin = np.minimum(MARGIN, 0.25 * (upper - lower))
     lower, upper = lower + margin, upper - margin
 

@@ -25,6 +25,8 @@ from uvms_drake.tube.search.second_search import second_search
 
 PATIENCE, LEADERS = 3, 16
 """Effort of the ascent, see `ascent.supremum`: norms are cheap."""
+BATCH = 200
+"""States evaluated at a time."""
 
 
 @dataclass(frozen=True)
@@ -100,10 +102,9 @@ def register_constant(name: str, quantity: Quantity) -> None:
 
 def norms(name: str, model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
     """Returns the norms behind a constant, e.g. ‖J‖ for J_max, (m,) at m states (m, 6+n)."""
-    columns = QUANTITIES[name].product(
-        model, config[:, None], zeta[:, None], np.eye(model.size)[None])
-    found: np.ndarray = np.linalg.norm(columns, 2, axis=(1, 2))
-    return found
+    return np.concatenate([np.linalg.norm(QUANTITIES[name].product(
+        model, config[i: i + BATCH, None], zeta[i: i + BATCH, None], np.eye(model.size)), 2,
+        axis=(1, 2)) for i in range(0, len(config), BATCH)])
 
 
 def estimate_constants(model: ContactModel, declared: ConstraintSet, names: tuple[str, ...], *,
@@ -133,7 +134,7 @@ def estimate_constants(model: ContactModel, declared: ConstraintSet, names: tupl
 
 def checked_constants(model: ContactModel, declared: ConstraintSet,
                       constants: tuple[Constant, ...], seed: int) -> tuple[Estimate, ...]:
-    """Returns the estimated ones of some constants, with Ŵ = I, and what a second search finds."""
+    """Returns the estimates among some constants, with Ŵ = I, each with its second search."""
     return tuple(Estimate(each.name, each.value, float(second_search(
         norm_problem(model, declared, QUANTITIES[each.name].product), np.zeros(1, dtype=int),
         np.random.default_rng([seed, 1]))[0])) for each in constants if each.how == "estimated")

@@ -1,28 +1,33 @@
 """The picture of a run, live and recorded by the same code."""
 
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
+from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, Rgba
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
+from uvms_drake.control.limits import Limit
+from uvms_drake.control.plan.points import Points
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.config import VisualConfig
-from uvms_drake.visual.limit_use import ACTIVE, LimitUse
-from uvms_drake.visual.objects.contact_knowledge import (
-    ContactKnowledge,
-    ContactSpecification,
-    DrawnKnowledge,
+from uvms_drake.visual.contact import KNOWN, Coverage, DrawnEstimate, Estimate, Pressing
+from uvms_drake.visual.objects import (
+    CELL,
+    PLAN,
+    REAL,
+    DrawnRobot,
+    DrawnTube,
+    Polyline,
+    Trail,
+    draw_floor,
+    round_magnification,
 )
-from uvms_drake.visual.objects.coverage import Coverage
-from uvms_drake.visual.objects.drawn_robot import DrawnRobot
-from uvms_drake.visual.objects.floor import Floor
-from uvms_drake.visual.objects.hud import Hud
-from uvms_drake.visual.objects.pressing import Pressing
-from uvms_drake.visual.objects.props import PLAN, REAL, Polyline, Trail
-from uvms_drake.visual.objects.tube import DrawnTube, round_magnification
-from uvms_drake.visual.stage import NED, Stage
+from uvms_drake.visual.overlay import Overlay
+from uvms_drake.visual.stage import NED, UP, Stage
 
 WATER = {"top_color": [0.36, 0.60, 0.72], "bottom_color": [0.04, 0.16, 0.26]}
 GHOST = Rgba(1.0, 1.0, 1.0, 0.75)
@@ -35,8 +40,6 @@ CLOSE = 1.7
 """Distance of the camera in a close-up [m]."""
 SIDE_SWITCH = 0.3
 """Distance of the start in y beyond which the camera changes sides, likewise."""
-UP = np.array([1.0, -1.0, -1.0])
-"""Signs of the axes of Σ_I in Meshcat, whose z points up."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,44 @@ class Moment:
     """Planned path of the nominal end-effector (N+1, 3) [m]."""
     force: np.ndarray | None = None
     """Force 𝔉 (6,) [N, N m]; None: the one that the surface's law gives for the pose at rest."""
-    known: ContactKnowledge = field(default_factory=ContactKnowledge)
-    """Estimate of an unknown surface."""
+    estimate: Estimate = field(default_factory=dict)
+    """Estimate of an unknown surface; empty for a known one."""
+
+
+class LimitUse:
+    """Fraction of each limit that a motion uses, from 0 to 1.
+
+    It is the larger of two fractions: the real motion's of the limits, and the nominal motion's of
+    the limits tightened by the tube. So a limit that is active in the plan counts as active, even
+    though the real robot keeps a distance from it.
+
+    Args:
+        model: The controller's model.
+        limits: Limits of the real robot, by name.
+        nominal: The same, tightened by the tube.
+    """
+
+    def __init__(self, model: UvmsModel, limits: dict[str, Limit], nominal: dict[str, Limit]):
+        self._model, self._limits, self._nominal = model, limits, nominal
+        self.names = [bar for limit in limits.values() for bar in limit.bars]
+
+    def __call__(self, state: np.ndarray, u: np.ndarray, nominal_state: np.ndarray,
+                 nominal_input: np.ndarray) -> np.ndarray:
+        """Returns the parts (L,) in the order of `names`.
+
+        Args:
+            state: (𝔮, ζ) (2(6+n),).
+            u: 𝔲 (6+n,); not read if the motion is kinematic.
+            nominal_state: (𝔮̄, ζ̄) (2(6+n),).
+            nominal_input: ū (6+n,); not read if the motion is kinematic.
+        """
+        return np.maximum(self._lengths(self._limits, state, u),
+                          self._lengths(self._nominal, nominal_state, nominal_input))
+
+    def _lengths(self, limits: dict[str, Limit], state: np.ndarray, u: np.ndarray) -> np.ndarray:
+        config, zeta = np.split(state, 2)
+        at = Points(self._model, config, self._model.task_pose(config), zeta, u)
+        return np.concatenate([limit.bar_lengths(at) for limit in limits.values()])
 
 
 @dataclass(frozen=True)
@@ -87,10 +126,10 @@ class Setting:
     """Settings of the drawing."""
     certified: bool
     """Whether the tube is that of a certificate that holds."""
-    has_forces: bool = True
-    """Whether anything is touched and pressed."""
-    specification: ContactSpecification | None = None
-    """Specification of a contact with an unknown surface; None: the surface is known."""
+    direction: np.ndarray | None = None
+    """Direction n into an unknown surface (3,); None: the surface is known."""
+    margin: float = 0.0
+    """Largest distance E of the real tip beyond the planned one [m], on an unknown surface."""
     painted: float | None = None
     """Force at the end of the colour scale of a mission's coverage [N]; None: no coverage."""
 
@@ -125,9 +164,9 @@ class Scene:
         self._ghost = DrawnRobot(stage, "nominal", setting.robot, GHOST)
         self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * unit)
         self._path = Polyline(stage, f"{NED}/path", setting.horizon + 1, PLAN, 0.003 * unit, radius)
-        level = Floor.CELL * np.ceil((BELOW * unit - middle[2]) / Floor.CELL)
-        Floor(stage, f"{NED}/floor", np.array([*(middle * UP)[:2], level]),
-              int(np.ceil(2.5 * unit / Floor.CELL)))
+        level = float(CELL * np.ceil((BELOW * unit - middle[2]) / CELL))
+        draw_floor(stage, f"{NED}/floor", np.array([*(middle * UP)[:2], level]),
+                   int(np.ceil(2.5 * unit / CELL)))
 
         # The camera, on the side from which the robot comes, and the texts that face it.
         side = 1.0 if setting.start[1] - self._goal[1] > SIDE_SWITCH * unit else -1.0
@@ -135,21 +174,19 @@ class Scene:
         self.target = middle + unit * np.array([0.0, 0.0, 0.1])
         self._look(meshcat)
         self._use = setting.limit_use
-        self._hud = Hud(stage, self.camera, self.target, unit, self._use.names,
-                        self._legend(setting, level))
+        self._overlay = Overlay(stage, self.camera, self.target, unit, self._use.names,
+                                self._legend(setting, level))
         name = "certified tube" if setting.certified else "declared tube"
         size = f"enlarged {self._enlarged:g}×" if self._enlarged != 1.0 else "to scale"
-        self._tube = DrawnTube(stage, f"{NED}/tube", self._hud.inset, radius, self._enlarged,
-                               f"{name}\n{size}", 0.055 * unit, self._hud.facing)
+        self._tube = DrawnTube(stage, f"{NED}/tube", self._overlay.inset, radius, self._enlarged,
+                               f"{name}\n{size}", 0.055 * unit, self._overlay.facing)
         self._pressing = Pressing(stage, self._law, self._goal, setting.force, unit,
-                                  self._hud.facing) if setting.has_forces else None
-        self._knowledge = DrawnKnowledge(
-            stage, self._hud.board, setting.specification, self._tip
-        ) if setting.specification is not None else None
-        self._coverage = Coverage(
-            stage, f"{NED}/coverage", f"{self._hud.board}/painted", setting.painted,
-            -setting.specification.direction
-        ) if setting.specification is not None and setting.painted is not None else None
+                                  self._overlay.facing)
+        n, board = setting.direction, self._overlay.board
+        self._estimate = None if n is None else DrawnEstimate(
+            stage, board, n, setting.margin, self._tip)
+        self._coverage = None if n is None or setting.painted is None else Coverage(
+            stage, f"{NED}/coverage", f"{board}/painted", setting.painted, -n)
         self._time = np.inf
 
     def _framed(self, setting: Setting) -> tuple[np.ndarray, float]:
@@ -179,18 +216,15 @@ class Scene:
 
     def _legend(self, setting: Setting, level: float) -> str:
         """Returns the meaning of colours, bars and lines."""
-        has_forces = setting.has_forces
-        forces = (("force and ", "     yellow: contact", "desired force, ") if has_forces
-                  else ("", "", ""))
         is_wall = self._law.normal is not None or self._law.patch(self._goal, 1.0, 2) is not None
-        walls = ", 0.1 m on the wall" if has_forces and is_wall else ""
+        walls = ", 0.1 m on the wall" if is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
         estimate = ("green: end of the safe region     yellow frame: estimated surface\n"
-                    if setting.specification is not None else "")
-        return (f"{estimate}red: real {forces[0]}path{forces[1]}     "
-                f"white: {forces[2]}planned path, outline of the nominal robot{size}\n"
+                    if setting.direction is not None else "")
+        return (f"{estimate}red: real force and path     yellow: contact     "
+                f"white: desired force, planned path, outline of the nominal robot{size}\n"
                 "bars: part of a limit that real or planned motion uses, red at the limit     "
-                f"level grid at z = {level:g} m, lines every {Floor.CELL:g} m{walls}")
+                f"level grid at z = {level:g} m, lines every {CELL:g} m{walls}")
 
     def show(self, moment: Moment, time: float) -> None:
         """Draws a moment at `time` [s]; in a recording, too."""
@@ -209,11 +243,89 @@ class Scene:
         self._trail.show(tip)
         self._path.show(moment.path)
         self._tube.show(tip, nominal_tip)
-        if self._pressing is not None:
-            self._pressing.show(chi, moment.force, moment.desired_force)
-        if self._knowledge is not None:
-            self._knowledge.show(moment.known, tip)
-        if self._coverage is not None:
-            self._coverage.show(chi, moment.known.force_last_valid, self._law)
-        used = self._use(moment.state, moment.u, moment.nominal_state, moment.nominal_input)
-        self._hud.show(time, used, used >= ACTIVE)
+        self._pressing.show(chi, moment.force, moment.desired_force)
+        if self._estimate is not None:
+            self._estimate.show(moment.estimate, tip)
+        if self._coverage is not None and moment.estimate:
+            self._coverage.show(chi, moment.estimate["force_last_valid"], self._law)
+        self._overlay.show(time, self._use(
+            moment.state, moment.u, moment.nominal_state, moment.nominal_input))
+
+
+class Illustration(LeafSystem):
+    """Sink that draws its input signals in Meshcat; see `Scene`.
+
+    .. pydrake_system::
+
+        name: Illustration
+        input_ports:
+        - state
+        - nominal_state
+        - u
+        - nominal_input
+        - plan
+        - force (optional)
+        - desired_force (optional)
+        - force_last_valid, safe_depth, contact_depth, stiffness_estimate (optional)
+
+    - `state`, `nominal_state` (2(6+n)), `u`, `nominal_input` (6+n): as from a station.
+    - `plan`: the current `Plan` (abstract).
+    - `force` (6) [N, N m]: 𝔉; unconnected means the force of the surface's law at the pose at rest.
+    - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
+    - `force_last_valid` (6), `safe_depth`, `contact_depth`, `stiffness_estimate` (1): the estimate
+      of an unknown surface, see `KNOWN`; empty unless all of them are connected.
+
+    A picture is drawn after the first step of the simulation in each period of the rate: an event
+    with a period would end an integration step, and so change the run. The Context has no state;
+    the system and its `Scene` remember the last picture, as Meshcat does: all Contexts draw on the
+    one picture, and nothing that is simulated depends on it.
+
+    Args:
+        meshcat: Meshcat to draw in.
+        setting: Constants of the scene.
+    """
+
+    def __init__(self, meshcat: Meshcat, setting: Setting):
+        super().__init__()
+        self._scene, self._model = Scene(meshcat, setting), setting.model
+        self._task_force, self._rate = setting.force, setting.visual.rate
+        self._knots = setting.horizon + 1
+        self._last_time = np.inf
+        size = self._model.size
+        for name, width in (("state", 2 * size), ("nominal_state", 2 * size), ("u", size),
+                            ("nominal_input", size), ("force", 6), ("desired_force", 6),
+                            *KNOWN.items()):
+            self.DeclareVectorInputPort(name, width)
+        self.DeclareAbstractInputPort("plan", Value(object()))
+        self.DeclarePerStepPublishEvent(self._draw_if_due)
+        self.DeclareForcedPublishEvent(self._draw)
+
+    def _draw_if_due(self, context: Context) -> EventStatus:
+        now, last = context.get_time(), self._last_time
+        if now < last or _frame(now, self._rate) > _frame(last, self._rate):
+            return self._draw(context)
+        return EventStatus.DidNothing()
+
+    def _draw(self, context: Context) -> EventStatus:
+        def value(name: str) -> np.ndarray:
+            return cast(np.ndarray, self.GetInputPort(name).Eval(context))
+
+        def has(name: str) -> bool:
+            return self.GetInputPort(name).HasValue(context)
+
+        self._last_time = context.get_time()
+        plan = self.GetInputPort("plan").Eval(context)
+        self._scene.show(Moment(
+            state=value("state"), nominal_state=value("nominal_state"), u=value("u"),
+            nominal_input=value("nominal_input"),
+            desired_force=value("desired_force") if has("desired_force") else self._task_force,
+            path=self._model.task_pose(plan.config[: self._knots])[:, :3],
+            force=value("force") if has("force") else None,
+            estimate={name: value(name) for name in KNOWN} if all(map(has, KNOWN)) else {}),
+            self._last_time)
+        return EventStatus.Succeeded()
+
+
+def _frame(time: float, rate: float) -> float:
+    """Returns the number of the picture that `time` [s] belongs to."""
+    return np.floor(time * rate + 1e-9)

@@ -1,4 +1,4 @@
-"""Meshcat as a stage: objects are made once and moved, so that a recording equals the live run.
+"""Meshcat and its server, as a stage: objects are made once and moved, live as in a recording.
 
 A recording keeps position, attitude and scale, but neither colour nor visibility
 (RobotLocomotion/drake #20879). So an object that changes its length, or is hidden, is scaled.
@@ -7,15 +7,39 @@ A recording keeps position, attitude and scale, but neither colour nor visibilit
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.geometry import Meshcat, Rgba, Shape
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba, Shape
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
+from uvms_drake.common.errors import InvalidParameter
+
+LOCAL = "localhost"
+"""Address that only programs of this machine reach."""
 NED = "ned"
 """Path below which z points down, for everything that is drawn in Σ_I."""
+UP = np.array([1.0, -1.0, -1.0])
+"""Signs of the axes of Σ_I in Meshcat, whose z points up."""
 VANISHED = 1e-5
 """Scale of an object that is hidden; zero has no inverse, which shading needs."""
 UNSEEN = 5e-4
 """Invisible change of a position [m], a direction or a scale: a quarter of a pixel."""
+
+
+def open_meshcat(host: str = LOCAL) -> Meshcat:
+    """Returns a new Meshcat that listens at an address of this machine.
+
+    Drake's default is every interface, where the whole network can press the buttons of a run.
+
+    Args:
+        host: Name or number of the address; `*` for every interface.
+
+    Raises:
+        InvalidParameter: Nothing can listen there.
+    """
+    try:
+        return Meshcat(MeshcatParams(host=host))
+    except RuntimeError as error:
+        raise InvalidParameter("host", host, "an address of this machine with a free port, or '*' "
+                               f"({error})") from None
 
 
 def turn_down(meshcat: Meshcat) -> None:

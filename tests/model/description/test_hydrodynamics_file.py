@@ -92,18 +92,6 @@ def test_parallel_axes_of_a_point_mass():
     np.testing.assert_allclose(M[:3, 3:] @ omega, m * np.cross(omega, p), atol=1e-15)
 
 
-def test_a_diagonal_means_the_diagonal_matrix():
-    diagonal = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    point = np.array([0.1, 0.2, 0.3])
-    np.testing.assert_array_equal(
-        added_mass_about_origin([AddedMass(matrix=diagonal, point=point)]),
-        added_mass_about_origin([AddedMass(matrix=np.diag(diagonal), point=point)]))
-
-
-def test_no_added_mass_is_zero():
-    np.testing.assert_array_equal(added_mass_about_origin([]), np.zeros((6, 6)))
-
-
 def _write(folder: Path, text: str) -> Path:
     path = folder / "hydrodynamics.yaml"
     path.write_text(text)
@@ -131,16 +119,3 @@ def test_a_file_is_read_with_defaults_for_what_it_leaves_out(tmp_path):
     np.testing.assert_array_equal(hull.drag[0].linear, np.zeros(6))
     np.testing.assert_array_equal(hull.drag[0].quadratic, [1, 2, 3, 4, 5, 6])
     np.testing.assert_array_equal(hull.drag[0].point, [0.1, 0.2, 0.3])
-
-
-def test_an_unknown_key_in_a_file_is_named_with_the_file(tmp_path):
-    path = _write(tmp_path, "bodies: {hull: {volume: 1.0}}")
-    with pytest.raises(InvalidParameter, match=r"hydrodynamics\.yaml.*volume"):
-        load_hydrodynamics(path)
-
-
-def test_a_bad_value_in_a_file_is_named_with_file_and_key(tmp_path):
-    path = _write(tmp_path, "bodies: {hull: {displaced_volume: -1.0}}")
-    with pytest.raises(
-            InvalidParameter, match=r"hydrodynamics\.yaml.*bodies\.hull\.displaced_volume = -1\.0"):
-        load_hydrodynamics(path)

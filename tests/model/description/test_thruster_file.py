@@ -17,29 +17,10 @@ from uvms_drake.model.description.thruster_file import (
     load_thrusters,
     thrust_map,
 )
-from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
 TWO = [ThrusterData("t200", np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, -2.0])),
        ThrusterData("t200", np.array([-0.5, 0.4, 0.2]), np.array([0.0, -0.6, 0.8]))]
-
-
-def test_the_thrust_map_does_the_power_of_the_thrusters(derivative):
-    """(B f)ᵀν is Σ f times the speed of each thruster along its own axis, by differences."""
-    rng = np.random.default_rng(3)
-    config, zeta = rng.uniform(-0.5, 0.5, (2, 6))
-    forces = np.array([7.0, -3.0])
-
-    def place(time: float, thruster: ThrusterData) -> np.ndarray:
-        moved = config + time * configuration_rate(config, zeta)
-        return moved[:3] + rotation_matrix(moved[3:]) @ thruster.position
-
-    power = sum(
-        force * derivative(lambda time, at=thruster: place(time, at))
-        @ rotation_matrix(config[3:]) @ thruster.axis / np.linalg.norm(thruster.axis)
-        for force, thruster in zip(forces, TWO, strict=True))
-    assert thrust_map(TWO) @ forces @ zeta == pytest.approx(power, rel=1e-9)
 
 
 def test_the_robot_moves_as_by_drakes_propellers():

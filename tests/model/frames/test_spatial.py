@@ -33,16 +33,6 @@ def test_skew_and_cross_are_the_vector_product(rng):
         np.einsum("...ij,...j->...i", skew(a), b), np.cross(a, b), atol=1e-15)
 
 
-def test_skew_is_antisymmetric(rng):
-    S = skew(rng.normal(size=(7, 3)))
-    np.testing.assert_array_equal(S, -np.swapaxes(S, -1, -2))
-
-
-def test_cross_broadcasts_one_vector_over_a_stack(rng):
-    a, b = rng.normal(size=3), rng.normal(size=(6, 3))
-    np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
-
-
 def test_motion_product_is_the_commutator_of_se3(rng):
     for V, W in rng.normal(size=(10, 2, 6)):
         commutator = _se3(V) @ _se3(W) - _se3(W) @ _se3(V)
@@ -79,13 +69,3 @@ def test_a_block_diagonal_matrix_acts_on_each_half(rng):
                                np.einsum("mij,mj->mi", B, x[:, 3:])], axis=1)
     np.testing.assert_allclose(times(block_diagonal(A, B), x), expected, atol=1e-14)
     np.testing.assert_array_equal(block_diagonal(1j * A, 1j * B), 1j * block_diagonal(A, B))
-
-
-@pytest.mark.parametrize("function", [cross_motion, cross_force])
-def test_a_complex_step_gives_the_directional_derivative(function, rng):
-    """The products are linear in each argument, so the derivative along D is the product with D."""
-    V, W, D = rng.normal(size=(3, 6))
-    derivative = function(V + 1e-30j * D, W).imag / 1e-30
-    np.testing.assert_allclose(derivative, function(D, W), atol=1e-14)
-    complex_skew = skew(V[:3] + 1e-30j * D[:3])
-    np.testing.assert_allclose(complex_skew.imag / 1e-30, skew(D[:3]), atol=1e-15)

@@ -1,6 +1,5 @@
 """Tests of `uvms_drake.model.propulsion.thrusters`: curves, their inverse, voltages and errors."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,15 +65,6 @@ def test_the_model_of_a_file_has_its_numbers():
     assert known.undriven.size == 0
     forces = np.linspace(-30.0, 40.0, 8)
     np.testing.assert_allclose(known.forces_of(known.commands_of(forces)), forces)
-
-
-def test_with_less_voltage_the_same_command_gives_less():
-    known, weak = ThrusterModel.of(eight_thrusters()), ThrusterModel.of(eight_thrusters(), 4.0)
-    np.testing.assert_allclose(weak.upper, 36.4)
-    command = known.commands_of(np.full(8, 20.0))
-    assert np.all(weak.forces_of(command) < 19.0)
-    with pytest.raises(InvalidParameter, match=r"^sag = 1\.0: must be 0: the voltage"):
-        ThrusterModel.of(replace(eight_thrusters(), voltage=None, kinds={"t200": SMOOTH}), 1.0)
 
 
 def test_an_error_is_one_for_all_or_one_each():

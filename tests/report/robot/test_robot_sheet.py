@@ -135,25 +135,6 @@ def test_what_is_no_mistake_is_noted(sheets):
         "dry, as hydrodynamics.yaml does not name it"]
 
 
-@pytest.mark.parametrize("name", ["box_uvms", "bluerov2_alpha5", "girona500_arm5e"])
-def test_the_sheet_is_text_without_what_is_not_there(name, sheets):
-    text = format_sheet(sheets[name])
-    assert ("largest wrench" in text) == (name != "box_uvms")
-    assert ("dexterity" in text) == (name != "box_uvms")
-    assert ("driven by none" in text) == (name == "girona500_arm5e")
-    assert max(len(line) for line in text.splitlines()) < 150
-
-
-def test_long_names_leave_the_columns_as_they_are(sheets):
-    sheet, name = sheets["box_uvms"], "rov/manipulator/azimuth_link"
-    long = replace(sheet, bodies=[(name, *sheet.bodies[0][1:]), *sheet.bodies[1:]],
-                   joints=[(name, *sheet.joints[0][1:]), *sheet.joints[1:]])
-    lines = format_sheet(long).splitlines()
-    for head in ("joint ", "body "):
-        first = next(i for i, line in enumerate(lines) if line.startswith(head))
-        assert all(line[len(name)] == " " for line in lines[first: first + 3])
-
-
 def test_a_vehicle_without_an_arm_has_a_sheet(tmp_path):
     bare = read_uvms(str(altered(tmp_path, *BARE)))
     text = format_sheet(sheet_of(bare, "bare", np.zeros(0)))

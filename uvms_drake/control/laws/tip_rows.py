@@ -14,7 +14,6 @@ from itertools import combinations
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.joint_range import joint_range
 from uvms_drake.model.uvms_model import UvmsModel
 
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -60,7 +59,7 @@ def best_rows(model: UvmsModel) -> np.ndarray:
     first = 3 if n < 6 else 6
     config = np.zeros((POSTURES, 6 + n))
     config[:, 6:] = np.random.default_rng(0).uniform(
-        *joint_range(model), (POSTURES, n))
+        *model.joint_range(), (POSTURES, n))
     by_joints = model.tip_kinematics(config).J_chi[..., 6:]
     J_q = np.concatenate([by_joints, np.broadcast_to(np.eye(n), (POSTURES, n, n))], axis=1)
 

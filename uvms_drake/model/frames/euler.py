@@ -7,7 +7,7 @@ Only `rotated` and `rotated_back` take one attitude, as plain numbers, which is 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,13 +17,6 @@ WORLD = np.zeros(3)
 """Euler angles of Σ_I itself."""
 FEW = 6
 """Number of angles up to which plain numbers are faster than arrays."""
-
-
-def complex_step_jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray
-                          ) -> np.ndarray:
-    """Returns the derivative (m, d) at a point (d,) of a function of one complex point."""
-    steps = 1j * COMPLEX_STEP * np.eye(len(at))
-    return np.column_stack([function(at + step).imag / COMPLEX_STEP for step in steps])
 
 
 def rotation_matrix(rpy: np.ndarray) -> np.ndarray:

@@ -10,10 +10,8 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.trim import trim_of
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.visual.objects.drawn_robot import DrawnRobot
-from uvms_drake.visual.objects.props import Arrow
-from uvms_drake.visual.server import open_meshcat
-from uvms_drake.visual.stage import NED, Stage, frame_at
+from uvms_drake.visual.objects import Arrow, DrawnRobot
+from uvms_drake.visual.stage import NED, Stage, frame_at, open_meshcat
 
 RATE = 20.0
 """Pictures in a second."""

@@ -12,7 +12,6 @@ from uvms_drake.model.description.hydrodynamics_file import (
     added_mass_about_origin,
 )
 from uvms_drake.model.description.thruster_file import AXES
-from uvms_drake.model.joint_range import joint_range
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.trim import Trim, trim_of
@@ -96,7 +95,7 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
     M, trim = model.mass_matrix(at), trim_of(uvms, posture)
     rng = np.random.default_rng(0)
     many = np.zeros((POSTURES, model.size))
-    many[:, 6:] = rng.uniform(*joint_range(model), (POSTURES, model.num_joints))
+    many[:, 6:] = rng.uniform(*model.joint_range(), (POSTURES, model.num_joints))
     rows = best_rows(model)
     lever = trim.center_of_mass - trim.center_of_buoyancy
     roll, pitch = (swing(model, config, axis) for axis in (3, 4))
@@ -180,7 +179,7 @@ def _reach(model: UvmsModel, many: np.ndarray, rng: np.random.Generator) -> np.n
             for size in NEAR:
                 near = np.tile(best, (POSTURES // 20, 1))
                 near[1:, 6:] = np.clip(
-                    best[6:] + rng.normal(0.0, size, near[1:, 6:].shape), *joint_range(model))
+                    best[6:] + rng.normal(0.0, size, near[1:, 6:].shape), *model.joint_range())
                 best = near[np.argmax(sign * model.task_pose(near)[:, axis])]
             reach[end, axis] = model.task_pose(best)[axis]
     return reach

@@ -27,7 +27,6 @@ from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.law_tube import Basis, LawTube
-from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 
 if TYPE_CHECKING:
     from uvms_drake.station.scenario.scenario import Scenario
@@ -82,7 +81,7 @@ class Contact(ABC):
     # The controller.
 
     def make_ocp(self, scenario: "Scenario", model: ContactModel) -> DynamicOcp:
-        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+        """Returns the nominal MPC's problem; see `problem.make_ocp`."""
         return make_dynamic_ocp(scenario, model)
 
     def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp
@@ -142,9 +141,6 @@ class Contact(ABC):
         """Returns the declared bounds that a report checks; None: the surface is known."""
         return None
 
-    def specification(self, scenario: "Scenario") -> ContactSpecification | None:
-        """Returns the data of an unknown wall for a picture; None: the surface is known."""
-        return None
 
     # A campaign.
 

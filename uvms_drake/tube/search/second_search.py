@@ -17,8 +17,9 @@ from uvms_drake.tube.estimates import Check, Estimate
 from uvms_drake.tube.search.ascent import Climb, supremum
 from uvms_drake.tube.search.search_problem import SearchProblem
 
-STARTS, STEPS = 4, 8
-"""Points that start for each value, and steps of the ascent from where their flips end."""
+STARTS, SWEEPS, STEPS = 4, 1, 8
+"""Points that start for each value of motions, sweeps over all coordinates, and steps of the ascent
+from where the flips end."""
 NEAR = 0.3
 """Size of the little moves in the first sweep; it is halved in each."""
 BATCH = 400
@@ -28,7 +29,7 @@ Values = Callable[[np.ndarray], np.ndarray]
 """Values (m, c) at points (m, d)."""
 
 
-def by_flips(function: Values, start: np.ndarray, rng: np.random.Generator, sweeps: int = 1
+def by_flips(function: Values, start: np.ndarray, rng: np.random.Generator, sweeps: int
              ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the largest values (c,) found, and for each the best point (c, d) that it moved.
 
@@ -70,6 +71,7 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
         wanted: Indices of channels.
         rng: Source of random numbers.
     """
+    # The cube of all coordinates, about the middle of the set.
     size, declared, channels = problem.size, problem.declared, [problem.channels[i] for i in wanted]
     drawn, scale = problem.draw(STARTS, rng), declared.scale(problem.model)[:size]
     middle = np.append(drawn[0, :3], np.mean(declared.box, axis=0))
@@ -99,10 +101,11 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
         outside = np.max(np.abs(problem.bounded(x[:, :size])), axis=1)[:, None]
         return np.where(outside <= 1.0, np.stack(sizes, axis=1), -outside)
 
+    # Flips from random motions of the set and anything else, then an ascent.
     start = rng.uniform(-1.0, 1.0, (STARTS, 3 * size + problem.errors))
     start[:, 3:size] = np.clip((drawn[:, 3:size] - middle[3:]) / scale[3:], -1.0, 1.0)
     start[:, :3] = 0.0
-    largest, point = by_flips(values, start, rng)
+    largest, point = by_flips(values, start, rng, SWEEPS)
     climb = Climb(problem, *decode(point), channels)
     for _ in range(STEPS):
         climb.step()

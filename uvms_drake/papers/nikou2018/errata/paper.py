@@ -12,9 +12,9 @@ from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import Uvms
-from uvms_drake.papers.nikou2018.lemma import LemmaConstants
+from uvms_drake.papers.nikou2018.transpose import TRANSPOSE, LemmaConstants
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.constants import sampled_values
+from uvms_drake.tube.constants import norms
 
 # (sec:simulation_results), SI units and radians.
 NUM_JOINTS = 4
@@ -71,11 +71,10 @@ def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
     model = ContactModel(uvms(), check_surface(scenario.surface))
     declared = declared_set(scenario.limits, model)
     config, zeta = declared.sample(model, SAMPLES, np.random.default_rng(0))
-    names = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
-    values = sampled_values(model, config, zeta, names)
+    values = {name: norms(name, model, config, zeta) for name in TRANSPOSE}
     largest = model.kinematics(config[np.argmax(values["J_max"])]).J_chi
-    return LemmaConstants(float(np.min(values["J_min"])), *(
-        float(np.max(values[name])) for name in names[1:])), largest
+    first, *others = (float(np.max(each)) for each in values.values())
+    return LemmaConstants(first**-2, *others), largest
 
 
 @cache

@@ -1,1 +1,0 @@
-"""The objects of the picture, one a file: robot, surface, tube, arrows, texts."""
