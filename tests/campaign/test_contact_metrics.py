@@ -22,8 +22,8 @@ from uvms_drake.campaign.summary import (
     summarise_times,
 )
 from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
-from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.contact.sensor_error import ripple
 

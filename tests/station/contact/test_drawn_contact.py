@@ -14,7 +14,7 @@ from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, 
 from uvms_drake.control.limits.speeds import TipVelocity
 from uvms_drake.mission.steps import Approach, Mission, Retreat
 from uvms_drake.model.surface import ShapedSurface
-from uvms_drake.model.surface.normal_law import Linear
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.contact import KnownSurface
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
