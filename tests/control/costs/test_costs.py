@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
 
-from uvms_drake.certificate.certify import assumed_conditions
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.control.costs.level_vehicle import LevelVehicle
 from uvms_drake.control.costs.term import CostTerm
 from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver

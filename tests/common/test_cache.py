@@ -1,10 +1,10 @@
-"""Tests of `uvms_drake.certificate.cache`."""
+"""Tests of `uvms_drake.common.cache`."""
 
 import os
 
 import pytest
 
-from uvms_drake.certificate.cache import cache_dir, cached, source_digest
+from uvms_drake.common.cache import cache_dir, cached, source_digest
 
 VALUE = {"J_max": 2.904009999999997, "worst": [0.1, 1e-300, -0.0], "how": "proven"}
 
@@ -50,13 +50,13 @@ def test_the_order_of_a_keys_entries_makes_no_difference():
 def test_another_source_of_the_package_computes_again(monkeypatch):
     compute = Counter()
     cached({}, compute)
-    monkeypatch.setattr("uvms_drake.certificate.cache.source_digest", lambda: "another")
+    monkeypatch.setattr("uvms_drake.common.cache.source_digest", lambda: "another")
     cached({}, compute)
     assert compute.calls == 2
 
 
 def test_further_files_make_another_digest(tmp_path, monkeypatch):
-    monkeypatch.setattr("uvms_drake.certificate.cache.FOLDER", tmp_path)
+    monkeypatch.setattr("uvms_drake.common.cache.FOLDER", tmp_path)
     (tmp_path / "law.py").write_text("k = 1\n", encoding="utf-8")
     (tmp_path / "gains.yaml").write_text("k: 1.0\n", encoding="utf-8")
     digests = []

@@ -8,11 +8,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.probability.declared_distribution import (
-    declared_distribution,
+from uvms_drake.campaign.draws import declared_distribution
+from uvms_drake.certificate.certificate import probability_fingerprint
+from uvms_drake.certificate.in_probability import (
+    FAILURES,
+    ProbabilityCertificate,
+    failure_bound,
 )
-from uvms_drake.certificate.failure_probability import failure_bound
-from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import Scenario
 
 
@@ -20,7 +22,7 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
     """Returns the kinds, of `FAILURES`, in which a run failed.
 
     Args:
-        result: The `result` of `run.run_one`.
+        result: The result of `run.run_one`.
     """
     if result["error"] is not None:
         return ("exception",)
@@ -46,23 +48,19 @@ def certificate_in_probability(
     Args:
         campaign: Campaign with the scenario's declared tube.
         scenario: The scenario, as it was loaded.
-        results: The `result` of each of the runs, in any order.
+        results: The result of each of the runs, in any order.
         confidence: Confidence of the bound.
-        coupled: Linear budget of the coupled loop, which stands beside the bound.
     """
     kinds = {result["index"]: failures_of(result) for result in results}
     assert sorted(kinds) == list(range(len(results))), "a run is missing: it may have failed"
     failed = tuple(index for index in sorted(kinds) if kinds[index])
-    inputs = ProbabilityCertificate.inputs_of(scenario)
+    inputs = probability_fingerprint(scenario)
     assert inputs["source"] == campaign.source
     return ProbabilityCertificate(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,
         probability=failure_bound(len(results), len(failed), confidence),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
-        failed=failed,
-        distribution=tuple(declared_distribution(campaign.base)),
+        failed=failed, distribution=tuple(declared_distribution(campaign.base)),
         seed=campaign.seed, campaign=campaign.identity,
         mission=", ".join(type(step).__name__.lower() for step in scenario.mission.steps),
         **inputs)
-
-
