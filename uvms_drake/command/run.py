@@ -257,7 +257,7 @@ def _committed(scenario: Scenario, model: ContactModel, source: str, path: Path,
     One that `certify` has written is a commitment: if it no longer fits, the run is refused, with
     the command `again` that computes it for this scenario. One of a former run is replaced.
     """
-    from uvms_drake.certificate.certify import check_inputs
+    from uvms_drake.station.problem import check_inputs
 
     with reported_in(source):
         check_inputs(scenario, model)

@@ -43,11 +43,11 @@ def new_or_checked(args: argparse.Namespace) -> int:
 
 def check_scenario(file: str) -> int:
     """Prints each difference of a scenario from its base; raises if it cannot be simulated."""
-    from uvms_drake.certificate.certify import check_inputs
     from uvms_drake.common.schema import read_yaml
     from uvms_drake.common.wiring import release
     from uvms_drake.report.compare import differing_keys
     from uvms_drake.station.diagram import make_station
+    from uvms_drake.station.problem import check_inputs
     from uvms_drake.station.scenario.remarks import remarks
     from uvms_drake.station.scenario.scenario import load_scenario
     from uvms_drake.station.scenario.scenario_file import (
@@ -102,11 +102,11 @@ def compass(offset: np.ndarray) -> str:
 
 def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall, and which a run takes."""
-    from uvms_drake.certificate.certify import check_inputs
     from uvms_drake.common.wiring import release
     from uvms_drake.plant.robot_loading import sound_robot
     from uvms_drake.setup.first_scenario import first_scenario, format_first_scenario
     from uvms_drake.station.diagram import make_station
+    from uvms_drake.station.problem import check_inputs
     from uvms_drake.station.scenario.scenario import load_scenario
     from uvms_drake.station.scenario.scenario_file import reported_in
     from uvms_drake.station.step_size import with_step

@@ -14,11 +14,11 @@ from uvms_drake.campaign.pool import Pool, run_all
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.store import RunLog
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
-from uvms_drake.certificate.certify import check_inputs
 from uvms_drake.command.progress import Bar
 from uvms_drake.command.workers import check_workers
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
+from uvms_drake.station.problem import check_inputs
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.step_size import with_step
 
