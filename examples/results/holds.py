@@ -19,7 +19,7 @@ from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY, ultimate_bounds
 
 SCENARIOS = ("girona500_contact", "jacket_inspection", "bluerov2_contact", "girona500_stiff",
              "girona500_tip_first", "girona500_inspection", "bluerov2_cp_probe",
-             "girona500_unknown_floor", "girona500_lag", "girona500_sampled")
+             "girona500_unknown_floor")
 
 
 def bands_of(scenario: uv.Scenario) -> tuple[HoldRadii, dict[str, float]]:

@@ -20,7 +20,7 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.certificate.claims import TerminalResult
 from uvms_drake.certificate.declared_unknowns import UnknownEffect
-from uvms_drake.command.run import sound
+from uvms_drake.command.certificates import sound
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.contact.mission_legs import Leg

@@ -6,7 +6,6 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from support.campaigns import CLOSE
 from support.outputs import DATA, DATA_ONLY, written
 
 from uvms_drake.certificate.certificate import (
@@ -18,7 +17,8 @@ from uvms_drake.certificate.certificate import (
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
 
-SHORT = ["girona500_ideal", "--set", "duration=0.4", *CLOSE]
+SHORT = ["girona500_ideal", "--set", "duration=0.4",
+         "--set", "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"]
 CERTIFY = ["certify", *SHORT, "--runs", "2", "--seed", "3", "--workers", "1"]
 VERDICT = ("certified in probability: at most 77.7 % per run at 95 % confidence, for the declared "
            "distribution")
@@ -105,7 +105,6 @@ def test_a_run_takes_it_from_its_folder_and_says_its_kind(copied, capsys):
     assert main(command) == 0
     out, err = capsys.readouterr()
     assert VERDICT in err
-    assert "every value of this run is within its declared range" in err
     assert out.splitlines()[-2:] == ["this run did not fail: tube and all limits kept", VERDICT]
     assert "declared tube (certified in probability)" in out
     assert "all guarantees kept" not in out
@@ -124,20 +123,10 @@ def test_a_run_takes_it_from_its_folder_and_says_its_kind(copied, capsys):
 
 
 @pytest.mark.slow
-def test_a_run_outside_of_the_distribution_says_so(copied, capsys):
-    assert main(["run", *SHORT, *OUTSIDE, "--output", str(copied), *DATA_ONLY]) == 3
-    out, err = capsys.readouterr()
-    said = "current, horizontal is 0.1, declared from 0 to 0 m/s"
-    assert said in err
-    assert out.splitlines()[-1].startswith("NOT OF THE DECLARED DISTRIBUTION")
-    assert said in out.splitlines()[-1]
-    summary = json.loads((copied / "summary.json").read_text("utf-8"))
-    assert summary["in_probability"]["outside"] == [said]
-
-
-@pytest.mark.slow
-def test_one_of_another_scenario_is_stale(copied, capsys):
-    assert main(["run", *SHORT, "--set", "ancillary.k=21", "--output", str(copied)]) == 1
+@pytest.mark.parametrize("override", ["ancillary.k=21", "current=[0.1, 0.0, 0.0]"])
+def test_one_of_another_scenario_is_stale(override, copied, capsys):
+    """Two distributions are the same if their scenarios are."""
+    assert main(["run", *SHORT, "--set", override, "--output", str(copied)]) == 1
     err = capsys.readouterr().err
     assert "stale, the scenario has changed since 'certify' made it" in err
     assert "--runs 2 --seed 3, in a new folder" in err

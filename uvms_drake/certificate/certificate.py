@@ -36,6 +36,8 @@ IRRELEVANT = ("name", "description", "modules", "seed", "duration", "log_period"
 files of `modules` count by their content. Other keys count in part, see `fingerprint`: bound and
 weights of `disturbance`, all of `task` but the tolerance of the force, and those of `faults` that
 the proofs do not cover."""
+UNDRAWN = ("name", "description", "modules", "seed", "duration", "simulator", "visual")
+"""Keys of a scenario that two distributions may differ in; a run is kept with its chosen step."""
 
 
 @dataclass(frozen=True)
@@ -102,11 +104,11 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
 def probability_fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Returns the inputs of a certificate in probability: that of the program's source, too.
 
-    Of the scenario all counts but the drawn values, the tube too: it is the declared one. Of the
-    disturbance, bound and weights count: every kind of it is drawn. Faults count whole, for those
-    of a run are drawn beside the scenario's.
+    Of the scenario all counts but `UNDRAWN`, the tube too: it is the declared one.
     """
-    fixed = yaml_load_data(dump_scenario(replace(scenario, name="", description="", seed=0)))
+    fixed = yaml_load_data(dump_scenario(scenario))
+    for key in UNDRAWN:
+        fixed.pop(key, None)
     return fingerprint(scenario) | {
         "inputs": _digest(jsonable(fixed, names=True)), "source": source_digest()}
 

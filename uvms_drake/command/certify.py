@@ -11,12 +11,12 @@ from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     write_certificate,
 )
+from uvms_drake.command.campaign import take_workers
+from uvms_drake.command.certificates import note
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.largest import find_largest, take_largest
 from uvms_drake.command.paper import certify_own
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
-from uvms_drake.command.run import note
-from uvms_drake.command.workers import take_workers
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -54,7 +54,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     """
     names = [CERTIFICATE_FILE]
     if args.runs is not None:
-        from uvms_drake.command.campaign.certify_runs import certify_by_runs
+        from uvms_drake.command.drawn_runs import certify_by_runs
 
         _require_default(args, ("largest", "within"), "with --runs")
         return certify_by_runs(args, names)

@@ -8,9 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.probability.declared_distribution import (
-    declared_distribution,
-)
+from uvms_drake.campaign.draws import declared_distribution
 from uvms_drake.certificate.certificate import probability_fingerprint
 from uvms_drake.certificate.in_probability import (
     FAILURES,
@@ -24,7 +22,7 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
     """Returns the kinds, of `FAILURES`, in which a run failed.
 
     Args:
-        result: The `result` of `run.run_one`.
+        result: The result of `run.run_one`.
     """
     if result["error"] is not None:
         return ("exception",)
@@ -50,9 +48,8 @@ def certificate_in_probability(
     Args:
         campaign: Campaign with the scenario's declared tube.
         scenario: The scenario, as it was loaded.
-        results: The `result` of each of the runs, in any order.
+        results: The result of each of the runs, in any order.
         confidence: Confidence of the bound.
-        coupled: Linear budget of the coupled loop, which stands beside the bound.
     """
     kinds = {result["index"]: failures_of(result) for result in results}
     assert sorted(kinds) == list(range(len(results))), "a run is missing: it may have failed"
@@ -63,10 +60,7 @@ def certificate_in_probability(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,
         probability=failure_bound(len(results), len(failed), confidence),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
-        failed=failed,
-        distribution=tuple(declared_distribution(campaign.base)),
+        failed=failed, distribution=tuple(declared_distribution(campaign.base)),
         seed=campaign.seed, campaign=campaign.identity,
         mission=", ".join(type(step).__name__.lower() for step in scenario.mission.steps),
         **inputs)
-
-

@@ -1,9 +1,17 @@
-"""Options of the sub-command `campaign`, whose own module is slow to import."""
+"""The sub-command `campaign`, and options of all commands that compute many runs."""
 
 import argparse
 
 from uvms_drake.command.files import folder, take_scenario
-from uvms_drake.command.workers import take_workers
+
+
+def take_workers(command: argparse.ArgumentParser) -> None:
+    """Adds the options --workers and --scheduler."""
+    where = command.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="W",
+                       help="processes of this machine (default: one for each core)")
+    where.add_argument("--scheduler", metavar="ADDRESS",
+                       help="of a running Dask cluster, whose workers have this package installed")
 
 
 def add_campaign(commands: argparse._SubParsersAction) -> None:
@@ -33,6 +41,6 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
 
 def run_campaign(args: argparse.Namespace) -> int:
     """Runs a campaign, or repeats one of its runs."""
-    from uvms_drake.command.campaign.campaign import replay_run, run_campaign
+    from uvms_drake.command.drawn_runs import replay_run, run_campaign
 
     return run_campaign(args) if args.replay is None else replay_run(args)
