@@ -19,7 +19,7 @@ from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 
 GIRONA = "girona500_arm5e"

@@ -117,7 +117,7 @@ def test_the_check_sees_a_circle_of_sub_rooms():
 def test_the_check_sees_an_import():
     """The station, which puts plant and controller together, is allowed to know both."""
     assert {"plant", "control"} <= rooms_that(PACKAGE / "station" / "diagram.py") | rooms_that(
-        PACKAGE / "station" / "motions" / "dynamic.py")
+        PACKAGE / "station" / "plant.py")
 
 
 def test_one_file_alone_knows_of_a_paper():

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from uvms_drake.actuation import Actuator as Actuator
     from uvms_drake.certificate.certificate import Certificate as Certificate
     from uvms_drake.certificate.certify import certify as certify
-    from uvms_drake.certificate.table import format_certificate as format_certificate
+    from uvms_drake.certificate.text import format_certificate as format_certificate
     from uvms_drake.common.errors import InvalidParameter as InvalidParameter
     from uvms_drake.common.errors import RunFailed as RunFailed
     from uvms_drake.common.kinds import register as register
@@ -73,8 +73,6 @@ if TYPE_CHECKING:
     from uvms_drake.station.controller import make_controller as make_controller
     from uvms_drake.station.diagram import make_station as make_station
     from uvms_drake.station.diagram import read_logs as read_logs
-    from uvms_drake.station.motions.motion import Motion as Motion
-    from uvms_drake.station.motions.motions import make_ocp as make_ocp
     from uvms_drake.station.plant import make_plant as make_plant
     from uvms_drake.station.problem import load_model as load_model
     from uvms_drake.station.problem import start_state as start_state
@@ -103,7 +101,7 @@ _HOME = {
     "CostTerm": "control.costs.term",
     "DirectedDisturbance": "plant.disturbance",
     "Disturbance": "plant.disturbance",
-    "format_certificate": "certificate.table",
+    "format_certificate": "certificate.text",
     "InvalidParameter": "common.errors",
     "Limit": "control.limits.limit",
     "load_model": "station.problem",
@@ -111,14 +109,13 @@ _HOME = {
     "load_scenario": "station.scenario.scenario",
     "make_controller": "station.controller",
     "make_figures": "report.figures",
-    "make_ocp": "station.motions.motions",
+    "make_ocp": "station.problem",
     "make_plant": "station.plant",
     "make_scenario": "setup.make_scenario",
     "make_solver": "control.ocp.solvers",
     "make_station": "station.diagram",
     "make_tube_mpc": "control.tube_mpc",
     "make_uvms_plant": "plant.uvms_plant",
-    "Motion": "station.motions.motion",
     "OcpProgram": "control.ocp.ocp_program",
     "open_meshcat": "visual.stage",
     "OpenLoopDisturbance": "plant.disturbance",

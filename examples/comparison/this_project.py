@@ -22,6 +22,7 @@ from problems import (
     load_model,
 )
 from pydrake.solvers import SnoptSolver
+from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
 
 from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.pose import Joints, VehicleAngle
@@ -34,7 +35,6 @@ from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import DynamicPlan, Plan
 from uvms_drake.control.plan.points import Points
-from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
 
 
 class ZeroOrderHoldOcp(DynamicOcp):

@@ -28,8 +28,8 @@ from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.problem import load_model
 
 RUNS = {"girona500_contact": (200, 2.6), "bluerov2_contact": (20, 2.0),
-        "girona500_tip_first": (20, 2.6), "girona500_sampled": (20, 2.0),
-        "girona500_stiff": (20, 2.0), "jacket_inspection": (20, 2.6)}
+        "girona500_tip_first": (20, 2.6), "girona500_stiff": (20, 2.0),
+        "jacket_inspection": (20, 2.6)}
 """Number of runs of each scenario, and their duration [s]."""
 ACROSS = 0.8
 """Part of the noise across n that is not drawn; a sensor without noise is taken for frozen."""

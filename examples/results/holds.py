@@ -13,20 +13,20 @@ import uvms_drake as uv
 from uvms_drake.certificate.certify import basis_of, check_inputs
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY, ultimate_bounds
 
 SCENARIOS = ("girona500_contact", "jacket_inspection", "bluerov2_contact", "girona500_stiff",
              "girona500_tip_first", "girona500_inspection", "bluerov2_cp_probe",
-             "girona500_unknown_floor", "girona500_lag", "girona500_sampled")
+             "girona500_unknown_floor")
 
 
 def bands_of(scenario: uv.Scenario) -> tuple[HoldRadii, dict[str, float]]:
     """Returns the radii in a hold and the force bounds of a scenario."""
     model = check_inputs(scenario)
-    basis, motion = basis_of(scenario, model), motion_of(scenario)
+    basis = basis_of(scenario, model)
     found = scenario.contact.in_contact(
-        motion.tubes[type(scenario.ancillary)].tube(scenario.ancillary, basis), scenario, basis)
+        TUBES[type(scenario.ancillary)].tube(scenario.ancillary, basis), scenario, basis)
     failed = [str(each) for each in found.conditions if not each.holds]
     if failed or found.radii.hold is None:
         raise SystemExit(f"{scenario.name}: {failed}")

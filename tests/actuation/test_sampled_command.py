@@ -8,9 +8,8 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.station.motions.dynamic import make_simulated_uvms
-from uvms_drake.station.motions.motions import make_ocp, motion_of
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.plant import make_simulated_uvms
+from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -30,11 +29,11 @@ def scenario_of(duration: float, *overrides: str, part=None):
 def by_hand(scenario, steps: int) -> list[np.ndarray]:
     """Returns the states at the ticks of a loop in Python around plant and controller."""
     model = load_model(scenario)
-    motion, ocp = motion_of(scenario), make_ocp(scenario, model)
+    ocp = make_ocp(scenario, model)
     uvms = make_simulated_uvms(scenario, scenario.disturbance, scenario.start.config)
     robot = Simulator(uvms)
     ApplySimulatorConfig(scenario.simulator, robot)
-    controller = Simulator(motion.make_controller(scenario, model, ocp))
+    controller = Simulator(scenario.contact.make_controller(scenario, model, ocp))
 
     def state():
         return uvms.GetOutputPort("state").Eval(robot.get_context()).copy()

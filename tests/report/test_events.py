@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
-import uvms_drake.papers.nikou2018  # noqa: F401  it registers the motion
 from uvms_drake.campaign import run
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.command.main import main
@@ -66,13 +65,6 @@ def test_a_bouncing_contact_is_one_contact():
     assert contact.end is None
     before, after = of_kind(changed("penetration", slice(120, 140), 0.0), "contact")
     assert (before.end, after.start) == (pytest.approx(2.4), pytest.approx(2.8))
-
-
-def test_kinematic_motion_touches_nothing():
-    record = synthetic_record()
-    kinematic = replace(record.scenario, motion="kinematic",
-                        limits=replace(record.scenario.limits, u=np.zeros(0)))
-    assert [event.kind for event in events(replace(record, scenario=kinematic))] == ["settled"]
 
 
 def test_leaving_the_tube_says_which_part_and_by_how_much():
@@ -225,5 +217,5 @@ def test_a_worker_of_a_campaign_is_silent(monkeypatch, caplog):
     caplog.set_level(logging.WARNING, LOGGER.name)
     monkeypatch.setattr(run, "simulate", alarmed)
     campaign = make_campaign(load_scenario("girona500_ideal", ["duration=0.6"]), 3, None)
-    assert run.run_one(campaign, 0)["result"]["error"] == "RuntimeError: enough"
+    assert run.run_one(campaign, 0)["error"] == "RuntimeError: enough"
     assert caplog.messages == []

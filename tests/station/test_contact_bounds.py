@@ -13,8 +13,7 @@ from uvms_drake.station.contact.bounds import (
     largest_reading_error,
     sensing_of,
 )
-from uvms_drake.station.motions.motions import limits_of
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import limits_of, load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 
 

@@ -11,8 +11,7 @@ from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.report.signals import constraint_signals
 from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
@@ -329,9 +328,6 @@ def test_plant_and_controller_have_models_of_their_own():
     ("girona500_ideal", ["model=no_such_robot"], "model"),
     ("girona500_bilateral", ["task.pose=[0, 0, 0, 0, 0, 0]"], "task.pose"),
     ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
-    ("paper_kinematic", ["surface_error.stiffness=1.1"], "surface_error"),
-    ("paper_kinematic", ["surface_error.shift=[0, 0, 0.01]"], "surface_error"),
-    ("paper_kinematic", ["disturbance.weights=[1, 1, 1, 2, 2, 2]"], "disturbance.weights"),
 ])
 def test_what_cannot_be_used_is_named(name, overrides, key):
     with pytest.raises((InvalidParameter, ScenarioError)) as caught:

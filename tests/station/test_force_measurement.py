@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 from support.laws import PAPER
 
-from uvms_drake.certificate.certify import assumed_conditions
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.contact_model import ContactModel
@@ -222,9 +222,3 @@ def test_a_law_that_does_not_take_the_force_is_refused():
     with pytest.raises(InvalidParameter, match=(
             r"^ancillary = 'transpose': must be a law that takes the measured force")):
         make_station(scenario_of(1.0, PAPER, "ancillary=!Transpose {}"))
-
-
-@pytest.mark.parametrize("override", ["sensing=[!ForceSensor {}]", "faults=[!JumpedForce {}]"])
-def test_kinematic_motion_has_no_force_to_measure(override):
-    with pytest.raises(ScenarioError, match="must be left out, if the motion is kinematic"):
-        load_scenario("paper_kinematic", [override])

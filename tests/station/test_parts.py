@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Gain
 
 from uvms_drake.actuation.ideal import SampledCommand
-from uvms_drake.certificate.certify import assumed_conditions
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
@@ -150,13 +150,3 @@ class Swell(Disturbance):
 def test_a_disturbance_of_ones_own_is_one_class():
     record = simulate(scenario_of(0.4, disturbance=Swell(0.1)))
     np.testing.assert_allclose(record.disturbance[:, 0], 0.1 * np.sin(record.time), atol=1e-12)
-    still = replace(load_scenario("paper_kinematic"), disturbance=Swell(0.1))
-    with pytest.raises(InvalidParameter, match=r"^disturbance\.kind = 'Swell': must be another"):
-        make_station(still)
-
-
-def test_parts_stand_in_the_loop_of_kinematic_motion_too():
-    scenario = load_scenario("paper_kinematic_certified", ["duration=0.4"])
-    record = simulate(replace(scenario, sensing=[Scaled()], actuation=[SampledCommand(0.01)]))
-    assert record.signals["scaled"].shape == record.config.shape
-    assert record.signals["zoh_command"].shape == record.u.shape

@@ -27,7 +27,7 @@ def test_it_moves_as_that_of_the_station(name, more):
 @pytest.mark.parametrize(("name", "override", "expected"), [
     ("girona500_ideal", "disturbance=!AdversarialDisturbance {bound: 0.1}",
      "disturbance = 'AdversarialDisturbance': must be a function of time alone"),
-    ("paper_kinematic", "seed=0", "motion = 'kinematic': must be dynamic")])
+    ("paper_kinematic", "seed=0", "simulation = .*: must be left out")])
 def test_a_scenario_that_needs_a_station_is_refused(name, override, expected):
     with pytest.raises(InvalidParameter, match=expected):
         uv.make_plant(uv.load_scenario(name, ["simulator.max_step_size=0.01", override]))

@@ -11,7 +11,6 @@ from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.papers.nikou2018.kinematics.disturbance import TaskAdversary
 from uvms_drake.sensing.measurements import HoldLastValue
 
 N = np.array([1.0, 0.0, 0.0])
@@ -21,7 +20,6 @@ MADE = {
     "front": lambda model: ContactEstimator(
         model, SurfaceClass(), EstimatorSettings(45.0, 1.0), margin=0.01),
     "hold_last_value": lambda model: HoldLastValue(6),
-    "adversary": lambda model: TaskAdversary(0.1),
 }
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from uvms_drake.command.main import main
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.record import load_record
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 

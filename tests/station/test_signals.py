@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 import uvms_drake
-from uvms_drake.papers.nikou2018 import Kinematic
 from uvms_drake.station.diagram import SAMPLED, make_station
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -31,7 +29,7 @@ def test_the_table_in_the_docs_is_current():
 
 
 @pytest.mark.parametrize("name", [
-    "girona500_contact", "jacket_inspection_real", "girona500_real_loop", "paper_kinematic",
+    "girona500_contact", "jacket_inspection_real", "girona500_real_loop",
     "bluerov2_real_loop"])
 def test_every_logged_signal_of_a_station_is_described_with_its_size(name):
     scenario = load_scenario(name)
@@ -39,10 +37,9 @@ def test_every_logged_signal_of_a_station_is_described_with_its_size(name):
     logged = {system.get_name().removeprefix("log.") for system in station.GetSystems()
               if system.get_name().startswith("log.")} - set(SAMPLED)
     assert logged <= set(SIGNALS)
-    own = motion_of(scenario).components
     for signal in logged:
         size = station.GetOutputPort(signal).size()
-        columns = column_names(signal, size, model.slides, own)
+        columns = column_names(signal, size, model.slides)
         assert len(set(columns)) == size
         assert all(column.split("/")[0].startswith(signal) for column in columns)
 
@@ -63,9 +60,6 @@ def test_units_are_in_the_names_and_a_sliding_joint_has_its_own():
     assert names[6:8] == ["state/q1_rad", "state/q2_m"]
     assert names[-2:] == ["state/qdot1_rad_s", "state/qdot2_m_s"]
     assert column_names("tau", 8, [False, True])[-2:] == ["tau/q1_Nm", "tau/q2_N"]
-    assert column_names("u", 8, [False, True], Kinematic.components)[0] == "u/u_m_s"
-    own = Kinematic.components
-    assert column_names("disturbance", 6, [False, True], own)[5] == "disturbance/yaw_rad_s"
     assert column_names("thruster_command", 2, [True]) == [
         "thruster_command/t1", "thruster_command/t2"]
     assert column_names("thruster_force", 1, [True]) == ["thruster_force/t1_N"]

@@ -109,14 +109,6 @@ def test_another_surface_is_in_the_effective_disturbance():
         record.effective_disturbance, record.disturbance + induced, atol=1e-8)
 
 
-def test_with_kinematic_motion_the_effective_disturbance_is_the_one_of_the_tip():
-    record = simulate(load_scenario("paper_kinematic", ["duration=0.2"]))
-    assert np.max(np.abs(record.disturbance)) > 0.0
-    np.testing.assert_array_equal(record.effective_disturbance, record.disturbance)
-    assert record.acceleration.shape == (len(record.time), 0)
-    np.testing.assert_array_equal(record.input_limited, np.zeros(len(record.time)))
-
-
 def test_the_joint_limits_are_those_in_force(record):
     """Those of the scenario where it has its own, which are narrower; the robot's elsewhere."""
     limits = record.scenario.limits

@@ -13,7 +13,7 @@ from uvms_drake.control.ocp.ocp import SOLVERS, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import CONVEX, NONLINEAR, make_solver
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate

@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.systems.primitives import LinearSystem
+from support.scenarios import OF_A_STATION
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 from uvms_drake.station.step_bounds import ACCURACY, friction_rate, largest_step, step_error
 from uvms_drake.station.step_size import floored, loop_rates, with_step
 
@@ -47,7 +46,7 @@ def test_the_rates_are_the_eigenvalues_of_the_loop():
     np.testing.assert_array_equal(context.get_continuous_state_vector().CopyToVector(), [1, 2, 3])
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", OF_A_STATION)
 def test_a_shipped_scenario_has_a_step_that_is_short_enough(name):
     """One that is chosen divides the period of the logs, and one more step in it is not needed."""
     scenario = load_scenario(name)

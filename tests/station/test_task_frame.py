@@ -24,7 +24,7 @@ from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.motions.dynamic import make_simulated_uvms
+from uvms_drake.station.plant import make_simulated_uvms
 from uvms_drake.station.problem import load_model, make_dynamic_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate

@@ -26,7 +26,6 @@ def search_less(patch: pytest.MonkeyPatch) -> None:
     A scenario has to say `FEW`, too.
     """
     search_constants_less(patch)
-    patch.setattr("uvms_drake.papers.nikou2018.kinematics.velocity_radii.START_RANKS", (0,))
     patch.setattr("uvms_drake.tube.search.ascent.STEPS", 1)
     patch.setattr("uvms_drake.tube.search.ascent.LEADERS", 2)
     patch.setattr("uvms_drake.tube.search.second_search.GENERATIONS", 2)

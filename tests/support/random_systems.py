@@ -5,8 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from uvms_drake.papers.nikou2018.comparison_system import smallest_k
-from uvms_drake.papers.nikou2018.lemma import LemmaConstants
+from uvms_drake.papers.nikou2018.transpose import LemmaConstants, transpose_tube
 
 COUNT = 1000
 SPEED_LIMIT = 2.0
@@ -148,6 +147,12 @@ def draw_transpose(rng: np.random.Generator) -> SimpleNamespace:
                            beat=beat, constants=constants)
 
 
+def smallest_k(constants: LemmaConstants, sigma: float) -> float:
+    """Returns the gain at which ab = J̄G in the tube of `transpose`: b is linear in it."""
+    tube = transpose_tube(constants, 1.0, sigma, 0.0)
+    return 1.0 - tube.b + tube.g * tube.G / tube.a
+
+
 def run_transpose(seed: int) -> SimpleNamespace:
     """Runs χ̇ = J(t, χ)ζ, ζ̇ = f + u + d, 3 rows and 4 inputs, under `transpose`.
 
@@ -162,10 +167,9 @@ def run_transpose(seed: int) -> SimpleNamespace:
     system = draw_transpose(rng)
     A, B, w, nu, phi, L_1, L_2, M, N, swing, beat, constants = vars(system).values()
     d_bound = rng.uniform(0.05, 0.5, COUNT)
-    edge = [smallest_k(item) for item in constants]
-    sigma = np.array([1.05 * item.sigma + 0.2 for item in edge])
+    sigma = np.array([2.0 * item.L_c / item.J_min + 0.2 for item in constants])
     k = rng.uniform(1.1, 2.0, COUNT) * np.array(
-        [smallest_k(item, s).k for item, s in zip(constants, sigma, strict=True)])
+        [smallest_k(item, s) for item, s in zip(constants, sigma, strict=True)])
     leading = np.linalg.svd(A)[2][:, 0]
 
     def jacobian(t, chi):

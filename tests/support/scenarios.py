@@ -4,6 +4,10 @@ import pytest
 
 from uvms_drake.common.errors import ScenarioError
 from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scenario.scenario_file import shipped_scenarios
+
+OF_A_STATION = tuple(name for name in shipped_scenarios() if "kinematic" not in name)
+"""Shipped scenarios but for those with a simulation of their own."""
 
 
 def load_text(tmp_path, text, overrides=()):

@@ -10,7 +10,7 @@ from support.tiny_robots import drill, drill_attitude_norm, oblique, turret
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.papers.nikou2018.constants import DRIFT, VELOCITY, drift_matrices, velocity_matrices
+from uvms_drake.papers.nikou2018.transpose import DRIFT, VELOCITY, drift_matrices, velocity_matrices
 from uvms_drake.tube.constants import (
     JACOBIAN,
     QUANTITIES,

@@ -23,7 +23,7 @@ from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube import terminal_set
 from uvms_drake.tube.terminal_set import (

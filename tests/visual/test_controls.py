@@ -36,8 +36,7 @@ def meshcat():
 @pytest.mark.parametrize(("name", "overrides"), [
     ("girona500_ideal", ["visual.rate=30", "visual.magnification=7"]),
     ("girona500_bilateral", []),
-    ("girona500_real_loop", ["duration=0.25"]),
-    ("paper_kinematic", [])])
+    ("girona500_real_loop", ["duration=0.25"])])
 def test_to_watch_a_run_does_not_change_it(name, overrides, meshcat):
     scenario = load_scenario(name, ["duration=0.5", *overrides])
     seen, unseen = simulate(scenario, meshcat=meshcat), simulate(scenario)

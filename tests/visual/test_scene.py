@@ -13,7 +13,7 @@ from support.synthetic import synthetic_record
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.config import VisualConfig, check_visual
@@ -93,13 +93,6 @@ def test_a_readout_shows_the_digits_of_a_number(value, shown, canvas):
     readout = Readout(Stage(canvas), "number", " s", 99.0, 1.0, tenths="." in shown)
     readout.show(value)
     assert canvas.number("number") == shown.replace(".", "")
-
-
-def test_where_nothing_is_touched_no_force_is_drawn(meshcat):
-    record = replace(synthetic_record(0.2), scenario=load_scenario("paper_kinematic"))
-    Scene(meshcat, setting_of(record.scenario, record.model)).show(moment_of(record, 0), 0.0)
-    assert meshcat.HasPath("ned/uvms")
-    assert not any(meshcat.HasPath(path) for path in ("ned/force", "ned/spring", "numbers"))
 
 
 def test_the_contact_is_marked_while_there_is_one(canvas):

@@ -42,7 +42,6 @@ class StuckJoint(Fault, Part):
     """
 
     place = "actuation"
-    needs_forces = True  # A brake needs torques.
 
     joint: int = 0
     """Index of the joint, from 0."""

@@ -40,7 +40,6 @@ class Thrusters(Actuator):
     `wrench_shortfall`, the undelivered part of the commanded wrench.
     """
 
-    needs_forces = True
 
     period: float = 0.01
     """Time between two commands to the thrusters [s]."""

@@ -1,7 +1,7 @@
 """Assumptions of a certificate: statements that it does not compute, each with its guarantor.
 
-One statement a line, generated from the scenario. Those about actuation, sensing and surface
-are the scope of the verdict.
+One statement a line, generated from the scenario. Those about actuation, sensing and surface are
+the scope of the verdict. Assumptions that a scenario can give up are conditions.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,14 +18,18 @@ from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.contact import OPERATOR, Statement
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER
 from uvms_drake.station.contact.sensed_contact import CERTIFIER
-from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.parts import uncovered
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.conditions import Condition, assumption
 
+GUARANTEE = "control/theory.md#closed-loop-guarantee"
+"""Theorem that the conditions are for."""
 SCOPE = ("actuation", "sensing", "surface")
 """Subjects whose first assumption is part of the verdict."""
 MAKER = "robot's maker"
@@ -45,18 +49,14 @@ class Assumption:
 
 def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption, ...]:
     """Returns the assumptions of a scenario's certificate, those of `SCOPE` first."""
-    motion, contact, actuation = motion_of(scenario), scenario.contact, scenario.actuation
+    contact, actuation = scenario.contact, scenario.actuation
     path = command_path_of(actuation, model)
-    about_surface = (
-        [*contact.about_surface(scenario), ("surface", "the tip alone touches anything", OPERATOR)]
-        if motion.has_forces else [("surface", "none that disturbs the motion", OPERATOR)])
     return tuple(Assumption(about, statement, by) for about, statement, by in (
-        *_actuation(scenario.model, actuation, path, scenario.limits, model,
-                    forces=motion.has_forces),
+        *_actuation(scenario.model, actuation, path, scenario.limits, model),
         *_sensing([*contact.about_sensing(scenario)], path),
-        *about_surface,
-        *_disturbance(motion, scenario.disturbance, scenario.unknowns, model.size),
-        *_robot(scenario.model, forces=motion.has_forces),
+        *contact.about_surface(scenario), ("surface", "the tip alone touches anything", OPERATOR),
+        *_disturbance(scenario.disturbance, scenario.unknowns, model.size),
+        *_robot(scenario.model),
         *_program(scenario.mpc.time_step, scenario.certificate.safety_factor)))
 
 
@@ -97,12 +97,11 @@ def _timing(path: CommandPath) -> str:
 
 
 def _actuation(robot: str, actuation: Sequence[Actuator], path: CommandPath, limits: Limits,
-               model: UvmsModel, *, forces: bool) -> Iterator[Statement]:
-    """Yields the wrench and the torques, or the velocity if no forces move the robot."""
+               model: UvmsModel) -> Iterator[Statement]:
+    """Yields the wrench and the torques."""
     undriven = undriven_axes(model)
     timing = _timing(path)
-    ideal = ("an ideal wrench on six axes and a torque on every joint" if forces else
-             "the velocity of the vehicle on six axes and the rate of every joint as commanded")
+    ideal = "an ideal wrench on six axes and a torque on every joint"
     if _thrusters(actuation):
         yield "actuation", f"the thrusters of {robot} as its files have them", MAKER
     elif undriven:
@@ -112,11 +111,10 @@ def _actuation(robot: str, actuation: Sequence[Actuator], path: CommandPath, lim
                f"{OPERATOR}, by other thrusters")
     else:
         yield "actuation", f"{ideal}, {timing}", MAKER
-    if forces:
-        limited = [name for name in ("tau", "thrusters") if getattr(limits, name) is not None]
-        yield ("actuation", "every force M(𝔮)u of a command within limits.u"
-               + (f" and limits.{', limits.'.join(limited)}" if limited else "")
-               + " is there, without dead band, ripple or thermal limit", MAKER)
+    limited = [name for name in ("tau", "thrusters") if getattr(limits, name) is not None]
+    yield ("actuation", "every force M(𝔮)u of a command within limits.u"
+           + (f" and limits.{', limits.'.join(limited)}" if limited else "")
+           + " is there, without dead band, ripple or thermal limit", MAKER)
 
 
 def _sensing(force: list[Statement], path: CommandPath) -> Iterator[Statement]:
@@ -128,7 +126,7 @@ def _sensing(force: list[Statement], path: CommandPath) -> Iterator[Statement]:
     yield from force
 
 
-def _disturbance(motion: Motion, bound: Disturbance, unknowns: Unknowns, size: int
+def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int
                  ) -> Iterator[Statement]:
     """Yields the bound of d, and the declared unknowns that are a part of it."""
     ball = f"in norm at most {bound.d_bound:.4g}"
@@ -136,7 +134,7 @@ def _disturbance(motion: Motion, bound: Disturbance, unknowns: Unknowns, size: i
         ball = "in the ellipsoid of semi-axes " + ", ".join(
             f"{each:.3g}" for each in bound.axes(size))
     yield ("disturbance", f"all that acts on the robot and is not modelled is a "
-           f"{motion.disturbance_symbol} {ball} {motion.disturbance_unit}", OPERATOR)
+           f"d {ball} m/s², rad/s²", OPERATOR)
     error, current = unknowns.error, unknowns.current
     if np.any(current):
         yield ("disturbance", "of that, a steady uniform current of at most "
@@ -151,10 +149,10 @@ def _disturbance(motion: Motion, bound: Disturbance, unknowns: Unknowns, size: i
         yield ("disturbance", f"all else keeps to {1.0 - error.share:.3g} of the bound", OPERATOR)
 
 
-def _robot(robot: str, *, forces: bool) -> Iterator[Statement]:
+def _robot(robot: str) -> Iterator[Statement]:
     """Yields the robot and its start."""
-    yield ("robot", f"geometry, joints and their ranges are those of the files of {robot}"
-           + (", and so are inertia, added mass, drag and buoyancy" if forces else ""), MAKER)
+    yield ("robot", f"geometry, joints and their ranges are those of the files of {robot}, "
+           "and so are inertia, added mass, drag and buoyancy", MAKER)
     yield "robot", "it is at rest at the declared start, no plan before it", OPERATOR
 
 
@@ -165,3 +163,51 @@ def _program(time_step: float, safety_factor: float) -> Iterator[Statement]:
     yield ("search", "no supremum that is marked 'estimated' is larger than its search "
            f"found, times {safety_factor:g}; the terminal set holds between "
            "its samples", CERTIFIER)
+
+
+def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) -> list[Condition]:
+    """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept.
+
+    Those that it cannot give up are `assumptions_of`.
+    """
+    # Axes without a thruster, model errors, options of the MPC, parts of the loop.
+    contact, actuation = scenario.contact, scenario.actuation
+    mpc, model = scenario.mpc, model or load_model(scenario)
+    unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
+    assumed: list[tuple[str, str, float]] = [
+        *_uncounted(scenario.unknowns, actuation),
+        ("surface_error", "which the controller does not know", scenario.surface_error.size),
+        ("faults", "which the proofs do not cover", len(uncovered(scenario.faults))),
+        ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
+        ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
+        ("mpc.terminal_set", "none", not mpc.terminal_set),
+        ("mpc.input_reference", "not the equilibrium's input",
+         mpc.input_reference != "equilibrium"),
+        *contact.assumed_settings()]
+    conditions = [
+        assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
+                   + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
+                   advice=f"--set 'actuation=[!IdealWrench {{undriven: [{undriven}]}}]', for a "
+                   "robot with other thrusters" if unnamed else "", theorem=GUARANTEE),
+        *(assumption(key, reason, broken, theorem=GUARANTEE) for key, reason, broken in assumed),
+        *(assumption(f"mpc.terms[{i}]", f"{type(term).__name__}, which the terminal set leaves out",
+                     topic="mpc.terms", theorem=GUARANTEE) for i, term in enumerate(mpc.terms))]
+    for key, parts in (("sensing", scenario.sensing), ("actuation", actuation)):
+        conditions += [
+            assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
+                       theorem=GUARANTEE)
+            for i, part in enumerate(parts) if part.assumption() is not None
+            and not contact.bounds_error_of(part)]
+    return conditions
+
+
+def _uncounted(unknowns: Unknowns, actuation: Sequence[Actuator]) -> list[tuple[str, str, float]]:
+    """Returns key, reason and size of the unknowns that `declared_unknowns` leaves out.
+
+    It counts them for a robot whose command acts at once.
+    """
+    counted = all(isinstance(part, IdealWrench) for part in actuation)
+    sizes = {"current": float(np.linalg.norm(unknowns.current)),
+             "waves": largest_speed(unknowns.waves), "model_error": unknowns.error.size}
+    return [(key, "counted only where the command acts at once", 0.0 if counted else size)
+            for key, size in sizes.items()]

@@ -11,12 +11,12 @@ from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     write_certificate,
 )
+from uvms_drake.command.campaign import take_workers
+from uvms_drake.command.certificates import note
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.largest import find_largest, take_largest
-from uvms_drake.command.paper import beside_the_paper, check_paper, take_paper
+from uvms_drake.command.paper import certify_own
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
-from uvms_drake.command.run import note
-from uvms_drake.command.workers import take_workers
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -34,7 +34,6 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.add_argument("--full", action="store_true",
                          help="print everything: constants, conditions, tube, budget, estimates")
     take_largest(certify)
-    take_paper(certify)
     runs = certify.add_argument_group("certificate in probability, from drawn runs")
     runs.add_argument("--runs", type=int, metavar="N",
                       help="draw N runs of the declared distribution and bound the probability "
@@ -55,25 +54,24 @@ def certify_scenario(args: argparse.Namespace) -> int:
     """
     names = [CERTIFICATE_FILE]
     if args.runs is not None:
-        from uvms_drake.command.campaign.certify_runs import certify_by_runs
+        from uvms_drake.command.drawn_runs import certify_by_runs
 
-        _require_default(args, ("largest", "within", "paper"), "with --runs")
+        _require_default(args, ("largest", "within"), "with --runs")
         return certify_by_runs(args, names)
     _require_default(args, ("confidence", "seed", "workers", "scheduler"), "without --runs")
     if args.largest is not None:
-        _require_default(args, ("output", "full", "paper"), "with --largest")
+        _require_default(args, ("output", "full"), "with --largest")
         return find_largest(args)
     _require_default(args, ("within",), "without --largest")
     from uvms_drake.certificate.certify import certified_once, check_inputs
-    from uvms_drake.certificate.overview import force_bounds, format_overview
-    from uvms_drake.certificate.table import format_certificate
+    from uvms_drake.certificate.text import format_overview
 
     # Bad input of any kind is refused before anything is computed.
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, set_options(args.overrides))
-    with reported_in(source):
-        check_paper(args, scenario)
     path = args.output if args.output is not None else Path("out") / scenario.name
+    if scenario.simulation:
+        return certify_own(args, scenario, path)
     with output_folder(path, names, replaces=True) as output:
         with reported_in(source):
             model = check_inputs(scenario)  # Before anything is announced.
@@ -82,14 +80,10 @@ def certify_scenario(args: argparse.Namespace) -> int:
             with closing(Bar(CERTIFYING, stream_of(args), is_steady=False)) as progress:
                 certificate = certified_once(scenario, progress, model)
             seconds = time.perf_counter() - started
-            certificate = beside_the_paper(args, certificate, scenario, model)
         write_certificate(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
-    force = force_bounds(
-        certificate, scenario.contact.force_limit(scenario.limits), scenario.task.force)
-    print(format_overview(certificate, force, seconds))
-    print(f"\n{format_certificate(certificate)}" if args.full or args.paper else
-          "everything: --full")
+    print(format_overview(certificate, scenario, seconds))
+    print(f"\n{certificate}" if args.full else "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     return 0 if certificate.certified else 1
 

@@ -1,22 +1,26 @@
-"""The paper on the command line: the sub-command `errata`, and the option `--paper` of `certify`.
+"""The sub-command `errata` of the paper, and scenarios with a simulation of their own, as its is.
 
-No other file outside of `papers` imports a paper; scenarios name one by their key `modules`.
+No other file outside of `papers` imports a paper; scenarios name one by their keys `modules` and
+`simulation`. The latter is a module with `FILES`, `run_into`, `certify_into` and `format_summary`,
+such as `papers.nikou2018.kinematic_run`.
 """
 
 import argparse
+import importlib
 import logging
 import sys
 from contextlib import closing
+from pathlib import Path
+from typing import Any
 
-from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.command.files import folder, take_quiet
-from uvms_drake.command.progress import Bar, stream_of
+from uvms_drake.command.files import BROKEN, folder, take_quiet
+from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.output import output_folder
 from uvms_drake.common.progress import part_of
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
 ERRATA_FILE = "errata.md"
 
@@ -56,27 +60,39 @@ def list_errata(args: argparse.Namespace) -> int:
     return 0 if all(erratum.wrong for erratum in errata) else 1
 
 
-def take_paper(certify: argparse.ArgumentParser) -> None:
-    """Adds the option of `certify` that compares with the paper."""
-    certify.add_argument("--paper", action="store_true",
-                         help="also search for the constants of the paper's Lemma, and print its "
-                              "radii with these gains and this disturbance")
+def run_own(args: argparse.Namespace, scenario: Scenario, path: Path) -> int:
+    """Simulates a scenario by its own module, prints the summary, and writes the files."""
+    require(not args.meshcat, "--meshcat", True, "left out: it has a simulation of its own")
+    with (reported_in(scenario_source(args.scenario, set_options(args.overrides))),
+          closing(Bar("simulating", stream_of(args))) as progress):
+        module = _module_of(scenario)
+        with output_folder(path, module.FILES, replaces=True) as output:
+            summary = module.run_into(
+                scenario, output.folder, certified=not args.uncertified,
+                figures=not args.no_figures, progress=progress)
+    print(f"{module.format_summary(summary)}\n"
+          f"written to {path}: {', '.join(sorted(output.kept))}")
+    return 0 if summary["kept"] else BROKEN
 
 
-def check_paper(args: argparse.Namespace, scenario: Scenario) -> None:
-    """Raises `InvalidParameter` if the paper's radii are requested, but there are none."""
-    if args.paper:
-        from uvms_drake.papers.nikou2018.comparison import check_comparison
+def certify_own(args: argparse.Namespace, scenario: Scenario, path: Path) -> int:
+    """Prints and writes the certificate of a scenario by its own module; 0 if it holds, else 1."""
+    with (reported_in(scenario_source(args.scenario, set_options(args.overrides))),
+          closing(Bar(CERTIFYING, stream_of(args), is_steady=False)) as progress):
+        module = _module_of(scenario)
+        with output_folder(path, module.FILES, replaces=True) as output:
+            certificate = module.certify_into(scenario, output.folder, progress)
+    print(certificate.text)
+    print(f"written to {path}: {', '.join(sorted(output.kept))}", file=sys.stderr)
+    return 0 if certificate.certified else 1
 
-        check_comparison(motion_of(scenario), scenario.ancillary)
 
-
-def beside_the_paper(args: argparse.Namespace, certificate: Certificate, scenario: Scenario,
-                     model: ContactModel) -> Certificate:
-    """Returns the certificate, with the paper's radii if they are requested."""
-    if not args.paper:
-        return certificate
-    from uvms_drake.papers.nikou2018.comparison import with_paper
-
-    return with_paper(certificate, scenario, model)
-
+def _module_of(scenario: Scenario) -> Any:
+    try:
+        module = importlib.import_module(scenario.simulation)
+        require(hasattr(module, "run_into"), "simulation", scenario.simulation,
+                "a module with a simulation, as of papers.nikou2018")
+    except ImportError as error:
+        raise InvalidParameter("simulation", scenario.simulation,
+                               f"a Python module ({error})") from None
+    return module

@@ -29,7 +29,6 @@ from uvms_drake.station.diagram import (
     monitor_floor,
     set_wise_radii,
 )
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.record import Record
 
 ROUNDING = 1e-9
@@ -107,9 +106,8 @@ def _logged(record: Record) -> Iterator[_Signal]:
     """Yields the signals at the logged samples."""
     depth, bound = record.penetration, record.scenario.disturbance.d_bound
     d = record.scenario.disturbance.norm(record.effective_disturbance)
-    if motion_of(record.scenario).has_forces:
-        yield _Signal("contact", depth > 0.0,
-                      lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")
+    yield _Signal("contact", depth > 0.0,
+                  lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")
     desired = record.desired_force
     yield _Signal("retarget", _changed(desired), lambda when: _wanted_text(desired[when.stop - 1]))
     if "target" in record.signals:

@@ -30,7 +30,6 @@ from uvms_drake.report.figure_style import (
 )
 from uvms_drake.report.robot.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits, thruster_part, thrusters_of
-from uvms_drake.station.motions.motions import motion_of, motions
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -56,7 +55,7 @@ def make_figures(record: Record, output_dir: str | Path,
         output_dir: Folder of the files, created if missing.
         certified: Ultimate bounds of the run's certificate, if it has one.
     """
-    figures = FIGURES | motion_of(record.scenario).figures() | {
+    figures = FIGURES | {
         FORCE: partial(contact_drawing, certified=(certified or {}).get("force"))}
     paths, folder = [], Path(output_dir)
     certified_for = [f"certified for {about}: {statement}" for about, statement in scope_of(
@@ -85,17 +84,10 @@ def _add_footer(figure: Figure, paragraphs: Sequence[str]) -> None:
 
 def figures_of(scenario: Scenario) -> list[str]:
     """Returns the names of the figures of a scenario's run."""
-    motion = motion_of(scenario)
     missing = {name for name, there in (
         (JOINTS, len(scenario.start.q) > 0), (THRUSTERS, thruster_part(scenario)),
-        (MISSION, scenario.mission.steps), (COVERAGE, scenario.mission.steps),
-        (FORCE, motion.has_forces), (INPUTS, motion.has_forces)) if not there}
-    return [name for name in (*FIGURES, *motion.figures()) if name not in missing]
-
-
-def all_figures() -> list[str]:
-    """Returns the names of the figures of any scenario's run."""
-    return [*FIGURES, *(name for motion in motions() for name in motion().figures())]
+        (MISSION, scenario.mission.steps), (COVERAGE, scenario.mission.steps)) if not there}
+    return [name for name in FIGURES if name not in missing]
 
 
 def task_error_drawing(record: Record) -> Drawing:
@@ -182,31 +174,31 @@ def _two_columns(cells: list[Panel]) -> Drawing:
 
 
 def disturbance_drawing(record: Record) -> Drawing:
-    """Returns the components of d, or w, and its norm against the bound.
+    """Returns the components of d and its norm against the bound.
 
     The norm of the effective disturbance is shown too, if it differs.
     """
-    motion, declared = motion_of(record.scenario), record.scenario.disturbance
-    symbol, unit, bound = motion.disturbance_symbol, motion.disturbance_unit, declared.d_bound
-    size = record.disturbance.shape[1]
+    declared, unit = record.scenario.disturbance, "m/s², rad/s²"
+    bound, size = declared.d_bound, record.disturbance.shape[1]
     if float(np.max(np.ptp(record.disturbance, axis=1))) < SAME:
         parts = [line(record.disturbance[:, 0],
                       label=f"each of the {size} components, all equal")]
     else:
         parts = [line(each, color=color, linewidth=0.7, label=name)
-                 for block, color, name in zip((slice(0, 3), slice(3, 6), slice(6, None)), XYZ,
-                                               motion.disturbance_blocks, strict=False)
+                 for block, color, name in zip(
+                     (slice(0, 3), slice(3, 6), slice(6, None)), XYZ,
+                     ("surge, sway, heave", "roll, pitch, yaw", "joints"), strict=True)
                  for each in record.disturbance[:, block].T]
     norm, effective = (declared.norm(each) for each in (
         record.disturbance, record.effective_disturbance))
     norms = [line(norm, color="0.35", label="applied"),
-             line(bound, LIMIT, label=rf"bound $\tilde{{{symbol}}}$ = {bound:.3g}")]
+             line(bound, LIMIT, label=rf"bound $\tilde{{d}}$ = {bound:.3g}")]
     if not np.allclose(norm, effective, atol=1e-6):
         norms.insert(1, line(effective, color=ORANGE, linewidth=0.8,
                              label="with model errors and the water's motion"))
-    scaled = rf"\hat{{W}}^{{-1}}{symbol}" if np.size(declared.weights) else symbol
+    scaled = r"\hat{W}^{-1}d" if np.size(declared.weights) else "d"
     return Drawing([[
-        Panel(f"${symbol}_i$ [{unit}]", record.time, parts),
+        Panel(f"$d_i$ [{unit}]", record.time, parts),
         Panel(rf"$\|{scaled}\|_2$ [{unit}]", record.time, norms, scale="zero", legend=3)]], 2.8)
 
 

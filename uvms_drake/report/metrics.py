@@ -30,7 +30,6 @@ from uvms_drake.report.signals import (
 )
 from uvms_drake.report.wall_metrics import wall_metrics
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
@@ -218,7 +217,7 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     return {"bound": declared.d_bound,
             "semi_axes": (declared.d_bound * declared.relative_weights(record.disturbance.shape[1])
                           if weighted else None),
-            "unit": motion_of(record.scenario).disturbance_unit,
+            "unit": "m/s², rad/s²",
             "worst": np.max(declared.norm(record.effective_disturbance)),
             "applied": np.max(declared.norm(record.disturbance)),
             "exceeded": (

@@ -13,7 +13,7 @@ from uvms_drake.mission.system import PROGRESS
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.station.diagram import bounds_disturbance
-from uvms_drake.station.motions.motions import limits_of
+from uvms_drake.station.problem import limits_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 

@@ -73,7 +73,6 @@ class ForceFault(SensorFault):
     """
 
     place = "force"
-    needs_forces = True
 
 
 @dataclass

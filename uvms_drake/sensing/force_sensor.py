@@ -124,7 +124,6 @@ class ForceSensor(WristSettings, Sensor):
     of an ATI Mini45 (SI-145-5), 1/16 N and 1/752 N m, and about that of 16 bits over this range.
     """
 
-    needs_forces = True
 
     def assumption(self) -> str:
         """Returns the assumption that it breaks."""

@@ -157,7 +157,6 @@ class Navigation(Sensor):
     joints are sampled.
     """
 
-    needs_forces = True
 
     position: Channel = field(default_factory=lambda: Channel(50.0, 0.0005, 0.01, True))
     """Position of the vehicle in Σ_I [m]."""

@@ -24,9 +24,8 @@ from uvms_drake.model.signals.sensor_actuator import (
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.measurements import TipPose
 from uvms_drake.station.contact.mission import add_mission
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at, keyed
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.visual.controls import ForceSlider
@@ -56,18 +55,18 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
 
         name: controller
         input_ports:
-        - state (configuration, if the motion is kinematic)
-        - force (with dynamic motion)
+        - state
+        - force
         - payload, payload_at_rest (optional, if the hand holds one)
         - desired_force, place, deepest (optional, as of make_station)
         - stop (optional, of a mission, in place of these three)
         output_ports:
-        - tau (zeta, if the motion is kinematic)
+        - tau
         - nominal_state, u, ... (each signal)
         - plan
         - solve_seconds
 
-    - `state`: true (𝔮, ζ) (2(6+n)); `configuration`: 𝔮 (6+n).
+    - `state`: true (𝔮, ζ) (2(6+n)).
     - `force`: true wrench 𝔉 (6) on the surface [N, N m], for the force sensor; read with one only.
     - `payload`, `payload_at_rest` (6) [N, N m]: by which the hand holds the payload of
       `scenario.model_error`, from the plant, for the force sensor; zero if unconnected.
@@ -81,38 +80,32 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
     """
-    motion, model = motion_of(scenario), model or load_model(scenario)
+    builder, model = DiagramBuilder(), model or load_model(scenario)
     check_values(scenario)
-    builder = DiagramBuilder()
-    controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(
-        scenario, model, motion.make_ocp(scenario, model)))
+    controller = builder.AddNamedSystem("tube_mpc", scenario.contact.make_controller(
+        scenario, model, make_ocp(scenario, model)))
 
     # True signals come from outside; the pose of the end-effector follows from the state. Only a
     # payload's is zero if unconnected, as of a `PassThrough`; a `Gain` wants its input.
-    sizes = {motion.measured: controller.GetInputPort(motion.measured).size()}
-    if motion.has_forces:
-        sizes["force"] = 6
-        if scenario.model_error.payload.present:
-            sizes |= {PAYLOAD: 6, PAYLOAD_AT_REST: 6}
+    payload = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
     given = Signals()
-    for name, size in sizes.items():
-        optional = name in (PAYLOAD, PAYLOAD_AT_REST)
-        source = builder.AddNamedSystem(name, PassThrough(size) if optional else Gain(1.0, size))
+    for name, source in (("state", Gain(1.0, 2 * model.size)), ("force", Gain(1.0, 6)),
+                         *((name, PassThrough(6)) for name in payload)):
+        builder.AddNamedSystem(name, source)
         builder.ExportInput(source.get_input_port(), name)
         given[name] = source.get_output_port()
-    if motion.has_forces:
-        tip = builder.AddNamedSystem("tip", TipPose(model))
-        builder.Connect(given[motion.measured], tip.get_input_port())
-        given["chi"] = tip.get_output_port()
+    tip = builder.AddNamedSystem("tip", TipPose(model))
+    builder.Connect(given["state"], tip.get_input_port())
+    given["chi"] = tip.get_output_port()
 
     # The applied command has the name of the plant's input; every other signal has its own.
     signals = Signals({**given, **signals_of(controller)})
     _, applied = connect_controller(
-        builder, scenario, model, controller, given[motion.measured], signals,
+        builder, scenario, model, controller, given["state"], signals,
         [fault for fault in scenario.faults if fault.place == "force"])
-    builder.ExportOutput(applied, motion.effect)
+    builder.ExportOutput(applied, "tau")
     for name, port in signals.items():
-        if name not in {*given, motion.effect}:
+        if name not in {*given, "tau"}:
             builder.ExportOutput(port, name)
     for name in ("plan", "solve_seconds"):
         builder.ExportOutput(controller.GetOutputPort(name), name)
@@ -141,7 +134,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         builder: Builder to add to, with the controller in it.
         scenario: Scenario with its sensors, mission, law and actuators.
         model: The controller's model.
-        controller: Controller of any kind, with the output port of the motion's command.
+        controller: Controller of any kind, with the output port `tau`.
         state: Output port of the true motion.
         signals: Signals of plant and controller; those of the parts are added.
         faults: Faults of sensors, solver and actuators.
@@ -154,9 +147,8 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         return add_chain(builder, model, port, signals, parts, scenario.seed)
 
     # Measurements, targets and faults, by the names of the controller's inputs.
-    motion = motion_of(scenario)
     measured = chain(state, faults_at("sensing", faults) | keyed("sensing", scenario.sensing))
-    given = {motion.measured: measured}
+    given = {"state": measured}
     force_faults = faults_at("force", faults)
     for key, fault in force_faults.items():
         require(MEASURED_FORCE in signals, key, type(fault).__name__,
@@ -181,7 +173,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
             builder, list(solver_faults.values()), scenario.seed, scenario.mpc.time_step
         ).get_output_port()
     # Actuation, of which some controllers read the effect.
-    command = controller.GetOutputPort(motion.command)
+    command = controller.GetOutputPort("tau")
     applied = chain(command, keyed("actuation", scenario.actuation))
     if applied is not command:
         given["applied"] = applied

@@ -19,9 +19,13 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.station.controller import SAMPLED, connect_controller, signals_of
-from uvms_drake.station.motions.motions import motion_of
-from uvms_drake.station.plant import applied_disturbance
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.plant import applied_disturbance, make_simulated_uvms
+from uvms_drake.station.problem import (
+    disturbance_weights,
+    load_model,
+    make_ocp,
+    start_state,
+)
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
@@ -67,7 +71,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
 
         name: station
         input_ports:
-        - desired_force (optional, with dynamic motion)
+        - desired_force (optional)
         - place (optional, with a sensed contact)
         - deepest (optional, with a sensed contact)
         - stop (optional, with a mission and without meshcat)
@@ -84,8 +88,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     `desired_force` (6) [N, N m] and `place` (3) [m] change the task during a run, see `NominalMpc`
     and `PressControl`; unconnected, they stay the scenario's. With a mission, a
     `MissionControl` sets both, and `deepest`; `stop` (1) above zero, or a button in Meshcat, stops
-    it. With kinematic motion the controller reads `configuration`, and its velocity ζ = u goes to
-    the plant. The other ports are in `station/README.md`.
+    it. The other ports are in `station/README.md`.
 
     Args:
         scenario: Everything the run depends on.
@@ -98,25 +101,24 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
     """
-    builder, motion = DiagramBuilder(), motion_of(scenario)
+    builder, model = DiagramBuilder(), model or load_model(scenario)
     check_values(scenario)
-    model = model or load_model(scenario)
     own, start = controller is None, scenario.start.config
     if controller is None:
-        ocp = motion.make_ocp(scenario, model)
+        ocp = make_ocp(scenario, model)
         start = start_state(scenario, ocp)[: model.size]
-        controller = motion.make_controller(scenario, model, ocp)
+        controller = scenario.contact.make_controller(scenario, model, ocp)
 
     # Plant and controller, and the parts between them.
-    uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
+    uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(scenario, None, start))
     builder.AddNamedSystem("tube_mpc" if own else "controller", controller)
     signals = Signals({name: port for name, port in (
         outputs(uvms) | signals_of(controller)).items() if name not in UNLOGGED})
-    true = uvms.GetOutputPort(motion.measured)
+    true = uvms.GetOutputPort("state")
     measured, exerted = connect_controller(
         builder, scenario, model, controller, true, signals, scenario.faults, meshcat)
-    builder.Connect(exerted, uvms.GetInputPort(motion.effect))
-    if exerted is not controller.GetOutputPort(motion.command):
+    builder.Connect(exerted, uvms.GetInputPort("tau"))
+    if exerted is not controller.GetOutputPort("tau"):
         signals["exerted"] = exerted
     water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
     wire(builder, uvms, outputs(water))
@@ -133,10 +135,9 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
         for name in ("report", "alarm"):
             builder.ExportOutput(monitor.GetOutputPort(name), f"tube_{name}")
     with within("disturbance"):
-        disturbance = motion.add_disturbance(
-            builder, applied_disturbance(
-                scenario.disturbance, scenario.model_error.share, scenario.faults),
-            model, scenario.seed, errors | signals)
+        disturbance = applied_disturbance(
+            scenario.disturbance, scenario.model_error.share, scenario.faults).add_to(
+                builder, model, scenario.seed, errors | signals)
     if meshcat is not None:
         disturbance = DisturbanceSlider.AddToBuilder(
             builder, meshcat, disturbance=disturbance).get_output_port()
@@ -175,12 +176,11 @@ def add_monitor(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
         pair: Output port of the controller's `Pair`, if the state that it measures is the true one.
         certified: As of `make_station`.
     """
-    declared, motion = scenario.disturbance, motion_of(scenario)
+    declared = scenario.disturbance
     radii = set_wise_radii(scenario.tube, scenario.ancillary)
     monitor = builder.AddNamedSystem("tube_monitor", TubeMonitor(
         model, scenario.ancillary, declared.d_bound, radii,
-        weights=motion.weights(declared, model.size),
-        run_bound=motion.run_bound(scenario.ancillary, declared.d_bound),
+        weights=disturbance_weights(scenario, model),
         along_run=scenario.contact.bounded_along_run, period=scenario.log_period,
         begin=monitor_begin(scenario.mpc.hover, certified), slack=MONITOR_SLACK,
         floor=monitor_floor(radii)))

@@ -12,10 +12,10 @@ from uvms_drake.common.schema import check_values
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
+from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.parts import faults_at
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.scenario import Scenario
 
 
@@ -54,9 +54,8 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
         InvalidParameter: A value of the scenario cannot be used; also a disturbance that is aimed
             by the tube's errors, which only a station has.
     """
-    motion, model = motion_of(scenario), model or load_model(scenario)
+    model = model or load_model(scenario)
     check_values(scenario)
-    require(motion.has_forces, "motion", scenario.motion, "dynamic, for a plant moved by forces")
     # A Simulator with a largest step of zero would never end.
     step = scenario.simulator.max_step_size
     require(step > 0.0, "simulator.max_step_size", step,
@@ -65,7 +64,7 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
     with within("start"):
         start = np.concatenate([vector("eta", scenario.start.eta, 6),
                                 vector("q", scenario.start.q, model.num_joints)])
-    uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
+    uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(scenario, None, start))
     WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
     disturbance = applied_disturbance(
         scenario.disturbance, scenario.model_error.share, scenario.faults)
@@ -81,6 +80,22 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
     diagram = builder.Build()
     diagram.set_name("plant")
     return diagram
+
+
+def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,
+                        start: np.ndarray | None = None) -> Diagram:
+    """Returns the robot and the surface as they are, which the controller may not know.
+
+    Args:
+        scenario: Scenario; its own disturbance is ignored.
+        disturbance: As of `make_uvms_plant`.
+        start: Likewise.
+    """
+    return make_uvms_plant(
+        scenario.model, surface=true_surface(scenario),
+        disturbance=disturbance, seed=scenario.seed, start=start,
+        error=scenario.model_error,
+        task_frame=np.asarray(scenario.task.frame, dtype=float))
 
 
 def applied_disturbance(declared: Disturbance, share: float, faults: Sequence[Fault]

@@ -9,7 +9,6 @@ from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.limits import Limit, make_limits, tighten
 from uvms_drake.control.limits.pose import ANGLES
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.robot import Robot
@@ -31,8 +30,11 @@ def load_model(scenario: "Scenario", robot: Robot | None = None) -> ContactModel
         robot: The robot, if it is loaded and sound already.
 
     Raises:
-        InvalidParameter: The surface has no meaning, or the robot is none; see `sound_robot`.
+        InvalidParameter: The surface has no meaning, the robot is none, see `sound_robot`, or the
+            scenario has a simulation of its own.
     """
+    require(not scenario.simulation, "simulation", scenario.simulation,
+            "left out: a scenario with a simulation of its own has `run` and `certify` alone")
     with within("surface"):
         surface = check_surface(scenario.surface)
     with within("contact"):
@@ -43,6 +45,32 @@ def load_model(scenario: "Scenario", robot: Robot | None = None) -> ContactModel
                 "zero: the Euler angles of the paper's spring are about Σ_I")
     robot = robot or sound_robot(scenario.model)
     return ContactModel(robot.uvms, controller_surface, frame)
+
+
+def make_ocp(scenario: "Scenario", model: ContactModel | None = None) -> DynamicOcp:
+    """Returns the nominal MPC's problem.
+
+    Args:
+        scenario: Task, limits, tube and settings of the MPC.
+        model: The controller's; loaded if it is left out.
+
+    Raises:
+        InvalidParameter: A value cannot be used, or the task cannot be held within the limits.
+    """
+    return scenario.contact.make_ocp(scenario, model or load_model(scenario))
+
+
+def limits_of(scenario: "Scenario", model: ContactModel) -> dict[str, Limit]:
+    """Returns the limits of the real robot by name; the model is the controller's."""
+    return make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface,
+                       thrusters=model.thrusters, slides=model.slides,
+                       of_contact=scenario.contact.limits())
+
+
+def disturbance_weights(scenario: "Scenario", model: ContactModel) -> np.ndarray:
+    """Returns the diagonal of Ŵ (6+n,), one for each component of d, the largest 1."""
+    with within("disturbance"):
+        return scenario.disturbance.relative_weights(model.size)
 
 
 def true_surface(scenario: "Scenario") -> Surface:
@@ -56,8 +84,8 @@ def shown_surface(scenario: "Scenario", model: ContactModel) -> Surface:
 
 
 def make_dynamic_ocp(scenario: "Scenario", model: ContactModel) -> DynamicOcp:
-    """Returns the problem of a scenario with dynamic motion; see `motions.make_ocp`."""
-    y_des, limits = posed_task(scenario, model, accelerations=True)
+    """Returns the problem of a scenario with a known surface; see `make_ocp`."""
+    y_des, limits = posed_task(scenario, model)
     with within("mpc"):
         ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
     at = replace(_at(model, y_des), zeta=np.zeros(model.size), u=ocp.u_eq)
@@ -85,15 +113,10 @@ def retargeted_ocp(scenario: "Scenario", model: ContactModel, force: np.ndarray)
     return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)), model)
 
 
-def posed_task(scenario: "Scenario", model: ContactModel, *, accelerations: bool
-               ) -> tuple[np.ndarray, dict[str, Limit]]:
+def posed_task(scenario: "Scenario", model: ContactModel) -> tuple[np.ndarray, dict[str, Limit]]:
     """Returns y_des (6+n,) and the tightened limits."""
-    surface = model.surface
-    limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, surface,
-                                 accelerations=accelerations, thrusters=model.thrusters,
-                                 slides=model.slides, of_contact=scenario.contact.limits()),
-                     scenario.tube)
-    task = scenario.task
+    surface, task = model.surface, scenario.task
+    limits = tighten(limits_of(scenario, model), scenario.tube)
     with within("task"):
         force = vector("force", task.force, 6)
         pose = None if task.pose is None else vector("pose", task.pose, 6)
@@ -121,7 +144,7 @@ def task_place(scenario: "Scenario") -> np.ndarray:
         return vector("pose", scenario.task.pose, 6)[:3]
 
 
-def start_state(scenario: "Scenario", ocp: Ocp) -> np.ndarray:
+def start_state(scenario: "Scenario", ocp: DynamicOcp) -> np.ndarray:
     """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
 
     Raises:

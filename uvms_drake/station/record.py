@@ -13,7 +13,6 @@ from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.signals import SIGNALS, columns_of
@@ -148,7 +147,7 @@ class Record:
         arrays |= self.signals
         ordered = {name: arrays[name] for name in SIGNALS if name in arrays}
         return {"time_s": self.time} | columns_of(
-            ordered | arrays, self.model.slides.tolist(), motion_of(self.scenario).components)
+            ordered | arrays, self.model.slides.tolist())
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Returns `columns` as a table with the time as its index; it needs the package pandas."""

@@ -5,8 +5,7 @@ import numpy as np
 from uvms_drake.control.limits import resolved_radii, tighten
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact.bounds import safe_depth_margin
-from uvms_drake.station.motions.motions import limits_of, motion_of
-from uvms_drake.station.problem import shown_surface
+from uvms_drake.station.problem import limits_of, shown_surface
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.visual.scene import LimitUse, Setting
 
@@ -31,7 +30,6 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         radius=float(resolved_radii(scenario.tube).position or 0.0),
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
-        has_forces=motion_of(scenario).has_forces,
         direction=None if wall is None else wall.direction,
         margin=0.0 if wall is None else safe_depth_margin(scenario),
         painted=PAINTED * max(step.strongest for step in scenario.mission.steps)

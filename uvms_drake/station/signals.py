@@ -75,7 +75,6 @@ SIGNALS: dict[str, Signal] = {
     "force_filtered": Signal(WRENCH, "Σ_I", "tangential filter: input of the law"),
     "penetration": Signal((("", "m"),), "", "plant: depth of the end-effector in the surface"),
     "target": Signal(POSITION, "Σ_I", "press target: desired position of the end-effector"),
-    "turn": Signal((("", "rad"),), "", "wall normal: turn of the end-effector about the vertical"),
     "safe_depth": Signal((("", "m"),), "", "contact estimator: largest admissible depth"),
     "contact_depth": Signal((("", "m"),), "", "contact estimator: depth of the undeformed wall"),
     "stiffness_estimate": Signal((("", "N/m"),), "", "stiffness estimate: mean of the filter"),
@@ -118,8 +117,7 @@ MPC_SIGNALS = {
 """Signals of the samples of the nominal MPC, in `log.npz` alone."""
 
 
-def column_names(name: str, size: int, slides: Sequence[bool],
-                 own: Mapping[str, Components] | None = None) -> list[str]:
+def column_names(name: str, size: int, slides: Sequence[bool]) -> list[str]:
     """Returns the columns of a signal in `log.csv`: name, component and unit.
 
     Those of a signal of a user's own part are numbered.
@@ -128,13 +126,11 @@ def column_names(name: str, size: int, slides: Sequence[bool],
         name: Name of the signal.
         size: Number of its components.
         slides: Whether each joint slides.
-        own: Components of signals of this motion that are others than in `SIGNALS`.
     """
     known = SIGNALS.get(name)
     if known is None:
         return [name] if size == 1 else [f"{name}/{i}" for i in range(size)]
-    components = (own or {}).get(name, known.components)
-    names = []
+    components, names = known.components, []
     for component in components:
         names += ([component] if isinstance(component, tuple)
                   else _block(component, size - len(components) + 1, slides))
@@ -152,14 +148,14 @@ def _block(word: str, size: int, slides: Sequence[bool]) -> list[Component]:
             for i in range(count)]
 
 
-def columns_of(signals: Mapping[str, np.ndarray], slides: Sequence[bool],
-               own: Mapping[str, Components] | None = None) -> dict[str, np.ndarray]:
+def columns_of(signals: Mapping[str, np.ndarray], slides: Sequence[bool]
+               ) -> dict[str, np.ndarray]:
     """Returns the columns (T,) of signals (T, size) or (T,) by their names with units."""
     columns: dict[str, np.ndarray] = {}
     for name, values in signals.items():
         table = values.reshape(len(values), -1)
         if table.shape[1]:
-            columns.update(zip(column_names(name, table.shape[1], slides, own), table.T,
+            columns.update(zip(column_names(name, table.shape[1], slides), table.T,
                                strict=True))
     return columns
 

@@ -15,7 +15,6 @@ from uvms_drake.common.wiring import release
 from uvms_drake.control.limits import joint_limits
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
@@ -133,11 +132,12 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
         wall_time: Of the simulation [s].
         certified: As in `simulate`.
     """
-    size, motion = model.size, motion_of(scenario)
+    size = model.size
     joint_lower, joint_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
-    logs = motion.completed(scenario, model, logs)
-    chi = model.task_pose(logs["state"][:, :size])[:, :6]  # Where the plant does not say.
-    arrays = {"chi": chi} | logs | {
+    arrays = logs | {
+        "effective_disturbance": effective_disturbance(
+            model, logs["state"], sent_input(model, logs), logs["acceleration"],
+            scenario.contact.force_in_law(logs)),
         "penetration": logs["penetration"].reshape(-1),
         "state_lost": logs["state_lost"].reshape(-1),
         "input_limited": logs["input_limited"].reshape(-1),
@@ -153,3 +153,33 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
                     **{name: value for name, value in arrays.items() if name in known})
     vars(record)["model"] = model  # Loaded already: the cached property of that name.
     return record
+
+
+def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
+                          acceleration: np.ndarray, contact: np.ndarray | None = None
+                          ) -> np.ndarray:
+    """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that the controller does not model.
+
+    The disturbance, errors of the model, another surface, a current, a stuck joint: every deviation
+    from ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
+    else. 𝔲 is the sent command, after limits and the hold of a clock, which d̃ does not cover; see
+    `sent_input`.
+
+    Args:
+        model: The controller's.
+        state: (𝔮, ζ) (T, 2(6+n)).
+        u: 𝔲, the command (T, 6+n).
+        acceleration: ζ̇ of the robot (T, 6+n).
+        contact: The force that the law takes in place of the surface's, if it does (T, 6).
+    """
+    config, zeta = np.split(state, 2, axis=1)
+    return acceleration - model.drift(config, zeta, contact) - u
+
+
+def sent_input(model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
+    """Returns 𝔲 as it is sent (T, 6+n): M⁻¹τ of a clock's hold, the law's if there is none."""
+    if "zoh_command" not in logs:
+        return logs["u"]
+    M = model.mass_matrix(model.kinematics(logs["state"][:, : model.size]))
+    sent: np.ndarray = np.linalg.solve(M, logs["zoh_command"][..., None])[..., 0]
+    return sent

@@ -22,8 +22,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.motions import make_ocp, motion_of
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.cost_check import check_cost
 from uvms_drake.station.scenario.scenario import Scenario, Start
 from uvms_drake.station.step_bounds import ORDERS, friction_rate, largest_step, step_of
@@ -115,8 +114,7 @@ def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
         rates = loop_rates(station, simulator.get_mutable_context())
     finally:
         release(station)
-    friction = (friction_rate(scenario, model, config) if motion_of(scenario).has_forces else 0.0)
-    return np.append(rates, -friction)
+    return np.append(rates, -friction_rate(scenario, model, config))
 
 
 def fastest_part(law: AncillaryLaw, surface: Surface, rates: np.ndarray) -> str:

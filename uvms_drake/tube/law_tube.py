@@ -36,11 +36,11 @@ class Basis:
     constants: dict[str, Constant]
     """Constants by name."""
     d_bound: float
-    """Bound d̃ of ‖Ŵ⁻¹d‖₂, and so of ‖d‖₂; with kinematic motion w̃ of ‖w‖₂."""
+    """Bound d̃ of ‖Ŵ⁻¹d‖₂, and so of ‖d‖₂."""
     weights: np.ndarray
     """Diagonal of Ŵ, one for each component of the disturbance, the largest 1."""
     u_limit: np.ndarray
-    """Limits of |uᵢ| (6+n,); empty with kinematic motion."""
+    """Limits of |uᵢ| (6+n,)."""
     settings: CertificateSettings
     """Numbers of samples, safety factor and seed."""
     contact: MeasuredForceBounds | None = None
@@ -96,16 +96,15 @@ def no_constants(law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
     return ()
 
 
-Theories = dict[type[AncillaryLaw], LawTheory]
-"""Theories by the law's exact type: a proof for one law is none for one derived from it."""
-DYNAMIC_TUBES: Theories = {}
-"""Theories of the laws that have a tube on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖Ŵ⁻¹d‖₂ ≤ d̃."""
+TUBES: dict[type[AncillaryLaw], LawTheory] = {}
+"""Theories of the laws that have a tube on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖Ŵ⁻¹d‖₂ ≤ d̃, by the
+law's exact type: a proof for one law is none for one derived from it."""
 TubeFunction = TypeVar("TubeFunction", bound=Callable[..., LawTube])
 
 
 def register_tube(law: type[AncillaryLaw],
-                  constants: Callable[..., tuple[str, ...]] = no_constants,
-                  theories: Theories = DYNAMIC_TUBES) -> Callable[[TubeFunction], TubeFunction]:
+                  constants: Callable[..., tuple[str, ...]] = no_constants
+                  ) -> Callable[[TubeFunction], TubeFunction]:
     """Registers a function as the tube of a law, so that the law has a certificate; a decorator.
 
     ::
@@ -118,10 +117,9 @@ def register_tube(law: type[AncillaryLaw],
         law: The law; the tube is that of this very type.
         constants: Function from a law and the diagonal of Ŵ to the names of the constants that the
             tube needs, of `tube.constants`: the certificate searches for these alone.
-        theories: The theories to join; by default those of the dynamics.
     """
     def registered(tube: TubeFunction) -> TubeFunction:
-        theories[law] = LawTheory(tube, constants)
+        TUBES[law] = LawTheory(tube, constants)
         return tube
 
     return registered

@@ -126,8 +126,6 @@ class Setting:
     """Settings of the drawing."""
     certified: bool
     """Whether the tube is that of a certificate that holds."""
-    has_forces: bool = True
-    """Whether anything is touched and pressed."""
     direction: np.ndarray | None = None
     """Direction n into an unknown surface (3,); None: the surface is known."""
     margin: float = 0.0
@@ -183,7 +181,7 @@ class Scene:
         self._tube = DrawnTube(stage, f"{NED}/tube", self._overlay.inset, radius, self._enlarged,
                                f"{name}\n{size}", 0.055 * unit, self._overlay.facing)
         self._pressing = Pressing(stage, self._law, self._goal, setting.force, unit,
-                                  self._overlay.facing) if setting.has_forces else None
+                                  self._overlay.facing)
         n, board = setting.direction, self._overlay.board
         self._estimate = None if n is None else DrawnEstimate(
             stage, board, n, setting.margin, self._tip)
@@ -218,16 +216,13 @@ class Scene:
 
     def _legend(self, setting: Setting, level: float) -> str:
         """Returns the meaning of colours, bars and lines."""
-        has_forces = setting.has_forces
-        forces = (("force and ", "     yellow: contact", "desired force, ") if has_forces
-                  else ("", "", ""))
         is_wall = self._law.normal is not None or self._law.patch(self._goal, 1.0, 2) is not None
-        walls = ", 0.1 m on the wall" if has_forces and is_wall else ""
+        walls = ", 0.1 m on the wall" if is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
         estimate = ("green: end of the safe region     yellow frame: estimated surface\n"
                     if setting.direction is not None else "")
-        return (f"{estimate}red: real {forces[0]}path{forces[1]}     "
-                f"white: {forces[2]}planned path, outline of the nominal robot{size}\n"
+        return (f"{estimate}red: real force and path     yellow: contact     "
+                f"white: desired force, planned path, outline of the nominal robot{size}\n"
                 "bars: part of a limit that real or planned motion uses, red at the limit     "
                 f"level grid at z = {level:g} m, lines every {CELL:g} m{walls}")
 
@@ -248,8 +243,7 @@ class Scene:
         self._trail.show(tip)
         self._path.show(moment.path)
         self._tube.show(tip, nominal_tip)
-        if self._pressing is not None:
-            self._pressing.show(chi, moment.force, moment.desired_force)
+        self._pressing.show(chi, moment.force, moment.desired_force)
         if self._estimate is not None:
             self._estimate.show(moment.estimate, tip)
         if self._coverage is not None and moment.estimate:

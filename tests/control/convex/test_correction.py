@@ -18,8 +18,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.problem import load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario
 
 
@@ -61,7 +60,7 @@ def revalued_is_the_program(ocp, guess) -> None:
             moved.terminal.radius_bound.size, own.terminal.radius_bound.size, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["girona500_contact", "girona500_ideal", "paper_kinematic",
+@pytest.mark.parametrize("name", ["girona500_contact", "girona500_ideal",
                                   "paper_dynamic_resolved"])
 def test_another_plan_has_the_values_of_its_own_program(name):
     scenario = load_scenario(name)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
 
-from uvms_drake.certificate.certify import assumed_conditions
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.costs.level_vehicle import LevelVehicle
 from uvms_drake.control.costs.term import CostTerm
@@ -16,8 +16,7 @@ from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points, Slopes
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -64,8 +63,7 @@ def moving(guess: Plan) -> Plan:
 
 
 CASES = [("girona500_ideal", LevelVehicle(4000.0)), ("girona500_ideal", Power()),
-         ("girona500_ideal", Slow()), ("paper_kinematic_certified", LevelVehicle(40.0)),
-         ("paper_kinematic_certified", Slow())]
+         ("girona500_ideal", Slow())]
 
 
 @pytest.mark.parametrize(("name", "term"), CASES)

@@ -281,7 +281,7 @@ def test_its_ports_are_the_documented_ones_and_the_disturbance_feeds_none_throug
     outputs = [monitor.get_output_port(i) for i in range(monitor.num_output_ports())]
     assert {port.get_name(): port.size() for port in outputs} == {
         "deviation": 6, "bound": 6, "ratio": 12, "report": 19, "alarm": 3, "e_y": 10,
-        "r": 10, "e": 6}
+        "r": 10}
     disturbance = monitor.GetInputPort("disturbance").get_index()
     for port in outputs:
         assert not monitor.HasDirectFeedthrough(disturbance, port.get_index())

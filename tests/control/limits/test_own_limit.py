@@ -17,8 +17,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.report.signals import constraint_signals
-from uvms_drake.station.motions.motions import limits_of, make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import limits_of, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.station.simulation import simulate
@@ -96,15 +95,10 @@ def test_a_further_limit_without_meaning_is_refused(own, key):
     assert caught.value.key == key
 
 
-def test_a_name_that_is_there_already_and_inputs_of_kinematic_motion_are_refused():
+def test_a_name_that_is_there_already_is_refused():
     twice = Limits(u=np.ones(10), more=[Elbow(), Elbow(2.0)])
     with pytest.raises(InvalidParameter, match="elbow"):
         make_limits(twice, np.full(4, -1.0), np.ones(4), PLANE)
-    about_inputs = Elbow()
-    about_inputs.about = "input"
-    with pytest.raises(InvalidParameter, match="kinematic"):
-        make_limits(Limits(more=[about_inputs]), np.full(4, -1.0), np.ones(4), PLANE,
-                    accelerations=False)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from support.thrusters import eight_thrusters
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.limits import Limits, TubeRadii, check_limits, make_limits, tighten
+from uvms_drake.control.limits import Limits, TubeRadii, make_limits, tighten
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import Forces, ThrusterForces
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
@@ -124,5 +124,3 @@ def test_the_tube_needs_the_radii_of_the_forces(girona):
     much = TubeRadii(u=np.zeros(10), tau=np.array([0, 0, 0, 0, 0, 60.0, 0, 0, 0, 0]))
     with pytest.raises(InvalidParameter, match=r"^limits\.thrusters\.surge_port = 99\.\d*: must"):
         tighten(limits, much)
-    with pytest.raises(InvalidParameter, match=r"^limits\.thrusters = .*the motion is kinematic"):
-        check_limits(Limits(thrusters=np.array([5.0])), 4, accelerations=False)

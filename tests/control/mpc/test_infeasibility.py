@@ -7,8 +7,7 @@ from uvms_drake.control.mpc.infeasibility import first_violation, infeasibility_
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.ocp import FEASIBLE
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario
 
 

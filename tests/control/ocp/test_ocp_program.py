@@ -16,9 +16,6 @@ from support.tracking import POSITION, at_rest, tracking_ocp
 from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp_program import OcpProgram
 from uvms_drake.control.ocp.tracking_ocp import TrackingTarget
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import start_state
-from uvms_drake.station.scenario.scenario import load_scenario
 
 
 def scattered(program: OcpProgram, size: float = 0.02) -> np.ndarray:
@@ -35,24 +32,12 @@ def test_costs_and_limits_have_the_derivatives_of_differences(short_ocp, start_p
     assert check_derivatives(program, scattered(program, 1e-3)) > 20
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.2])
-def test_those_of_a_reference_that_is_decided_too(turn):
-    """By where it is and, if it may turn, by its yaw, which takes the terminal penalty along."""
-    ocp = tracking_ocp(overrides=("mpc.horizon=3",), turn=turn).aimed(
-        TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12, 0.5 * turn))
+def test_those_of_a_reference_that_is_decided_too():
+    ocp = tracking_ocp(overrides=("mpc.horizon=3",)).aimed(
+        TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12))
     program = ocp.mathematical_program(at_rest(ocp, POSITION - [0.1, 0.0, 0.0]))
     assert check_derivatives(program, scattered(program)) > 10
-    assert len(program.a) == (4 if turn else 3)
-    assert ("terminal_cost" in names(program.quadratic_costs())) == (not turn)
-
-
-def test_those_of_a_velocity_that_is_decided():
-    scenario = load_scenario("paper_kinematic", ["mpc.horizon=4"])
-    ocp = make_ocp(scenario)
-    program = ocp.mathematical_program(start_state(scenario, ocp)[: ocp.state_size])
-    assert program.zeta.shape == (4, ocp.model.size)
-    assert program.zeta_dot.size == 0
-    assert check_derivatives(program, scattered(program)) > 5
+    assert len(program.a) == 3
 
 
 def test_variables_and_bindings_are_named_by_stage_and_limit(short_ocp, start_plans):

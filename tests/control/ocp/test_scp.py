@@ -13,8 +13,7 @@ from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solver import Solution
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.station.motions.motions import make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario
 
 pytestmark = pytest.mark.slow

@@ -43,8 +43,8 @@ import pytest
 from support.laws import PAPER
 
 from uvms_drake.actuation.joint_brake import StuckJoint
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.certificate.certificate import fingerprint
-from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
@@ -305,38 +305,6 @@ def test_a_stuck_joint_is_noted(joint):
     assert np.max(np.abs(record.state)) < 10.0
 
 
-# Kinematic motion --------------------------------------------------------------------------------
-
-
-def kinematic(*faults):
-    scenario = load_scenario("paper_kinematic_certified", ["duration=1.5"])
-    return run(replace(scenario, faults=list(faults)))
-
-
-def test_kinematic_motion_has_the_faults_of_the_solver_too():
-    record, report = kinematic(SolverFailure(start=0.2, duration=0.3), DroppedPeriod(start=0.8))
-    h, k = record.scenario.mpc.time_step, np.arange(len(record.mpc_status))
-    failed = (k * h > 0.2 - 1e-9) & (k * h < 0.5 - 1e-9)
-    np.testing.assert_array_equal(record.mpc_status == FAILED, failed)
-    np.testing.assert_array_equal(record.mpc_status == DROPPED, k * h > 0.8 - 1e-9)
-    assert report["set_exits"] == report["trajectory_exits"] == 0.0
-
-
-def test_kinematic_motion_without_a_measurement_is_the_plans_own():
-    record, _ = kinematic(LostState(start=0.5, duration=0.4))
-    lost = (record.time > 0.5 - 1e-9) & (record.time < 0.9 - 1e-9)
-    np.testing.assert_array_equal(record.state_lost, lost)
-    difference = np.max(np.abs(record.u - record.nominal_input), axis=1)
-    assert np.max(difference[lost]) < 1e-9
-    assert np.max(difference[~lost]) > 1e-3
-
-
-def test_a_frozen_measurement_of_kinematic_motion_is_noted():
-    start = 0.5
-    _, report = kinematic(FrozenState(start=start, duration=0.4))
-    assert start < report["set_first_exit"] < start + 0.5
-
-
 # Scenario and certificate ------------------------------------------------------------------------
 
 
@@ -379,9 +347,6 @@ def test_a_fault_without_a_meaning_is_one_line(faults, expected):
 
 
 def test_a_stuck_joint_has_a_torque_and_is_one_of_the_arms():
-    with pytest.raises(
-            ScenarioError, match=r"faults\[0\] = 'StuckJoint': must be left out, if the motion"):
-        load_scenario("paper_kinematic", ["faults=[!StuckJoint {}]"])
     with pytest.raises(InvalidParameter, match=r"^faults\[0\]\.joint = 4: must be an index from 0"):
         make_station(scenario_of(1.0, StuckJoint(joint=4)))
 

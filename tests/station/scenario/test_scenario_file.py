@@ -10,7 +10,7 @@ from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.disturbance import RandomDisturbance, SinusoidalDisturbance
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import scenario_path, shipped_scenarios
 

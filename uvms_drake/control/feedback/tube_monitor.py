@@ -23,13 +23,12 @@ from pydrake.systems.framework import (
     EventStatus,
     LeafSystem,
     OutputPort,
-    State,
 )
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added, cached, output_of
-from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, RunBound, pair_of
+from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
 ALARMS = ("set", "trajectory", "disturbance")
@@ -49,9 +48,6 @@ TubeReport = namedview("TubeReport", TUBE_REPORT)
 
 FLOOR = 1e-9
 """Deviation that counts as rounding where a bound is zero."""
-
-NOT_STARTED = -1.0
-"""First state of a bound that starts at a deviation, before the first sample."""
 
 
 class _Samples(NamedTuple):
@@ -100,11 +96,9 @@ class TubeMonitor(LeafSystem):
         - alarm
         - e_y
         - r
-        - e
 
-    - `state`: (𝔮, ζ) (2(6+n)), in the paper's order; ζ is the command of kinematic motion.
-    - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)), of `NominalMpc`; continuous from plan to plan, but for ζ̄
-      where the velocity is the input.
+    - `state`: (𝔮, ζ) (2(6+n)), in the paper's order.
+    - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)), of `NominalMpc`.
     - `disturbance`: simulated d, of the size of Ŵ, compared with d̃; unknown if unconnected.
     - `pair`: `Pair` of these two states; computed here if unconnected.
     - `deviation` (6): `FIELDS`.
@@ -112,10 +106,10 @@ class TubeMonitor(LeafSystem):
     - `ratio` (12): `deviation` over the set-wise, then over the trajectory-wise bounds.
     - `report`: `TUBE_REPORT` at the last sample.
     - `alarm` (3): 1 for each of `ALARMS` that was exceeded at the last sample, 0 for the others.
-    - `e_y` (6+n), `r` (6+n), `e` (6): 𝔢_y, 𝔯 and 𝔢, for an adversarial disturbance.
+    - `e_y` (6+n), `r` (6+n): 𝔢_y and 𝔯, for an adversarial disturbance.
 
     The continuous state is that of the law's bound along the run, see `AncillaryLaw.run_bound`:
-    from zero, as the tube starts, or `NOT_STARTED` before the first sample and the deviation at it.
+    from zero, as the tube starts.
     The discrete state is one flag for each of `ALARMS`, whether it was outside at the last
     sample, and the report. There is no feedthrough from `disturbance` to any output. The instant at
     which a simulation ends is not a sample.
@@ -127,7 +121,6 @@ class TubeMonitor(LeafSystem):
         radii: Set-wise bounds by the names of `FIELDS`; others are not checked.
         weights: Diagonal of Ŵ, one for each component of the disturbance, at most 1; 1 for a ball
             of 6 + n.
-        run_bound: Bound along the run in place of the law's own, for other dynamics; None: its own.
         along_run: Whether the law's bound along the run is monitored; it holds for d alone.
         period: Period of the samples [s]; zero for one at the beginning of each step of the
             simulation, which does not change the steps.
@@ -142,7 +135,7 @@ class TubeMonitor(LeafSystem):
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw, d_bound: float,
                  radii: Mapping[str, float], *, weights: np.ndarray | float = 1.0,
-                 run_bound: RunBound | None = None, along_run: bool = True, period: float = 0.01,
+                 along_run: bool = True, period: float = 0.01,
                  begin: float = 0.0, slack: float = 1e-6, floor: float = FLOOR):
         super().__init__()
         law.check()
@@ -161,7 +154,7 @@ class TubeMonitor(LeafSystem):
             np.asarray(weights, dtype=float))
         self._along = None
         if along_run:
-            self._along = run_bound or law.run_bound(d_bound, self._weights)
+            self._along = law.run_bound(d_bound, self._weights)
         self._declare_ports(len(self._weights))
         # The samples, which a simulation takes at a period or at its own steps.
         never = np.full(len(ALARMS), np.inf)
@@ -174,13 +167,7 @@ class TubeMonitor(LeafSystem):
             self.DeclarePerStepDiscreteUpdateEvent(self._update)
         if self._along is None:
             return
-        start = NOT_STARTED if self._along.from_deviation else 0.0
-        self.DeclareContinuousState(BasicVector(np.full(self._along.size, start)))
-        # Unrestricted updates precede the discrete update of the same instant, so they start x.
-        if self._along.from_deviation and period > 0.0:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._start)
-        elif self._along.from_deviation:
-            self.DeclarePerStepUnrestrictedUpdateEvent(self._start)
+        self.DeclareContinuousState(BasicVector(np.zeros(self._along.size)))
 
     def _declare_ports(self, disturbance_size: int) -> None:
         size = self._model.size
@@ -205,7 +192,6 @@ class TubeMonitor(LeafSystem):
             ("alarm", len(ALARMS), lambda c: self._samples(c).outside, {self.xd_ticket()}),
             ("e_y", size, lambda c: self._deviation.Eval(c).e_y, now),
             ("r", size, lambda c: self._deviation.Eval(c).r, now),
-            ("e", 6, lambda c: self._deviation.Eval(c).e_y[:6], now),
         ):
             output_of(self, name, width, calc, prerequisites)
 
@@ -215,32 +201,18 @@ class TubeMonitor(LeafSystem):
         return pair_of(self._model, self._state_port.Eval(context),
                        self._nominal_port.Eval(context))
 
-    def _start(self, context: Context, state: State) -> EventStatus:
-        if self._has_started(context) or context.get_time() < self._begin:
-            return EventStatus.DidNothing()
-        x = state.get_mutable_continuous_state().get_mutable_vector()
-        x.SetFromVector(self._deviation.Eval(context).norms[: x.size()])
-        return EventStatus.Succeeded()
-
-    @staticmethod
-    def _has_started(context: Context) -> bool:
-        return context.get_continuous_state_vector()[0] != NOT_STARTED
-
     def DoCalcTimeDerivatives(  # noqa: D102  Drake's name and meaning
             self, context: Context, derivatives: ContinuousState) -> None:
         if self._along is None:
             return
         x = context.get_continuous_state_vector().CopyToVector()
-        derivatives.SetFromVector(
-            self._along.rate(x, self._pair.Eval(context)) if self._has_started(context)
-            else np.zeros_like(x))
+        derivatives.SetFromVector(self._along.rate(x, self._pair.Eval(context)))
 
     def _bounds(self, context: Context) -> np.ndarray:
         """Returns the trajectory-wise bounds of `FIELDS`."""
         if self._along is None:
             return np.full(len(FIELDS), np.inf)
-        x = (context.get_continuous_state_vector().CopyToVector() if self._has_started(context)
-             else self._deviation.Eval(context).norms[: self._along.size])
+        x = context.get_continuous_state_vector().CopyToVector()
         return self._along.bounds(x, self._pair.Eval(context))
 
     def _ratios(self, context: Context) -> np.ndarray:

@@ -173,8 +173,6 @@ class RunBound:
     """ẋ (size,) at x (size,)."""
     bounds: Callable[[np.ndarray, Pair], np.ndarray]
     """Bounds (6,) of `FIELDS` at x (size,); inf where there is none."""
-    from_deviation: bool = False
-    """Whether x starts at the first `size` of the first deviations instead of at zero."""
 
 
 class Outputs(NamedTuple):

@@ -37,8 +37,7 @@ class Limits:
     """Largest |𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
     static_force: float | None = None
     """Largest ‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N], of the surface in
-    the controller's model; the force of its damping is not limited. A certificate needs it, unless
-    the motion is kinematic."""
+    the controller's model; the force of its damping is not limited. A certificate needs it."""
     q_lower: np.ndarray | None = None
     """Smallest joint angles (n,) [rad], if narrower limits than the model file's are wanted."""
     q_upper: np.ndarray | None = None
@@ -80,7 +79,7 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
 
 
 def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surface: Surface,
-                *, accelerations: bool = True, thrusters: ThrusterParameters | None = None,
+                *, thrusters: ThrusterParameters | None = None,
                 slides: Sequence[bool] | np.ndarray = (),
                 of_contact: Sequence[Limit] = ()) -> dict[str, Limit]:
     """Returns the limits of the real robot by name.
@@ -90,7 +89,6 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         q_lower: Joint limits of the robot (n,) [rad].
         q_upper: Joint limits of the robot (n,) [rad].
         surface: Surface that is pressed.
-        accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
         thrusters: Parameters of the robot's thrusters, if they are known.
         slides: Whether a joint is prismatic (n,), for the units; none is, if left out.
         of_contact: Limits of a kind of contact.
@@ -98,7 +96,7 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
     Raises:
         InvalidParameter: A parameter has no meaning.
     """
-    check_limits(settings, len(q_lower), accelerations=accelerations)
+    check_limits(settings, len(q_lower))
     slides = [bool(each) for each in slides] or [False] * len(q_lower)
     rates = sorted(set(_units(slides, "m/s", "rad/s")), reverse=True)
     limits: list[Limit] = [
@@ -113,16 +111,14 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         except NotOffered as error:
             raise InvalidParameter("limits.static_force", settings.static_force,
                                    f"null, or the {error.value} {error.allowed}") from None
-    if accelerations:
-        straight = [*[True] * 3, *[False] * 3, *slides]
-        limits.append(Accelerations(np.asarray(settings.u, dtype=float),
-                                    _units(straight, "m/s²", "rad/s²")))
-        if settings.tau is not None:
-            limits.append(Forces(np.asarray(settings.tau, dtype=float),
-                                 _units(straight, "N", "N m")))
-        if settings.thrusters is not None:
-            with within("limits"):
-                limits.append(ThrusterForces.of(thrusters, settings.thrusters, 6 + len(q_lower)))
+    straight = [*[True] * 3, *[False] * 3, *slides]
+    limits.append(Accelerations(np.asarray(settings.u, dtype=float),
+                                _units(straight, "m/s²", "rad/s²")))
+    if settings.tau is not None:
+        limits.append(Forces(np.asarray(settings.tau, dtype=float), _units(straight, "N", "N m")))
+    if settings.thrusters is not None:
+        with within("limits"):
+            limits.append(ThrusterForces.of(thrusters, settings.thrusters, 6 + len(q_lower)))
     by_name = {limit.name: limit for limit in (*limits, *of_contact)}
     # The user's own, under names of their own.
     for i, limit in enumerate(settings.more):
@@ -130,8 +126,6 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
             limit.check()
             require(limit.name not in by_name, "name", limit.name,
                     f"another one than {', '.join(by_name)}")
-            require(accelerations or limit.about != "input", "about", limit.about,
-                    "pose or speed, for kinematic motion")
         by_name[limit.name] = limit
     return by_name
 
@@ -164,9 +158,9 @@ def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
     return {name: limit.tightened(tube) for name, limit in limits.items()}
 
 
-def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True) -> None:
+def check_limits(limits: Limits, num_joints: int) -> None:
     """Raises `InvalidParameter` for the first limit that has no meaning."""
-    size = 6 + num_joints if accelerations else 0
+    size = 6 + num_joints
     with within("limits"):
         for key in ("nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"):
             require(0.0 < getattr(limits, key) < np.inf, key, getattr(limits, key), "positive")
@@ -175,14 +169,9 @@ def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True)
         if limits.static_force is not None:
             require(0.0 < limits.static_force < np.inf, "static_force", limits.static_force,
                     "positive, or left out for no limit")
-        require(accelerations or limits.thrusters is None, "thrusters", limits.thrusters,
-                "left out, if the motion is kinematic: there are no forces")
         for key in ("u", "tau"):
             if key == "u" or limits.tau is not None:
-                require(accelerations or not np.size(getattr(limits, key)), key,
-                        getattr(limits, key), "left out, if the motion is kinematic: there the "
-                        "velocity is the input")
-                require(np.size(getattr(limits, key)) > 0 or size == 0, key, [], f"given: {size} "
+                require(np.size(getattr(limits, key)) > 0, key, [], f"given: {size} "
                         "positive numbers (a file with `base: NAME` takes them over)")
                 value = vector(key, getattr(limits, key), size)
                 require(bool(np.all(value > 0.0)), key, value, f"{size} positive numbers")

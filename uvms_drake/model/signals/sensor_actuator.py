@@ -1,7 +1,7 @@
 """Interface of sensors and actuators between plant and controller, the `Part`s of the loop."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -40,9 +40,6 @@ class Signals(dict[str, OutputPort]):
 
 class Component:
     """Component that a scenario can add to the closed loop."""
-
-    needs_forces: ClassVar[bool] = False
-    """Whether it is defined only where forces move the robot."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""

@@ -6,36 +6,13 @@ tubes out of the same constants. Proofs: papers/nikou2018/theory.md#lemma-of-the
 """
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from uvms_drake.common.errors import require
+from uvms_drake.papers.nikou2018.transpose import LemmaConstants
 from uvms_drake.tube.conditions import Condition
 
 LEMMA = "papers/nikou2018/theory.md#lemma-of-the-paper"
 """Theorem of the conditions of `paper_conditions`."""
-
-
-@dataclass(frozen=True)
-class LemmaConstants:
-    """Constants of (lemma:tube) over the constraint sets; 𝔮 is taken for a function of χ."""
-
-    J_min: float
-    """J̲, smallest eigenvalue of J Jᵀ: of order ‖J‖², in spite of its name."""
-    J_max: float
-    """J̄, largest ‖J‖₂."""
-    J_dot: float
-    """J̃, largest ‖J̇‖₂ along the nominal motion [1/s]."""
-    L_c: float
-    """L_𝔠: ‖(J(𝔮) − J(𝔮̄))ζ‖ ≤ L_𝔠‖𝔢‖, for the speeds of the real ζ [1/s]."""
-    L_1: float
-    """‖f(𝔮, ζ) − f(𝔮̄, ζ)‖ ≤ L₁‖𝔢‖ [1/s²]."""
-    L_2: float
-    """‖f(𝔮̄, ζ) − f(𝔮̄, ζ̄)‖ ≤ L₂‖𝔷‖ [1/s]."""
-
-    def __post_init__(self):
-        for key, value in vars(self).items():
-            require(bool(0.0 <= value < math.inf), key, value, "finite, zero or positive")
 
 
 class QuadraticTube(NamedTuple):

@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH, VERMILION
 from uvms_drake.report.robot.render import RobotScene, picture_axes
-from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
@@ -26,11 +25,10 @@ ARROW = 0.4
 def draw_robot(record: Record) -> Figure:
     """Draws the robot at the last sample, the surface, the path of its tip, and the force."""
     scenario, tip, force = record.scenario, record.chi[-1, :3], record.force[-1, :3]
-    presses = motion_of(scenario).has_forces
-    wall = wall_points(check_surface(true_surface(scenario)), tip) if presses else None
+    wall = wall_points(check_surface(true_surface(scenario)), tip)
     squares = [] if wall is None else wall_triangles(wall)
     scene = RobotScene(scenario.model, record.config[-1], squares)
-    size = float(np.linalg.norm(force)) if presses else 0.0
+    size = float(np.linalg.norm(force))
     arrow = ARROW / size * force if size > 0.0 else np.zeros(3)
     R = picture_axes(EYE)
     way, path = R @ arrow, record.chi[:, :3] @ R.T

@@ -81,7 +81,7 @@ class Contact(ABC):
     # The controller.
 
     def make_ocp(self, scenario: "Scenario", model: ContactModel) -> DynamicOcp:
-        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+        """Returns the nominal MPC's problem; see `problem.make_ocp`."""
         return make_dynamic_ocp(scenario, model)
 
     def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp

@@ -101,9 +101,7 @@ class SensedContact(UnknownContact, Contact):
         return check_surface(true)
 
     def check_in(self, scenario: "Scenario") -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning with this contact."""
-        require(scenario.motion == "dynamic", "contact", type(self).__name__,
-                "!KnownSurface, if the motion is kinematic")
+        """Returns None: every scenario has a meaning."""
 
     def limits(self) -> list[Limit]:
         """Returns the limits of the tip's velocity and of the tool's angle."""
@@ -125,13 +123,13 @@ class SensedContact(UnknownContact, Contact):
         contact, force = sensed_contact(scenario), scenario.limits.static_force
         require(force is None, "limits.static_force", force,
                 "left out (null) with a sensed contact, whose force contact.force limits")
-        y_des, limits = posed_task(scenario, model, accelerations=True)
+        y_des, limits = posed_task(scenario, model)
         cone = ForceCone.of_surface(contact.walls, largest_normal_force(contact))
         limits = {name: UnderContact(limit, cone) if isinstance(limit, InputLimit) else limit
                   for name, limit in limits.items()}
         with within("mpc"):
             return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
-                               contact.walls.facets, turn=contact.turn)
+                               contact.walls.facets)
 
     def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp
                         ) -> Diagram:
@@ -308,9 +306,9 @@ class SensedContact(UnknownContact, Contact):
 
     def goal(self, scenario: "Scenario", model: ContactModel, logs: Mapping[str, np.ndarray]
              ) -> np.ndarray:
-        """Returns the last target, in the attitude of the task, turned as desired."""
+        """Returns the last target, in the attitude of the task."""
         pose = super().goal(scenario, model, logs)
-        return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + logs["turn"][-1]])
+        return np.concatenate([logs["target"][-1], pose[3:]])
 
     def force_direction(self, force: np.ndarray) -> np.ndarray:
         """Returns the direction n into the wall (3,)."""

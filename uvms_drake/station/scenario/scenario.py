@@ -29,7 +29,6 @@ from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.contact import Contact, KnownSurface
-from uvms_drake.station.motions.motions import motion_named
 from uvms_drake.station.scenario.cost_check import check_cost
 from uvms_drake.station.scenario.modules import import_modules
 from uvms_drake.station.scenario.scenario_file import (
@@ -110,9 +109,9 @@ class Scenario:
     """Seed of everything random."""
     duration: Annotated[float, Positive] = 20.0
     """Simulated time [s]. A sensor drifts until its end, and a certificate counts with that."""
-    motion: str = "dynamic"
-    """Kind of motion: `dynamic`, forces move the robot; or one that a module registers, as
-    `kinematic` of `papers.nikou2018`, where the velocity ζ is the input."""
+    simulation: str = ""
+    """Module that runs and certifies the scenario in place of the station, by a simulation of its
+    own, as that of a paper, `papers.nikou2018.kinematic_run`."""
     model: str = "girona500_arm5e"
     """Name of a shipped robot, or a robot's folder, from the scenario's file or from where the
     program runs."""
@@ -152,8 +151,6 @@ class Scenario:
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with the others."""
-        motion = motion_named(self.motion)
-        motion.check(self)
         angles = np.asarray(self.start.eta, dtype=float)[3:]
         require(bool(np.all(np.abs(angles) <= 2.0 * np.pi)), "start.eta", self.start.eta,
                 "with angles within ±2π")
@@ -167,10 +164,6 @@ class Scenario:
             check_model_error(self.model_error)
         with within("surface_error"):
             check_surface_error(self.surface_error)
-        for key in ("sensing", "actuation", "faults"):
-            for i, part in enumerate(getattr(self, key)):
-                require(motion.has_forces or not part.needs_forces, f"{key}[{i}]",
-                        type(part).__name__, f"left out, if the motion is {motion.name}")
         for i, part in enumerate(self.actuation):
             require(not isinstance(part, IdealWrench) or (
                 len(self.actuation) == i + 1 and not any(

@@ -3,12 +3,12 @@
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants import MatrixGroup, Quantity, register_constant
-from uvms_drake.tube.law_tube import DYNAMIC_TUBES, Basis, LawTube, register_tube
+from uvms_drake.tube.law_tube import TUBES, Basis, LawTube, register_tube
 from uvms_drake.tube.laws.resolved import resolved_law_tube
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
 
 __all__ = [
-    "DYNAMIC_TUBES",
+    "TUBES",
     "Basis",
     "Condition",
     "LawTube",

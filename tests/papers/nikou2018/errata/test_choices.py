@@ -13,7 +13,7 @@ from uvms_drake.papers.nikou2018.errata.choices import (
     draw_choices,
     option_name,
 )
-from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate

@@ -22,7 +22,8 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     robot,
     robot_constants,
 )
-from uvms_drake.papers.nikou2018.lemma import LemmaConstants, paper_conditions
+from uvms_drake.papers.nikou2018.lemma import paper_conditions
+from uvms_drake.papers.nikou2018.transpose import LemmaConstants
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 

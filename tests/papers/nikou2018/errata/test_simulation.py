@@ -88,26 +88,23 @@ def test_e9_the_deviation_of_one_sample_is_the_jump():
 
 def test_e11_plans_from_elsewhere_end_no_closer():
     """The smallest ε from the level vehicle is a local optimum; four random starts find it too."""
-    ocp = simulation.kinematic_ocp(1e-3)
-    solver = simulation.SequentialConvexSolver(ocp)
+    mpc = simulation.printed_mpc(1e-3)
     found = simulation.reach(Q_START, simulation.TINY)
     assert found.violation < 1e-6
-    rest = ocp.resting_plan(0.0, configuration(CHI_START, Q_START))
+    start = configuration(CHI_START, Q_START)
     rng = np.random.default_rng(0)
     for _ in range(4):
-        guess = rest.redone(rest.start, 0.5 * rng.normal(size=rest.decision.shape))
-        plan = solver.solve(guess, 40).plan
+        plan = mpc.solve(mpc.plan(start, 0.5 * rng.normal(size=(7, 10))), 40)
         end = dh.chi(plan.config[-1]) - CHI_DES
         assert math.sqrt(0.5) * np.linalg.norm(end) == pytest.approx(found.radius, rel=0.02)
 
 
 def test_e11_the_other_configuration_arrives_within_the_printed_limits():
-    ocp = simulation.kinematic_ocp(simulation.TINY)
-    start = configuration(CHI_START, Q_START_OTHER)
-    plan = simulation.SequentialConvexSolver(ocp).solve(ocp.resting_plan(0.0, start), 50).plan
+    mpc = simulation.printed_mpc(simulation.TINY)
+    plan = mpc.solve(mpc.resting(configuration(CHI_START, Q_START_OTHER)), 50)
     np.testing.assert_allclose(dh.chi(plan.config[0]), CHI_START, atol=1e-9)
     assert np.linalg.norm(dh.chi(plan.config[-1]) - CHI_DES) < 1e-3
-    assert (len(plan.zeta), plan.time_step) == (7, 0.1)
+    assert len(plan.zeta) == 7
     for part in (slice(0, 3), slice(3, 6), slice(6, 10)):
         assert np.max(np.linalg.norm(plan.zeta[:, part], axis=1)) < 2.0 + 1e-6
     assert all(is_allowed(config) for config in plan.config)

@@ -7,7 +7,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -15,6 +15,8 @@ from matplotlib.figure import Figure
 
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.papers.nikou2018 import kinematics
+from uvms_drake.papers.nikou2018.kinematics import Run
 from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION, legend_above, panels
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -25,7 +27,7 @@ class Signal(NamedTuple):
     """Quantity of a panel."""
 
     label: str
-    of: Callable[[Record], np.ndarray]
+    of: Callable[[Any], np.ndarray]
     """Function from a record to the plotted values (T,)."""
     logarithmic: bool = True
 
@@ -41,19 +43,19 @@ class Choice(NamedTuple):
     signals: tuple[Signal, ...]
 
 
-def _task_error_norm(record: Record) -> np.ndarray:
+def _task_error_norm(record: Record | Run) -> np.ndarray:
     return np.linalg.norm(pose_difference(record.chi, record.chi_des), axis=1)
 
 
-def _nominal_task_error_norm(record: Record) -> np.ndarray:
+def _nominal_task_error_norm(record: Record | Run) -> np.ndarray:
     return np.linalg.norm(pose_difference(record.chi_nominal, record.chi_des), axis=1)
 
 
-def _deviation(record: Record) -> np.ndarray:
+def _deviation(record: Record | Run) -> np.ndarray:
     return np.linalg.norm(pose_difference(record.chi, record.chi_nominal), axis=1)
 
 
-def _joint_deviation(record: Record) -> np.ndarray:
+def _joint_deviation(record: Record | Run) -> np.ndarray:
     return np.linalg.norm((record.config - record.nominal_config)[:, 6:], axis=1)
 
 
@@ -85,15 +87,17 @@ def draw_choices(folder: Path, progress: Progress = silent,
     paths = []
     for i, (name, choice) in enumerate(CHOICES.items()):
         progress(name, i / len(CHOICES))
-        records = [simulate(load_scenario(choice.scenario, [f"{choice.key}={option}", *overrides]))
-                   for option in choice.options]
+        scenarios = [load_scenario(choice.scenario, [f"{choice.key}={option}", *overrides])
+                     for option in choice.options]
+        records = [kinematics.simulate(each) if each.simulation else simulate(each)
+                   for each in scenarios]
         with matplotlib.rc_context(STYLE):
             draw_choice(choice, records).savefig(folder / name)
         paths.append(folder / name)
     return paths
 
 
-def draw_choice(choice: Choice, records: list[Record]) -> Figure:
+def draw_choice(choice: Choice, records: Sequence[Record | Run]) -> Figure:
     """Draws the signals of both runs of a choice."""
     figure, axes = panels(len(choice.signals), 0.6 + 1.2 * len(choice.signals))
     for axis, signal in zip(axes, choice.signals, strict=True):

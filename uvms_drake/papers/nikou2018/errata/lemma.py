@@ -19,7 +19,8 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     numbers,
     robot,
 )
-from uvms_drake.papers.nikou2018.lemma import LemmaConstants, paper_conditions
+from uvms_drake.papers.nikou2018.lemma import paper_conditions
+from uvms_drake.papers.nikou2018.transpose import LemmaConstants
 
 DIRECTIONS = 4000
 """Number of random (𝔢, 𝔯) at which V̇ is evaluated."""

@@ -12,7 +12,7 @@ from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import Uvms
-from uvms_drake.papers.nikou2018.lemma import LemmaConstants
+from uvms_drake.papers.nikou2018.transpose import LemmaConstants
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.constants import sampled_values
 

@@ -5,12 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.limits import Limit
-from uvms_drake.control.limits.pose import Joints, VehicleAngle
-from uvms_drake.control.limits.speeds import Speed
-from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.ocp import MpcConfig
-from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.frames.euler import pose_difference, wrap_angle
 from uvms_drake.papers.nikou2018.errata.erratum import Erratum
 from uvms_drake.papers.nikou2018.errata.paper import (
@@ -38,8 +33,8 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     numbers,
     robot,
 )
-from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
-from uvms_drake.papers.nikou2018.kinematics.tube import kinematic_tubes
+from uvms_drake.papers.nikou2018.kinematic_certificate import kinematic_tubes
+from uvms_drake.papers.nikou2018.kinematics import FIRST_ITERATIONS, Bounds, KinematicMpc
 
 HOLDING = 40
 """Samples for the MPC to hold the task against a constant w."""
@@ -126,7 +121,7 @@ def initial_configuration(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_O
 # The kinematic MPC -------------------------------------------------------------------------------
 
 
-def kinematic_ocp(stage_weight: float) -> KinematicOcp:
+def printed_mpc(stage_weight: float) -> KinematicMpc:
     """Returns the FHOCP of (sec:simulation_results) with P = ½I₆ and any weight of Q and R."""
     model = robot()
     task = np.repeat([1.0, 0.0], [6, model.num_joints])
@@ -134,11 +129,10 @@ def kinematic_ocp(stage_weight: float) -> KinematicOcp:
         horizon=HORIZON, time_step=TIME_STEP, weight_y=stage_weight * task,
         weight_zeta=np.full(model.size, stage_weight), terminal_weight=WEIGHT * task,
         terminal_set=False)
-    limits: list[Limit] = [
-        *(Speed(name, SPEED) for name in ("nu1", "nu2", "qdot")),
-        VehicleAngle("pitch", PITCH_LIMIT), Joints(model.q_lower, model.q_upper)]
-    return KinematicOcp(model, mpc, np.concatenate([CHI_DES, Q_DES]),
-                        {limit.name: limit for limit in limits})
+    angles = np.array([np.inf, PITCH_LIMIT, np.inf])
+    return KinematicMpc(model, mpc, np.concatenate([CHI_DES, Q_DES]), Bounds(
+        np.full(3, SPEED), np.concatenate([-angles, model.q_lower]),
+        np.concatenate([angles, model.q_upper])))
 
 
 class Holding(NamedTuple):
@@ -156,20 +150,19 @@ def hold(measured: bool, sigma: float = SIGMA, w_bound: float = W_BOUND) -> Hold
     Weights, limits, T and h are the printed ones. The feedback is `resolved`, for which
     𝔢̇_y = −σ𝔢_y + (w, 0) exactly; w̃ acts along the first axis.
     """
-    ocp = kinematic_ocp(WEIGHT)
-    model, solver = ocp.model, SequentialConvexSolver(ocp)
+    mpc = printed_mpc(WEIGHT)
+    model = mpc.model
     w = w_bound * np.eye(model.size)[0]
     decay = math.exp(-sigma * TIME_STEP)
     error, jump = np.zeros(model.size), 0.0
-    plan = ocp.resting_plan(0.0, configuration(CHI_DES, Q_DES))
-    y = ocp.y_des
+    plan, y = mpc.resting(configuration(CHI_DES, Q_DES)), mpc.y_des
     for _ in range(HOLDING):
-        plan = ocp.continued(solver.solve(plan, 1).plan or plan)
+        plan = mpc.continued(mpc.solve(plan, 1))
         error = decay * error + (1.0 - decay) / sigma * w
         y = model.task_pose(plan.config[0]) + error
         if measured:
             jump = max(jump, float(np.linalg.norm(error)))
-            plan = plan.redone(model.configuration(y), plan.decision)
+            plan = mpc.plan(model.configuration(y), plan.zeta)
             error = np.zeros(model.size)
     return Holding(jump, float(np.linalg.norm(pose_difference(y[:6], CHI_DES))))
 
@@ -212,14 +205,13 @@ def reach(q: np.ndarray, stage_weight: float) -> Reach:
 
     A local optimum from a plan that stays: a smaller ε may exist.
     """
-    ocp = kinematic_ocp(stage_weight)
-    plan = ocp.resting_plan(0.0, configuration(CHI_START, q))
-    plan = SequentialConvexSolver(ocp).solve(plan, FIRST_SOLVE_ITERATIONS).plan or plan
-    end = pose_difference(ocp.model.task_pose(plan.config[-1])[:6], CHI_DES)
-    J = ocp.model.kinematics(plan.config[:-1]).J_chi
+    mpc = printed_mpc(stage_weight)
+    plan = mpc.solve(mpc.resting(configuration(CHI_START, q)), FIRST_ITERATIONS)
+    end = pose_difference(mpc.model.task_pose(plan.config[-1])[:6], CHI_DES)
+    J = mpc.model.kinematics(plan.config[:-1]).J_chi
     speeds = np.linalg.norm((J @ plan.zeta[..., None])[:, :3, 0], axis=1)
     return Reach(math.sqrt(WEIGHT) * float(np.linalg.norm(end)), float(np.max(speeds)),
-                 ocp.evaluate(plan).violation)
+                 mpc.value(plan).violation)
 
 
 def first_horizon(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:

@@ -1,1 +1,0 @@
-"""The kinds of motion that a scenario can name, one a file."""
