@@ -44,7 +44,7 @@ from uvms_drake.control.limits import (
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
 from uvms_drake.control.ocp.solvers import make_solver
-from uvms_drake.control.plan.plan import P, Plan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Actuator
@@ -187,8 +187,6 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set", "none", not mpc.terminal_set),
-        ("mpc.input_reference", "not the equilibrium's input",
-         mpc.input_reference != "equilibrium"),
         *contact.assumed_settings()]
     conditions = [
         assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
@@ -418,7 +416,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
     return draft.adding(first_plan(first, start)[1])
 
 
-def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition]]:
+def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
     Also that no angle and no depth of this plan leaves its limits between the knots. If the
