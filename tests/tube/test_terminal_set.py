@@ -13,7 +13,7 @@ from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.pose import Joints, TipPitch, VehicleAngle
 from uvms_drake.control.limits.speeds import Speed
-from uvms_drake.control.ocp import dynamic_ocp
+from uvms_drake.control.ocp import ocp as ocp_module
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import Plan, TrackingPlan
