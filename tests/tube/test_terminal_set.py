@@ -242,7 +242,7 @@ class Linear:
 @pytest.fixture
 def toy(monkeypatch) -> Ocp:
     """A problem whose map is exactly its linearisation, with inputs that never matter."""
-    monkeypatch.setattr(dynamic_ocp, "advance",
+    monkeypatch.setattr(ocp_module, "advance",
                         lambda config, zeta, a, h: config + h * zeta + 0.5 * h**2 * a)
     model, eye, h = Linear(), np.eye(7), 0.2
     Q, R = np.diag(np.linspace(1.0, 3.0, 14)), np.diag(np.linspace(0.5, 2.0, 7))
