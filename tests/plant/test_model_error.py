@@ -9,7 +9,7 @@ from support.field import FIELD_CASES
 from support.true_model import model_with_error
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.joint_friction import JointFriction
