@@ -74,8 +74,8 @@ def check_scenario(file: str) -> int:
 
 def require_runnable(scenario: Scenario) -> None:
     """Raises the error of the first value with which a run would be refused."""
-    from uvms_drake.certificate.certify import check_inputs
     from uvms_drake.station.diagram import make_station
+    from uvms_drake.station.problem import check_inputs
     from uvms_drake.station.step_size import with_step
 
     known = check_inputs(scenario)
