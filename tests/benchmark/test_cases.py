@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from uvms_drake.benchmark.cases import CASES, ROBOTS, drawn_case
-from uvms_drake.station.contact import SensedContact
 from uvms_drake.station.problem import true_surface
+from uvms_drake.station.scenario.contact import SensedContact
 from uvms_drake.station.scenario.scenario import dump_scenario
 
 

@@ -24,6 +24,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.plant.waves import water_motion
+from uvms_drake.station.contact.tube_in_contact import force_bounds
 from uvms_drake.station.plant import make_simulated_uvms
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -170,7 +171,7 @@ def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis
                                    failed.advice.removeprefix("--set ")])
     assert payload_condition(allowed.model_error.payload, found)[0].holds
     # The change of its weight and inertia since the tare.
-    plain, heavy = (each.contact.force_bounds(each) for each in (
+    plain, heavy = (force_bounds(each) for each in (
         load_scenario(NAME, FEW), allowed))
     most = 9.81 + allowed.model_error.payload.acceleration
     assert heavy.error - plain.error == pytest.approx(2.0 * 0.1 * most)

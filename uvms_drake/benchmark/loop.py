@@ -27,7 +27,6 @@ from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.station.controller import connect_controller, signals_of
 from uvms_drake.station.plant import applied_disturbance, make_simulated_uvms
-from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario.scenario import Scenario
 
 LOGGED = ("state", "chi", "force", "penetration")
@@ -146,7 +145,7 @@ def make_loop(scenario: Scenario, model: ContactModel, controller: System, event
     signals = Signals({name: port for name, port in (
         outputs(uvms) | signals_of(controller)).items() if name != "plant_state"})
     source = builder.AddNamedSystem(
-        EVENTS, TouchEvents(events, task_place(scenario), model.size))
+        EVENTS, TouchEvents(events, scenario.task.place, model.size))
     builder.Connect(signals["force"], source.get_input_port())
     if controller.HasInputPort("place"):
         builder.Connect(source.GetOutputPort("place"), controller.GetInputPort("place"))

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign
+from uvms_drake.campaign.drawn_contact import drawn_contact
 from uvms_drake.campaign.model_uncertainty import (
     as_declared,
     as_declared_thrusters,
@@ -28,7 +29,7 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.station.problem import load_model, make_ocp, start_state
+from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
@@ -59,12 +60,12 @@ def vary(campaign: Campaign, index: int) -> Scenario:
             start = start_state(scenario, ocp)
         except InvalidParameter:
             continue
-        first = base.contact.first_problem(base, model, ocp, start)
+        first = first_problem(base, ocp, start)
         plan, conditions = first_plan(first, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
         # An unknown surface, the disturbance, faults, and the unknowns that the scenario declares.
-        scenario = base.contact.drawn(scenario, first, rng)
+        scenario = drawn_contact(scenario, first, rng)
         unknown = as_declared(scenario.unknowns, rng)
         return replace(
             scenario, disturbance=_disturbance(scenario.disturbance, model.size, rng),

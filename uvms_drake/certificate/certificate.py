@@ -24,8 +24,8 @@ from uvms_drake.common.program import FOLDER, VERSION
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.station.contact.mission_legs import Leg
-from uvms_drake.station.parts import uncovered
 from uvms_drake.station.scenario.modules import module_file
+from uvms_drake.station.scenario.parts import uncovered
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
@@ -219,7 +219,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
     relevant["disturbance"] = bound if np.size(weights) == 0 else [bound, *weights]
     relevant["faults"] = uncovered(scenario.faults)
-    if scenario.contact.depends_on_duration:
+    if scenario.contact.declared_wall() is not None:
         relevant["duration"] = scenario.duration
     relevant["mpc"].pop("terminal_radius")
     relevant["mpc"].pop("deadline", None)

@@ -52,15 +52,17 @@ from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.unknowns import Unknowns
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.command_path import command_path_of
-from uvms_drake.station.parts import uncovered
+from uvms_drake.station.contact.mission_legs import legs_of
+from uvms_drake.station.contact.tube_in_contact import force_bounds, in_contact
 from uvms_drake.station.problem import (
     disturbance_weights,
+    first_problem,
     limits_of,
     load_model,
     make_ocp,
     start_state,
 )
+from uvms_drake.station.scenario.parts import command_path_of, uncovered
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants import Constant, estimate_constants
@@ -123,7 +125,7 @@ def certify(scenario: Scenario, progress: Progress = silent,
         progress(f"2 of {STAGES}: tube", BEGINS[0])
         found = TUBES[type(law)].tube(law, basis)
         if all(condition.holds for condition in found.conditions):
-            found = scenario.contact.in_contact(found, scenario, basis)
+            found = in_contact(found, scenario, basis)
         # These belong to the file even if the tube leaves nothing of a limit.
         limits = limits_of(scenario, model)
         draft = replace(
@@ -131,9 +133,10 @@ def certify(scenario: Scenario, progress: Progress = silent,
                 name: dict(parts) for name, parts in found.budget.items()},
             margin=budget_margins(found.budget, limits, model),
             conditions=(*found.conditions, *assumed_conditions(scenario, model)))
-        if scenario.mission.steps and np.size(found.radii.u):
-            draft = replace(draft, legs=tuple(scenario.contact.legs(
-                scenario.mission, found.radii, draft.conditions)))
+        wall = scenario.contact.declared_wall()
+        if scenario.mission.steps and wall is not None and np.size(found.radii.u):
+            draft = replace(draft, legs=tuple(legs_of(
+                scenario.mission.checked(), wall, found.radii, draft.conditions)))
         if not draft.certified:
             return draft
         # Declared unknowns, as a part of d.
@@ -177,7 +180,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     Those that it cannot give up are `assumptions.assumptions_of`.
     """
     # Axes without a thruster, model errors, options of the MPC, parts of the loop.
-    contact, actuation = scenario.contact, scenario.actuation
+    wall, actuation = scenario.contact.declared_wall(), scenario.actuation
     mpc, model = scenario.mpc, model or load_model(scenario)
     unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
     assumed: list[tuple[str, str, float]] = [
@@ -189,7 +192,8 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
         ("mpc.terminal_set", "none", not mpc.terminal_set),
         ("mpc.input_reference", "not the equilibrium's input",
          mpc.input_reference != "equilibrium"),
-        *contact.assumed_settings()]
+        *([] if wall is None else [("contact.tangential_lag", "delayed feedback of the friction",
+                                    wall.tangential_lag)])]
     conditions = [
         assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
                    + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
@@ -203,7 +207,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
             assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
                        theorem=GUARANTEE)
             for i, part in enumerate(parts) if part.assumption() is not None
-            and not contact.bounds_error_of(part)]
+            and (wall is None or part.reading(0.0, 0.0) is None)]
     return conditions
 
 
@@ -284,7 +288,7 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
                          "one that has `static_force_rows`, for limits.static_force")
     require(limited, "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
-    declared, contact = declared_set(limits, model), scenario.contact.force_bounds(scenario)
+    declared, contact = declared_set(limits, model), force_bounds(scenario)
     weights = disturbance_weights(scenario, model)
     if names is None:
         names = TUBES[type(law)].constants(law, weights)
@@ -414,7 +418,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
         return draft
     progress(f"4 of {STAGES}: first plan", BEGINS[2])
     applied = draft.applied_to(scenario)  # With the terminal set.
-    first = scenario.contact.first_problem(applied, model, make_ocp(applied, model), start)
+    first = first_problem(applied, make_ocp(applied, model), start)
     return draft.adding(first_plan(first, start)[1])
 
 

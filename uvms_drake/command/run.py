@@ -42,8 +42,7 @@ from uvms_drake.common.output import output_folder
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.remarks import remarks
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario, remarks
 from uvms_drake.station.scenario.scenario_file import (
     reported_in,
     scenario_source,

@@ -48,8 +48,7 @@ def check_scenario(file: str) -> int:
     from uvms_drake.common.wiring import release
     from uvms_drake.report.compare import differing_keys
     from uvms_drake.station.diagram import make_station
-    from uvms_drake.station.scenario.remarks import remarks
-    from uvms_drake.station.scenario.scenario import load_scenario
+    from uvms_drake.station.scenario.scenario import load_scenario, remarks
     from uvms_drake.station.scenario.scenario_file import (
         base_of,
         not_inherited,

@@ -7,7 +7,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface import UnilateralPlane
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
-from uvms_drake.station.contact import KnownSurface
+from uvms_drake.station.scenario.contact import KnownSurface
 
 CONTACT = UnknownContact(direction=np.array([0.0, 0.6, 0.8]), angle=0.2, stiffness=800.0,
                         force=40.0, dissipation=3.0, friction=0.4)

@@ -10,6 +10,7 @@ import numpy as np
 
 from uvms_drake.actuation.thrusters import largest_error
 from uvms_drake.campaign import variation
+from uvms_drake.campaign.drawn_contact import about_drawn
 from uvms_drake.campaign.model_uncertainty import AT_FULL_SIZE
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.plant.unknowns import Unknowns
@@ -24,7 +25,7 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
            "of yaw of the declared pose; the arm uniform on the line from its declared posture to "
            "one that is uniform within its limits; a draw without a feasible first plan is "
            "repeated")
-    yield from scenario.contact.about_drawn(scenario)
+    yield from about_drawn(scenario)
     if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
         yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
                f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")

@@ -1,24 +1,13 @@
-"""Tests of `uvms_drake.station.contact.drawn_contact`: draws of scenarios with unknown surfaces."""
+"""Tests of `uvms_drake.campaign.drawn_contact`: draws of scenarios with unknown surfaces."""
 
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from uvms_drake.campaign.certified_surfaces import moved, turns_freely
 
 from uvms_drake.campaign.campaign import make_campaign
-from uvms_drake.campaign.variation import vary
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
-from uvms_drake.control.limits.speeds import TipVelocity
-from uvms_drake.mission.steps import Approach, Mission, Retreat
-from uvms_drake.model.surface import ShapedSurface
-from uvms_drake.model.surface.normal_law import Linear
-from uvms_drake.plant.surface_error import SurfaceError
-from uvms_drake.station.contact import KnownSurface
-from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
-from uvms_drake.station.contact.drawn_contact import (
+from uvms_drake.campaign.drawn_contact import (
     FARTHEST,
     FORCES,
     PART,
@@ -29,11 +18,17 @@ from uvms_drake.station.contact.drawn_contact import (
     steepest_friction,
     tips,
 )
+from uvms_drake.campaign.variation import vary
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
+from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.model.surface.normal_law import Linear
+from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.contact.drawn_surfaces import is_member
-from uvms_drake.station.problem import load_model, make_ocp, start_state
+from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
-from uvms_drake.station.step_bounds import friction_rate
-from uvms_drake.station.step_size import with_step
+from uvms_drake.station.step_size import friction_rate, with_step
 from uvms_drake.tube.terminal_set import TerminalLoop
 
 pytestmark = pytest.mark.long
@@ -49,7 +44,7 @@ def ocp(base):
     """The problem at t = 0, with the safe region before any contact."""
     model = load_model(base)
     problem = make_ocp(base, model)
-    return base.contact.first_problem(base, model, problem, start_state(base, problem))
+    return first_problem(base, problem, start_state(base, problem))
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +57,7 @@ def test_a_wall_that_is_known_is_not_drawn_anew():
     scenario = load_scenario("girona500_ideal")
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    assert scenario.contact.drawn(scenario, None, rng) is scenario
+    assert drawn_contact(scenario, None, rng) is scenario
     assert rng.bit_generator.state == before
 
 
@@ -166,13 +161,6 @@ def test_the_scenario_of_a_run_is_a_function_and_goes_through_a_file(base, tmp_p
     assert again.model_error.share == base.model_error.share
 
 
-def test_a_turn_of_everything_turns_the_direction_too(base):
-    there = moved(base, 0.7, np.array([1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(there.contact.direction, [np.cos(0.7), np.sin(0.7), 0.0])
-    np.testing.assert_allclose(there.task.force[:3], 20.0 * there.contact.direction)
-    assert moved(load_scenario("girona500_ideal"), 0.7, np.zeros(3)).contact == KnownSurface()
-
-
 def test_one_certificate_is_that_of_all_walls(base):
     """No other surface is certified, and no other force: the class has them all."""
     certificate = SimpleNamespace(applied_to=lambda scenario: scenario)
@@ -181,13 +169,3 @@ def test_one_certificate_is_that_of_all_walls(base):
     assert (target.factor, target.radius) == (1.0, base.mpc.terminal_radius)
     assert len(campaign.walls) == 1
     assert dump_scenario(campaign.declared(target)) == dump_scenario(campaign.base)
-
-
-def test_limits_along_axes_do_not_turn(base):
-    assert turns_freely(base.mpc, base.limits, Mission())
-    assert not turns_freely(base.mpc, base.limits, Mission([Approach(), Retreat()]))
-    base.limits.more.append(TipVelocity(np.full(3, 0.1)))
-    assert not turns_freely(base.mpc, base.limits, Mission())
-    base.limits.more.clear()
-    known = load_scenario("girona500_ideal")
-    assert turns_freely(known.mpc, known.limits, Mission())
