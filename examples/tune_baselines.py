@@ -18,8 +18,7 @@ from uvms_drake.baselines.baseline import BASELINES
 from uvms_drake.baselines.gains import ObserverGains, RobotGains, read_gains
 from uvms_drake.benchmark.cases import ROBOTS, Case, drawn_case
 from uvms_drake.benchmark.controllers import OFFSET_FREE, controller_with_gains
-from uvms_drake.benchmark.loop import run_loop
-from uvms_drake.benchmark.metrics import measure
+from uvms_drake.benchmark.press import measure, run_press
 from uvms_drake.station.problem import load_model
 
 SCALES = (0.5, 1.0, 2.0)
@@ -51,11 +50,11 @@ def cost(robot: str, law: str, scale: float, stiffness: float) -> tuple[float, f
     """Returns rms of the force's error and overshoot of a press [N], infinite if it fails."""
     nominal = drawn_case(robot, Case("", ""), SEED, 0)[0].surface.law.stiffness
     case = Case("", "", (f"surface_error.stiffness={stiffness / nominal}",))
-    scenario, events = drawn_case(robot, case, SEED, 0)
+    scenario, course = drawn_case(robot, case, SEED, 0)
     model = load_model(scenario)
     controller = controller_with_gains(
         law, scenario, model, scaled(read_gains(robot), law, scale))
-    found = measure(scenario, model, run_loop(scenario, model, controller, events))
+    found = measure(scenario, model, run_press(scenario, model, controller, course))
     if found["force_rms"] is None:
         return np.inf, np.inf
     return found["force_rms"], max(found["peak"] - float(scenario.task.force[0]), 0.0)

@@ -20,16 +20,16 @@ import uvms_drake as uv
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.wiring import release
 from uvms_drake.mission.steps import Mission
+from uvms_drake.model.surface.contact_laws import Bilinear, Linear
 from uvms_drake.model.surface.geometry import Plane
-from uvms_drake.model.surface.normal_law import Bilinear, Linear
 from uvms_drake.plant.disturbance import unit_vector
 from uvms_drake.report.contact_check import force_bands
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.problem import load_model
 
 RUNS = {"girona500_contact": (200, 2.6), "bluerov2_contact": (20, 2.0),
-        "girona500_tip_first": (20, 2.6), "girona500_sampled": (20, 2.0),
-        "girona500_stiff": (20, 2.0), "jacket_inspection": (20, 2.6)}
+        "girona500_tip_first": (20, 2.6), "girona500_stiff": (20, 2.0),
+        "jacket_inspection": (20, 2.6)}
 """Number of runs of each scenario, and their duration [s]."""
 ACROSS = 0.8
 """Part of the noise across n that is not drawn; a sensor without noise is taken for frozen."""

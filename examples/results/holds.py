@@ -10,16 +10,17 @@ import numpy as np
 from make_all import provenance
 
 import uvms_drake as uv
-from uvms_drake.certificate.certify import basis_of, check_inputs
+from uvms_drake.certificate.certify import basis_of
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.contact.tube_in_contact import in_contact
+from uvms_drake.station.problem import check_inputs
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY, ultimate_bounds
 
 SCENARIOS = ("girona500_contact", "jacket_inspection", "bluerov2_contact", "girona500_stiff",
              "girona500_tip_first", "girona500_inspection", "bluerov2_cp_probe",
-             "girona500_unknown_floor", "girona500_lag", "girona500_sampled")
+             "girona500_unknown_floor")
 
 
 def bands_of(scenario: uv.Scenario) -> tuple[HoldRadii, dict[str, float]]:

@@ -20,7 +20,7 @@ from make_all import provenance, uvms_drake
 import uvms_drake as uv
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
-from uvms_drake.command.campaign.campaign import CAMPAIGN_FILE
+from uvms_drake.command.drawn_runs import CAMPAIGN_FILE
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.ultimate_bounds import HOLD

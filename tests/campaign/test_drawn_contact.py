@@ -1,12 +1,10 @@
 """Tests of `uvms_drake.campaign.drawn_contact`: draws of scenarios with unknown surfaces."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.drawn_contact import (
     FARTHEST,
     FORCES,
@@ -18,16 +16,15 @@ from uvms_drake.campaign.drawn_contact import (
     steepest_friction,
     tips,
 )
-from uvms_drake.campaign.variation import vary
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
 from uvms_drake.model.surface import ShapedSurface
-from uvms_drake.model.surface.normal_law import Linear
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.contact.drawn_surfaces import is_member
 from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.step_size import friction_rate, with_step
 from uvms_drake.tube.terminal_set import TerminalLoop
 
@@ -146,26 +143,3 @@ def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_
     light = search_speed(force, contact.stiffness, touch_to_plan(
         base.mpc.time_step, 0, sensing_of(base)))
     assert speed == pytest.approx(PART * min(room / ocp.following_lag(), fastest, light))
-
-
-def test_the_scenario_of_a_run_is_a_function_and_goes_through_a_file(base, tmp_path):
-    campaign = make_campaign(base, 5, None)
-    text = dump_scenario(vary(campaign, 1).scenario)
-    assert text == dump_scenario(vary(campaign, 1).scenario)
-    file = tmp_path / "drawn.yaml"
-    file.write_text(text, encoding="utf-8")
-    assert dump_scenario(load_scenario(str(file))) == text
-    again = vary(campaign, 2).scenario
-    assert dump_scenario(again) != text
-    assert again.disturbance.bound == base.disturbance.bound
-    assert again.model_error.share == base.model_error.share
-
-
-def test_one_certificate_is_that_of_all_walls(base):
-    """No other surface is certified, and no other force: the class has them all."""
-    certificate = SimpleNamespace(applied_to=lambda scenario: scenario)
-    campaign = make_campaign(base, 0, certificate)
-    (target,) = campaign.targets
-    assert (target.factor, target.radius) == (1.0, base.mpc.terminal_radius)
-    assert len(campaign.walls) == 1
-    assert dump_scenario(campaign.declared(target)) == dump_scenario(campaign.base)

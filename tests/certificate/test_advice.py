@@ -1,7 +1,7 @@
-"""`certificate.advice`: the setting that a failed certificate proposes helps.
+"""The setting that a failed certificate proposes helps.
 
-That the scenario of a robot that is not tuned certifies at once is in
-`studies/test_first_scenario`; here such scenarios are spoilt, and the advice is followed.
+That the scenario of a robot that is not tuned certifies at once is in `setup/test_first_scenario`;
+here such scenarios are spoilt, and the advice is followed.
 """
 
 import copy
@@ -12,15 +12,12 @@ import pytest
 import yaml
 from support.quick import FEW, search_less
 
-from uvms_drake.certificate.advice import longer, roomier, safer, setting
-from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.certify import between_knots, certify
-from uvms_drake.certificate.table import verdict
+from uvms_drake.certificate.certify import between_knots, certify, longer, roomier, safer
 from uvms_drake.command.main import main
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import setting
 
 IDEAL = "girona500_ideal"
 STEPS = 5
@@ -91,26 +88,6 @@ def test_a_horizon_and_a_safety_factor_are_given_as_numbers():
     assert safer(1.2, 5.0) == safer(1.2, 0.9) == ""
 
 
-def test_a_value_stands_before_the_advice_in_words():
-    failed = Condition(
-        "first plan, distance to the terminal set", 0.2, "<=", 0.0, longer(8), theorem="t",
-        topic="first plan to the terminal set")
-    certificate = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
-                              inputs="", versions={}, conditions=(failed,))
-    assert verdict(certificate).endswith(
-        "; what would help: --set mpc.horizon=12, or a longer horizon or a closer start")
-
-
-def test_what_the_vehicle_would_need_is_no_help_but_why():
-    failed = Condition("coupled loop, stable multiple", 4.5, "<", 1.0,
-                       obstacle="it is late", theorem="t", topic="coupled loop")
-    certificate = Certificate(scenario="s", law="tip-first", k=1.0, sigma=1.0, d_bound=0.1,
-                              files={}, inputs="", versions={}, conditions=(failed,))
-    assert verdict(certificate).endswith(
-        "by 3.5; not with this vehicle, because it is late; or smaller ancillary gains, faster "
-        "clocks, a shorter lag or dead time")
-
-
 @pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize(("robot", "spoilt"), [
@@ -123,7 +100,7 @@ def test_who_follows_the_advice_arrives_at_a_certificate(robot, spoilt, tmp_path
     said = []
     for _ in range(STEPS + 1):
         certificate = certify(load_scenario(str(file), [*FEW, *spoilt]))
-        said.append(verdict(certificate))
+        said.append(certificate.verdict)
         print(said[-1])
         if certificate.certified:
             break

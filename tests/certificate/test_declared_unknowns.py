@@ -1,18 +1,18 @@
 """Tests of `uvms_drake.certificate.declared_unknowns`: its bounds against Drake's plant."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 from support.quick import FEW, search_less
 
-from uvms_drake.certificate.certify import assumed_conditions, basis_of
+from uvms_drake.certificate.assumptions import assumed_conditions
+from uvms_drake.certificate.certify import basis_of
 from uvms_drake.certificate.declared_unknowns import (
     LEAST_WEIGHT,
     RESERVED,
     UnmodelledBounds,
-    declared_sources,
+    declared_effects,
     fitting_disturbance,
     payload_acceleration,
     payload_condition,
@@ -60,19 +60,14 @@ def bounds_in(scenario, basis):
     return UnmodelledBounds(scenario.model, basis, RADII, scenario.seed)
 
 
-def sources_of(scenario):
-    return partial(declared_sources, scenario.unknowns)
-
-
 def effects_of(scenario, basis):
-    return unknown_effects(sources_of(scenario), bounds_in(scenario, basis),
+    return unknown_effects(scenario.unknowns, bounds_in(scenario, basis),
                            weights_of(scenario.disturbance, basis))
 
 
-def condition_of(scenario, effects, fitting=None):
-    (found,) = unknowns_condition(
-        scenario.disturbance.bound, scenario.model_error.share, effects, fitting)
-    return found
+def condition_of(scenario, basis, effects):
+    return unknowns_condition(
+        scenario.disturbance, scenario.unknowns, bounds_in(scenario, basis), effects)
 
 
 @pytest.mark.parametrize("name", [name if name in ("mass", "current") else pytest.param(
@@ -110,40 +105,38 @@ def test_nothing_declared_takes_nothing(basis):
     scenario = load_scenario(NAME, FEW)
     assert not scenario.unknowns.present
     assert effects_of(scenario, basis) == ()
-    assert unknowns_condition(scenario.disturbance.bound, 0.0, ()) == []
 
 
 def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basis):
     scenario = load_scenario(NAME, [*FEW, "model_error.drag=1.02", "current=[0.005, 0, 0]"])
     effects = effects_of(scenario, basis)
     assert [each.name for each in effects] == ["drag off by 0.02", "a current of 0.005 m/s"]
-    failed = condition_of(scenario, effects)
+    failed = condition_of(scenario, basis, effects)
     total = sum(each.takes for each in effects)
     assert (failed.left, failed.right, failed.holds) == (total, 0.0, False)
     assert f"a current of 0.005 m/s: {effects[1].takes:.3g}" in failed.name
     bound = float(2.0 * total)
     wide = replace(scenario, disturbance=replace(scenario.disturbance, bound=bound))
-    failed = condition_of(wide, effects)
+    failed = condition_of(wide, basis, effects)
     assert failed.advice.startswith("--set model_error.share=0.5")
     shared = replace(wide, model_error=replace(wide.model_error, share=0.51))
-    assert condition_of(shared, effects).holds
+    assert condition_of(shared, basis, effects).holds
     narrow = replace(wide, disturbance=replace(wide.disturbance, bound=0.5 * total))
-    assert condition_of(narrow, effects).advice == ""
-    fitted = replace(narrow.disturbance, bound=0.12, weights=np.array([0.5, 1.0]))
-    assert condition_of(narrow, effects, lambda: fitted).advice == (
-        "--set disturbance.bound=0.12 --set disturbance.weights=[0.5,1] "
-        "--set model_error.share=0.95")
+    fitted = fitting_disturbance(narrow.disturbance, narrow.unknowns, bounds_in(narrow, basis))
+    advice = condition_of(narrow, basis, effects).advice
+    assert advice.startswith(f"--set disturbance.bound={fitted.bound:g} --set disturbance.weights=")
+    assert advice.endswith("--set model_error.share=0.95")
 
 
 @pytest.mark.parametrize("name", ["current", "friction"])
 def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):
     scenario = load_scenario(NAME, [*FEW, *CASES[name]])
     given = fitting_disturbance(
-        scenario.disturbance, sources_of(scenario), bounds_in(scenario, basis))
+        scenario.disturbance, scenario.unknowns, bounds_in(scenario, basis))
     fitted = replace(scenario, disturbance=given, model_error=replace(
         scenario.model_error, share=RESERVED))
     (effect,) = effects_of(fitted, replace(basis, weights=given.weights))
-    assert condition_of(fitted, [effect]).holds
+    assert condition_of(fitted, basis, [effect]).holds
     assert RESERVED * given.bound < 1.01 * effect.takes
     assert np.max(given.weights) == 1.0
     # No component of the ellipsoid is much larger than it has to be.
@@ -163,21 +156,23 @@ def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis
     scenario = load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1"])
     effects = effects_of(scenario, basis)
     bounds = bounds_in(scenario, basis)
-    found = payload_acceleration(scenario.model_error, scenario.disturbance, bounds, effects)
+    found = payload_acceleration(scenario, bounds, effects)
     assert 0.5 * found.claim < found.second <= found.claim
-    (failed,) = payload_condition(scenario.model_error.payload, found)
+    failed = payload_condition(scenario.model_error.payload.acceleration, found)
     assert failed.advice.startswith("--set model_error.payload.acceleration=")
     allowed = load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1",
                                    failed.advice.removeprefix("--set ")])
-    assert payload_condition(allowed.model_error.payload, found)[0].holds
+    assert payload_condition(allowed.model_error.payload.acceleration, found).holds
     # The change of its weight and inertia since the tare.
     plain, heavy = (force_bounds(each) for each in (
         load_scenario(NAME, FEW), allowed))
     most = 9.81 + allowed.model_error.payload.acceleration
     assert heavy.error - plain.error == pytest.approx(2.0 * 0.1 * most)
     nothing = load_scenario(NAME, FEW)
-    assert payload_acceleration(nothing.model_error, nothing.disturbance, bounds, ()) is None
-    assert payload_condition(nothing.model_error.payload, None) == []
+    assert payload_acceleration(nothing, bounds, ()) is None
+    again, carried, conditions = declared_effects(allowed, basis, RADII)
+    assert len(again) == 1 and carried.claim > 0.0
+    assert [each.topic for each in conditions] == ["declared unknowns", "model_error"]
 
 
 @pytest.mark.parametrize(("overrides", "names"), [
@@ -186,5 +181,6 @@ def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis
      ["current", "actuation[0]"]),
     (["model_error.payload.mass=0.1"], [])])
 def test_what_no_theorem_counts_is_named(overrides, names):
-    found = assumed_conditions(load_scenario(NAME, overrides))
+    scenario = load_scenario(NAME, overrides)
+    found = assumed_conditions(scenario)
     assert [item.name.partition(",")[0] for item in found if not item.holds] == names

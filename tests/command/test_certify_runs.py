@@ -6,15 +6,19 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from support.campaigns import CLOSE
 from support.outputs import DATA, DATA_ONLY, written
 
-from uvms_drake.certificate.certificate import Certificate, fingerprint, write_certificate
-from uvms_drake.certificate.in_probability import read_any_certificate
+from uvms_drake.certificate.certificate import (
+    Certificate,
+    fingerprint,
+    read_certificate,
+    write_certificate,
+)
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
 
-SHORT = ["girona500_ideal", "--set", "duration=0.4", *CLOSE]
+SHORT = ["girona500_ideal", "--set", "duration=0.4",
+         "--set", "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"]
 CERTIFY = ["certify", *SHORT, "--runs", "2", "--seed", "3", "--workers", "1"]
 VERDICT = ("certified in probability: at most 77.7 % per run at 95 % confidence, for the declared "
            "distribution")
@@ -59,7 +63,7 @@ def copied(made, tmp_path, capsys):
 def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
     assert written(made) == {"certificate.json", "runs"}
     assert {"setup.json", "runs.jsonl", "campaign.json"} <= written(made / "runs")
-    certificate = read_any_certificate(made / "certificate.json")
+    certificate = read_certificate(made / "certificate.json")
     assert (certificate.runs, certificate.failures, certificate.made_by) == (2, 0, "certify")
     assert certificate.probability == pytest.approx(1.0 - 0.05**0.5)
     assert certificate.source == json.loads(
@@ -101,7 +105,6 @@ def test_a_run_takes_it_from_its_folder_and_says_its_kind(copied, capsys):
     assert main(command) == 0
     out, err = capsys.readouterr()
     assert VERDICT in err
-    assert "every value of this run is within its declared range" in err
     assert out.splitlines()[-2:] == ["this run did not fail: tube and all limits kept", VERDICT]
     assert "declared tube (certified in probability)" in out
     assert "all guarantees kept" not in out
@@ -120,20 +123,10 @@ def test_a_run_takes_it_from_its_folder_and_says_its_kind(copied, capsys):
 
 
 @pytest.mark.slow
-def test_a_run_outside_of_the_distribution_says_so(copied, capsys):
-    assert main(["run", *SHORT, *OUTSIDE, "--output", str(copied), *DATA_ONLY]) == 3
-    out, err = capsys.readouterr()
-    said = "current, horizontal is 0.1, declared from 0 to 0 m/s"
-    assert said in err
-    assert out.splitlines()[-1].startswith("NOT OF THE DECLARED DISTRIBUTION")
-    assert said in out.splitlines()[-1]
-    summary = json.loads((copied / "summary.json").read_text("utf-8"))
-    assert summary["in_probability"]["outside"] == [said]
-
-
-@pytest.mark.slow
-def test_one_of_another_scenario_is_stale(copied, capsys):
-    assert main(["run", *SHORT, "--set", "ancillary.k=21", "--output", str(copied)]) == 1
+@pytest.mark.parametrize("override", ["ancillary.k=21", "current=[0.1, 0.0, 0.0]"])
+def test_one_of_another_scenario_is_stale(override, copied, capsys):
+    """Two distributions are the same if their scenarios are."""
+    assert main(["run", *SHORT, "--set", override, "--output", str(copied)]) == 1
     err = capsys.readouterr().err
     assert "stale, the scenario has changed since 'certify' made it" in err
     assert "--runs 2 --seed 3, in a new folder" in err
@@ -153,7 +146,7 @@ def test_a_run_elsewhere_finds_it_where_no_worst_case_certificate_holds(
     assert main([*command, "--seed", "5"]) == 0
     assert VERDICT in capsys.readouterr().out
     assert written(tmp_path) == DATA | {"certificate.json"}
-    assert read_any_certificate(tmp_path / "certificate.json").made_by == "run"
+    assert read_certificate(tmp_path / "certificate.json").made_by == "run"
     # One that nobody has made is not found.
     assert main(["run", *SHORT, *OUTSIDE, "--output", str(tmp_path / "other"), *DATA_ONLY]) == 1
     assert "'certify --runs N' bounds the probability" in capsys.readouterr().err
@@ -167,7 +160,7 @@ def test_a_run_that_fails_is_counted(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "2 of 2 runs failed (0, 1): 2 left the declared tube." in out
     assert out.startswith("girona500_ideal: not certified in probability: every run failed\n")
-    certificate = read_any_certificate(tmp_path / "certificate.json")
+    certificate = read_certificate(tmp_path / "certificate.json")
     assert (certificate.failures, certificate.probability) == (2, 1.0)
     # It is no certificate to run with; with one that bounds failures, those of a run are told.
     run = ["run", *SHORT, "--set", "tube.z=1e-7", "--output", str(tmp_path), *DATA_ONLY]

@@ -227,7 +227,7 @@ def test_any_command_line_is_refused_in_one_line_or_goes_on(
     for what in ("uvms_drake.certificate.certify.certified_once",
                  "uvms_drake.papers.nikou2018.errata.all_errata",
                  "uvms_drake.station.simulation.simulate",
-                 "uvms_drake.command.campaign.campaign.certified_once",
+                 "uvms_drake.command.drawn_runs.certified_once",
                  "uvms_drake.campaign.pool.local_pool"):
         monkeypatch.setattr(what, begin)
     failures = []

@@ -52,14 +52,13 @@ class Verdict:
     def __init__(self, scenario):
         self.bound = scenario.disturbance.bound
         self.certified = self.bound < 0.2
+        self.verdict = "certified" if self.certified else "not certified: no"
 
 
 @pytest.fixture
 def quick(monkeypatch):
     """Certificates of a moment."""
     monkeypatch.setattr(certify, "certified_once", lambda scenario, *_: Verdict(scenario))
-    monkeypatch.setattr("uvms_drake.certificate.table.verdict",
-                        lambda found: "certified" if found.certified else "not certified: no")
 
 
 def run(*args):
@@ -93,7 +92,6 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch, capsys):
         return Verdict(scenario)
 
     monkeypatch.setattr(certify, "certified_once", interrupted)
-    monkeypatch.setattr("uvms_drake.certificate.table.verdict", lambda found: "certified")
     with pytest.raises(KeyboardInterrupt) as caught:
         run()
     assert caught.value.__notes__ == ["largest disturbance.bound so far: 0.1"]

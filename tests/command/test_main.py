@@ -232,7 +232,7 @@ def test_quiet_says_nothing_but_the_result(tmp_path, capsys):
 @pytest.mark.parametrize(("command", "where"), [
     ("run", "uvms_drake.station.simulation.simulate"),
     ("certify", "uvms_drake.certificate.certify.certified_once"),
-    ("campaign", "uvms_drake.command.campaign.campaign.certified_once")])
+    ("campaign", "uvms_drake.command.drawn_runs.certified_once")])
 def test_what_has_no_effect_is_said_before_anything_takes_long(
         command, where, tmp_path, capsys, monkeypatch):
     def begin(*args, **kwargs):

@@ -217,5 +217,5 @@ def test_a_worker_of_a_campaign_is_silent(monkeypatch, caplog):
     caplog.set_level(logging.WARNING, LOGGER.name)
     monkeypatch.setattr(run, "simulate", alarmed)
     campaign = make_campaign(load_scenario("girona500_ideal", ["duration=0.6"]), 3, None)
-    assert run.run_one(campaign, 0)["result"]["error"] == "RuntimeError: enough"
+    assert run.run_one(campaign, 0)["error"] == "RuntimeError: enough"
     assert caplog.messages == []

@@ -64,7 +64,7 @@ def test_a_run_without_a_certificate_says_so(record):
 
 def test_a_certificate_is_shown_as_its_table_and_its_verdict(record):
     text = format_report(record, [], certificate(record))
-    assert "Certified: all 1 conditions hold." in text
+    assert "Certified: all 1 conditions hold" in text
     assert "less than 2.64 N" in text
     assert "tube in limits.nu1" in text
     assert "ithout a certificate" not in text

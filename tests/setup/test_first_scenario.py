@@ -8,15 +8,14 @@ from support.arms import write_arm
 from support.field import copied
 from support.robots import TEMPLATE, altered, without_an_arm
 
-from uvms_drake.certificate.certify import certify, check_inputs
-from uvms_drake.certificate.table import verdict
+from uvms_drake.certificate.certify import certify
 from uvms_drake.command.main import main
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.report.robot.robot_sheet import sheet_of
 from uvms_drake.setup import first_scenario as module
 from uvms_drake.setup.first_scenario import MARGIN, find_posture, first_scenario, strength_of
-from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.problem import check_inputs, make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.tube.row_gains import input_gain
 
@@ -135,7 +134,7 @@ def test_the_first_certificate_holds(robot, tmp_path):
     """Of a made-up arm, of a BlueROV2 in another posture than that of its shipped scenarios, ..."""
     model = str(write_arm(tmp_path, 3)) if robot == "arm3" else robot
     certificate = certify(made(tmp_path, model))
-    assert certificate.certified, verdict(certificate)
+    assert certificate.certified, certificate.verdict
     print(f"\n{robot}: {len(certificate.conditions)} conditions, force within "
           f"{certificate.bounds['force']:.2g} N of 5 N")
 

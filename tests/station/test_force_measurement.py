@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 from support.laws import PAPER
 
-from uvms_drake.certificate.certify import assumed_conditions
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.contact_model import ContactModel

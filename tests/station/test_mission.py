@@ -9,7 +9,7 @@ from support.meshcat import press
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
-from uvms_drake.report.mission import COLUMNS, inspection_table, summarise_mission
+from uvms_drake.report.mission import summarise_mission
 from uvms_drake.report.summary import broken, summarise
 from uvms_drake.station.contact.bounds import largest_force, mission_conditions
 from uvms_drake.station.diagram import make_station
@@ -134,31 +134,6 @@ def test_from_the_middle_of_a_slide_the_vehicle_as_it_is_goes_back_within_all_li
     assert retreat["ended"] == "done"
     assert not broken(summarise(record))
     assert record.force[-1] == pytest.approx(np.zeros(6))
-
-
-@pytest.mark.slow
-def test_on_a_plate_that_is_turned_the_robot_turns_as_it_slides_if_it_may():
-    """By 7 degrees about the vertical. The tool goes to its normal, the tip stays on its line."""
-    plate = ("!ShapedSurface {geometry: !Plane {point: [-0.22, 0.0, 0.0], "
-             "normal: [-0.9925462, -0.1218693, 0.0]}, law: !Linear {stiffness: 500.0, "
-             "transition: 0.002}, dissipation: 0.8, friction: 0.3, creep: 0.01}")
-    aslant, turned = {}, {}
-    for turn in (0.0, 0.17):
-        scenario = load_scenario(NAME, [
-            "duration=20.0", "contact.angle=0.1745", f"contact.turn={turn}", f"surface={plate}",
-            "mission.steps=[!Approach {at: [-0.1, 0.03], force: 10.0}, "
-            "!Slide {along: [0.15, 0.0], speed: 0.02}, !Retreat {distance: 0.05}]"])
-        record = simulate(scenario)
-        slide = next(row for row in summarise_mission(record)["steps"] if row["kind"] == "Slide")
-        assert slide["ended"] == "done" and slide["within"] == 1.0
-        assert slide["off_worst"] < 0.006
-        assert not broken(summarise(record))
-        end = record.time > slide["begin_s"] + slide["seconds"] - 0.5
-        turned[turn] = np.mean(record.chi[end, 5])
-        table = inspection_table(record)
-        aslant[turn] = np.mean(table[-20:, COLUMNS.index("aslant_rad")])
-    assert abs(turned[0.0]) < 0.01 and 0.02 < turned[0.17] < 0.13
-    assert aslant[0.17] == pytest.approx(aslant[0.0] - turned[0.17] + turned[0.0], abs=0.02)
 
 
 def test_a_step_that_asks_for_more_than_the_front_allows_is_refused(scenario):

@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Gain
 
 from uvms_drake.actuation.ideal import SampledCommand
-from uvms_drake.certificate.certify import assumed_conditions
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.certificate.certify import assumed_conditions
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.report.events import events
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.scenario.scenario import load_scenario

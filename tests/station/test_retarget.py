@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from support.campaigns import CLOSE
 from support.quick import FEW
 
 from uvms_drake.certificate.certify import certified_once
@@ -25,7 +24,8 @@ pytestmark = [pytest.mark.usefixtures("few_searches"), pytest.mark.long]
 
 @pytest.fixture(scope="module")
 def scenario(few_searches) -> Scenario:
-    scenario = load_scenario("girona500_ideal", ["duration=13.5", CLOSE[1], *FEW])
+    scenario = load_scenario("girona500_ideal", [
+        "duration=13.5", "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]", *FEW])
     return certified_once(scenario).applied_to(scenario)
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from support.unknown_wall import close_to_the_wall
 
-from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certificate import from_data, to_data
 from uvms_drake.certificate.certify import certify
-from uvms_drake.command.run import BROKEN, _report
+from uvms_drake.command.files import BROKEN
+from uvms_drake.command.run import print_outcome
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.report.summary import summarise
@@ -59,7 +60,7 @@ def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path
     seen = summary["contact"]["out_of_class"]["stiffness"]
     assert seen == {"specified": 1000.0, "observed": pytest.approx(4000.0, rel=0.05)}
     summary["constraints"] = {}
-    assert _report(summary, tmp_path, [], []) == BROKEN
+    assert print_outcome(summary, tmp_path, [], []) == BROKEN
     assert "NO GUARANTEE for this wall" in capsys.readouterr().out
 
 
@@ -124,7 +125,7 @@ def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     assert tube.depth < tube.position < 0.0021
     assert {"contact_speed[0]", "tool_angle"} < {
         item.name.removeprefix("tube in limits.") for item in certificate.conditions}
-    again = Certificate.from_data(certificate.to_data())
+    again = from_data(to_data(certificate))
     assert again.budget == certificate.budget
 
 

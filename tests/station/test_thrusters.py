@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.certificate.certify import assumed_conditions
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.common.errors import ScenarioError
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH

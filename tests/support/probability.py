@@ -1,6 +1,6 @@
 """A certificate in probability for tests."""
 
-
+from uvms_drake.certificate.certificate import probability_fingerprint
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import load_scenario
 
@@ -15,4 +15,4 @@ def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
         "scenario": NAME, "runs": runs, "failures": len(failed), "confidence": 0.95,
         "probability": p, "kinds": kinds, "failed": tuple(failed),
         "distribution": ("start: anywhere", "wall: any"), "seed": 3,
-        "campaign": "c0ffee", **ProbabilityCertificate.inputs_of(scenario)} | changes))
+        "campaign": "c0ffee", **probability_fingerprint(scenario)} | changes))

@@ -23,7 +23,7 @@ POSITION = np.array([0.3, -0.2, 5.0])
 
 def tracking_ocp(force: float = 20.0, model: UvmsModel | None = None,
                  offset: OffsetCost | None = None, overrides: tuple[str, ...] = (),
-                 facets: np.ndarray | None = None, turn: float = 0.0) -> TrackingOcp:
+                 facets: np.ndarray | None = None) -> TrackingOcp:
     """Returns the problem with 1 s of horizon, and inputs that hold for forces up to `force` [N].
 
     The terminal set is a checked one for 20 N.
@@ -36,7 +36,7 @@ def tracking_ocp(force: float = 20.0, model: UvmsModel | None = None,
     del limits["static_force"]  # There is no surface.
     limits["u"] = UnderContact(limits["u"], ForceCone.of_surface(SURFACE, force))
     y = np.concatenate([POSITION, np.zeros(3), scenario.task.posture])
-    return TrackingOcp(model, scenario.mpc, y, limits, DIRECTION, facets, offset, turn)
+    return TrackingOcp(model, scenario.mpc, y, limits, DIRECTION, facets, offset)
 
 
 def at_rest(ocp: TrackingOcp, position: np.ndarray) -> np.ndarray:

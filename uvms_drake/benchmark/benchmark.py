@@ -1,67 +1,71 @@
-"""Runs of the benchmark by workers, one file for each; a folder with some is continued."""
+"""Runs of the benchmark by workers, kept in a folder, and their record as CSV."""
 
+import csv
 import hashlib
 import json
 import logging
-import os
-import re
-from collections.abc import Callable, Container, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from uvms_drake.baselines.gains import read_gains, robots_with_gains
-from uvms_drake.benchmark.cases import CASES, ROBOTS, drawn_case
-from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, versions_of
-from uvms_drake.benchmark.loop import run_loop
-from uvms_drake.benchmark.metrics import measure
-from uvms_drake.campaign.pool import Pool, run_all
+from uvms_drake.benchmark.cases import CASES, drawn_case
+from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, file_of
+from uvms_drake.benchmark.press import measure, run_press
+from uvms_drake.campaign.harness import runs, stored
+from uvms_drake.campaign.pool import Pool
 from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.cache import source_digest
 from uvms_drake.common.errors import InvalidParameter, RunFailed, require
 from uvms_drake.common.jsonable import jsonable
+from uvms_drake.common.progress import Progress
 from uvms_drake.station.problem import load_model
 
-RUNS_FOLDER = "runs"
 SAMPLED = "curve"
 """Key of the samples of the force in a run's result."""
 SAMPLES = 200
 """Samples of the force that a run keeps, for the figure."""
-LONGEST, HASH = 100, 12
-"""Largest number of characters of a controller's name, and of its hash, in the name of a file."""
 EXITS = "prescribed_performance"
 """Beginning of the names of controllers whose memory begins with a number of exits."""
+TEXTS = ("controller", "robot", "case", "error", "ended")
+"""Columns of text in a record; all others are JSON."""
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(NamedTuple):
     """A run of the benchmark: everything that it depends on."""
 
     controller: str
     robot: str
     case: str
     seed: int
-    index: int
-
-    @property
-    def file(self) -> str:
-        """Name of its file, with a hash that tells controllers `a/b.py` from `a_b.py`."""
-        name = self.controller
-        if name not in CONTROLLERS:
-            digest = hashlib.sha256(name.encode()).hexdigest()[:HASH]
-            name = f"{re.sub(r'[^A-Za-z0-9_.-]', '_', name)[-LONGEST:]}-{digest}"
-        return f"{self.robot}.{self.case}.{name}.{self.index}.json"
+    draw: int
+    version: str
+    """That of `version_of`."""
 
 
-def runs_of(controllers: Sequence[str], robots: Sequence[str], cases: Sequence[str], runs: int,
+KEYS = ("controller", "robot", "case", "seed", "index")
+"""Columns that tell a run from all others in a record."""
+
+
+def version_of(name: str) -> str:
+    """Returns the SHA-256 of the package's source, scenarios and gains, and of a controller's file.
+
+    Modules that the file imports do not count.
+    """
+    own = b"" if name in CONTROLLERS else file_of(name)[0].read_bytes()
+    return hashlib.sha256(source_digest("*.yaml").encode() + own).hexdigest()
+
+
+def runs_of(controllers: Sequence[str], robots: Sequence[str], cases: Sequence[str], number: int,
             seed: int) -> list[Run]:
     """Returns all runs: the first draw of every case before the second of any.
 
     Raises:
         InvalidParameter: There is no such controller, robot or case.
     """
-    require(runs >= 1, "--runs", runs, "at least 1")
+    require(number >= 1, "--runs", number, "at least 1")
     require(seed >= 0, "--seed", seed, "zero or positive")
     for name in controllers:
         controller_named(name)
@@ -71,42 +75,47 @@ def runs_of(controllers: Sequence[str], robots: Sequence[str], cases: Sequence[s
             require(name in known, option, name, f"of {', '.join(known)}")
     for name in robots:
         read_gains(name)
-    return [Run(controller, robot, case, seed, index) for index in range(runs)
-            for robot in robots for case in cases for controller in controllers]
+    versions = {controller: version_of(controller) for controller in controllers}
+    return [Run(controller, robot, case, seed, index, versions[controller])
+            for index in range(number) for robot in robots for case in cases
+            for controller in controllers]
 
 
 def run_one(run: Run) -> dict[str, Any]:
-    """Returns the result of a run; an error of the controller is a result too, under `error`."""
+    """Returns the result of a run; an error of the controller is a result too, under `error`.
+
+    Raises:
+        RunFailed: This process has other files.
+    """
+    if run.version != version_of(run.controller):
+        raise RunFailed("the files of a worker are not those of this process")
     LOGGER.setLevel(logging.ERROR)
-    result: dict[str, Any] = {**asdict(run), "versions": versions_of(run.controller),
-                              "error": None}
+    result: dict[str, Any] = dict(zip(KEYS, run[:-1], strict=True)) | {"error": None}
     try:
-        scenario, events = drawn_case(run.robot, CASES[run.case], run.seed, run.index)
+        scenario, course = drawn_case(run.robot, CASES[run.case], run.seed, run.draw)
         model = load_model(scenario)
         controller = controller_named(run.controller)(scenario, model)
-        result["duration"] = scenario.duration
-        trace = run_loop(scenario, model, controller, events)
-        result |= measure(scenario, model, trace)
+        trace = run_press(scenario, model, controller, course)
+        result |= {"duration": scenario.duration, "desired": float(scenario.task.force[0]),
+                   **measure(scenario, model, trace)}
         if run.controller.startswith(EXITS) and run.controller in CONTROLLERS:
             result["exits"] = float(trace.signals["memory"][-1, 0])
         kept = np.linspace(0, len(trace.time) - 1, SAMPLES).astype(int)
         result[SAMPLED] = {"time": trace.time[kept], "force": trace.signals["force"][kept, 0]}
-        result["desired"] = float(scenario.task.force[0])
     except (InvalidParameter, RunFailed, RuntimeError, ValueError, np.linalg.LinAlgError) as error:
         result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return dict(jsonable(result))
 
 
-def completed(runs: Sequence[Run], folder: Path, pool: Pool,
-              progress: Callable[[str, float], None], *, finished: bool = False
-              ) -> list[dict[str, Any]]:
+def completed(wanted: Sequence[Run], folder: Path, pool: Pool, progress: Progress, *,
+              finished: bool = False) -> list[dict[str, Any]]:
     """Computes the runs that a folder lacks, and returns the results of all.
 
     A result of another version of the package or of the controller's file is as none; one with an
     error is computed again.
 
     Args:
-        runs: The runs, of one seed.
+        wanted: The runs.
         folder: Folder of the results.
         pool: The workers; those of other machines have the files of controllers of one's own at the
             same paths.
@@ -115,46 +124,52 @@ def completed(runs: Sequence[Run], folder: Path, pool: Pool,
             draws, of which no run is missing, if there are any.
 
     Raises:
-        InvalidParameter: The folder has runs of another seed, or none of those that are finished.
+        InvalidParameter: The folder has none of those that are finished.
         RunFailed: A worker has another version, or the workers die again and again.
     """
-    path = folder / RUNS_FOLDER
-    path.mkdir(parents=True, exist_ok=True)
-    stored = {run: _read(path / run.file) for run in runs}
-    for result in stored.values():
-        require(result is None or result["seed"] == runs[0].seed, "--output", str(folder),
-                "a folder without runs of another seed")
-    found = {run: result for run, result in stored.items()
-             if result is not None and result.get("versions") == versions_of(run.controller)}
-    require(not finished or bool(found), "--finished", str(folder),
-            "left out: the folder has none of these runs")
-    if finished:
-        whole = whole_draws(runs, found)
-        return [found[run] for run in runs if run in found and (not whole or run.index in whole)]
-    missing = [run for run in runs if run not in found or found[run]["error"] is not None]
-    for done, (run, result) in enumerate(run_all(run_one, missing, pool), 1):
-        if result["versions"] != versions_of(run.controller):
-            raise RunFailed("the files of a worker are not those of this process")
-        draft = path / f"{run.file}.part"
-        draft.write_text(json.dumps(result, ensure_ascii=False) + "\n", encoding="utf-8")
-        os.replace(draft, path / run.file)
-        found[run] = result
-        progress(f"{done} of {len(missing)} runs", done / len(missing))
-    return [found[run] for run in runs if run in found]
+    if not finished:
+        return runs(wanted, run_one, folder, pool, progress=progress,
+                    again=lambda result: result["error"] is not None)
+    found = stored(folder)
+    there = [run for run in wanted if run in found]
+    require(bool(there), "--finished", str(folder), "left out: the folder has none of these runs")
+    whole = {run.draw for run in wanted} - {run.draw for run in wanted if run not in found}
+    return [found[run] for run in there if not whole or run.draw in whole]
 
 
-def whole_draws(runs: Sequence[Run], found: Container[Run]) -> set[int]:
-    """Returns the numbers of the draws of which every run is found, so that a table is fair."""
-    return {run.index for run in runs} - {run.index for run in runs if run not in found}
+def write_record(results: Sequence[dict[str, Any]], path: Path) -> None:
+    """Writes the record of runs as CSV, without the samples; a value that a run lacks is empty."""
+    columns = dict.fromkeys(key for result in results for key in result if key != SAMPLED)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for result in results:
+            values = [result.get(key) for key in columns]
+            writer.writerow("" if value is None else value if isinstance(value, str)
+                            else json.dumps(value, ensure_ascii=False) for value in values)
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def read_record(path: Path, **selected: Sequence[str]) -> list[dict[str, Any]]:
+    """Returns the results of a record.
+
+    Args:
+        path: The file.
+        selected: Names of the `controllers`, `robots` and `cases` to return; all if left out.
+
+    Raises:
+        InvalidParameter: There is no such file, it is no such record, or it has none of these.
+    """
     try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
-        return None
-
-
-def default_names() -> tuple[list[str], list[str], list[str]]:
-    """Returns all controllers, robots and cases."""
-    return list(CONTROLLERS), list(ROBOTS), list(CASES)
+        with path.open(newline="", encoding="utf-8") as file:
+            results = [{"error": None} | {
+                key: text if key in TEXTS else json.loads(text)
+                for key, text in line.items() if text} for line in csv.DictReader(file)]
+    except (OSError, ValueError, AttributeError, csv.Error) as error:
+        raise InvalidParameter("--recorded", str(path),
+                               f"the CSV of a benchmark ({error})") from None
+    require(bool(results) and all(key in results[0] for key in KEYS), "--recorded", str(path),
+            f"the CSV of a benchmark, with the columns {', '.join(KEYS)}")
+    for key, names in selected.items():
+        results = [result for result in results if result[key.removesuffix("s")] in names]
+    require(bool(results), "--recorded", str(path), "a benchmark with some of the selected runs")
+    return results

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from uvms_drake.benchmark.loop import Events
+from uvms_drake.benchmark.press import Course
 from uvms_drake.common.errors import require
 from uvms_drake.common.keyed_random import generator_of
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
@@ -66,15 +66,14 @@ class Case:
     text: str
     """Description of the difficulty, in a table."""
     overrides: tuple[str, ...] = ()
-    """Overrides of the robot's scenario, `key.path=value`; `{payload}` is the robot's."""
+    """Overrides of the robot's scenario, `key.path=value`; `{payload}` and `{impulse}` are the
+    robot's."""
     ideal: bool = False
     """Whether the scenario is the robot's `ideal` one."""
     outside: bool = False
     """Whether the wall is stiffer than the class that is declared to the MPCs."""
     further: float = 0.0
     """Further time of a run, after the touch [s]."""
-    impulse: bool = False
-    """Whether an impulse follows the touch."""
     slide: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Displacement of the place in contact (3,) [m]."""
 
@@ -100,13 +99,14 @@ CASES = {case.name: case for case in (
         "jump: [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0]}]",)),
     Case("slide", "slide of 0.5 m at 50 mm/s", slide=np.array([0.0, 0.5, 0.0]),
          further=5.0),
-    Case("impulse", "lateral impulse of a second at the touch", impulse=True),
+    Case("impulse", "lateral impulse of a second at the touch", (
+        "disturbance=!TouchImpulse {bound: {impulse}}",)),
 )}
 """Cases by name."""
 
 
-def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario, Events]:
-    """Returns scenario and events of a run, a function of its arguments and not of the controller.
+def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario, Course]:
+    """Returns scenario and course of a run, a function of its arguments and not of the controller.
 
     Args:
         robot: Name of the robot.
@@ -120,7 +120,8 @@ def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario,
     unit, stiffness, lag, noise = (
         bench.spread * draw.uniform(-1.0, 1.0, 10), draw.uniform(-1.0, 1.0), draw.uniform(*LAG),
         int(draw.integers(2**31)))
-    overrides = [text.replace("{payload}", repr(bench.payload)) for text in case.overrides]
+    overrides = [text.replace("{payload}", repr(bench.payload)).replace(
+        "{impulse}", repr(bench.impulse)) for text in case.overrides]
     after = AFTER + case.further
     overrides += [f"seed={noise}", *INTEGRATOR, f"duration={bench.latest + after}"]
     if not case.ideal:
@@ -135,6 +136,4 @@ def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario,
     scenario = replace(
         scenario, start=replace(scenario.start, eta=eta, q=q),
         surface_error=replace(error, stiffness=error.stiffness * (1.0 + STIFFNESS * stiffness)))
-    impulse = np.zeros(6)
-    impulse[1] = bench.impulse * case.impulse
-    return scenario, Events(impulse, case.slide, bench.latest, after)
+    return scenario, Course(bench.latest, after, case.slide)

@@ -1,6 +1,5 @@
 """Controllers of the benchmark by name, and those of one's own by file."""
 
-import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +12,6 @@ from pydrake.systems.framework import System
 from uvms_drake.baselines.baseline import BASELINES, make_baseline
 from uvms_drake.baselines.gains import RobotGains, read_gains
 from uvms_drake.baselines.measured import PressTask
-from uvms_drake.certificate.cache import source_digest
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -23,7 +21,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.modules import import_file
-from uvms_drake.station.scenario.scenario import Scenario, Task
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.tube_control import make_tube
 
 Factory = Callable[[Scenario, ContactModel], System]
@@ -40,21 +38,16 @@ MPC_DECLARED = ("direction", "model", "class of the wall", "limits", "lag of the
 """Data that the MPCs are given, besides state and force."""
 
 
-def press_task(task: Task, direction: np.ndarray) -> PressTask:
-    """Returns the task of a baseline: place, posture, and force along the direction n (3,)."""
-    pose = np.asarray(task.pose, dtype=float)
-    return PressTask(
-        direction=direction, place=pose[:3], attitude=pose[3:],
-        posture=np.asarray(task.posture, dtype=float), force=task.force_along(direction))
-
-
 def controller_with_gains(name: str, scenario: Scenario, model: ContactModel, gains: RobotGains
                           ) -> System:
     """Returns a baseline, or the nominal MPC with an observer, with given gains."""
     if name == OFFSET_FREE:
         return _mpc(scenario, model, _offset_free_law(gains, scenario.ancillary))
-    task = press_task(scenario.task, sensed_contact(scenario).direction)
-    return make_baseline(model, task, BASELINES[name](gains), gains)
+    task, direction = scenario.task, sensed_contact(scenario).direction
+    pose = np.asarray(task.pose, dtype=float)
+    return make_baseline(model, PressTask(
+        direction, place=pose[:3], attitude=pose[3:], posture=np.asarray(task.posture, dtype=float),
+        force=task.force_along(direction)), BASELINES[name](gains), gains)
 
 
 def _with_default_gains(name: str) -> Factory:
@@ -104,7 +97,7 @@ def controller_named(name: str) -> Factory:
     """
     if name in CONTROLLERS:
         return CONTROLLERS[name]
-    path, function = _file_of(name)
+    path, function = file_of(name)
     require(path.suffix == ".py" and path.is_file(), "--controllers", name,
             f"of {', '.join(CONTROLLERS)}, or FILE.py:FUNCTION of a controller of one's own")
     try:
@@ -118,17 +111,7 @@ def controller_named(name: str) -> Factory:
     return made  # type: ignore[return-value]
 
 
-def versions_of(name: str) -> dict[str, str | None]:
-    """Returns the SHA-256 of the package's source, scenarios and gains, and of a controller's file.
-
-    The latter is None for a controller of this package. Modules that the file imports do not count.
-    """
-    digest = None if name in CONTROLLERS else hashlib.sha256(
-        _file_of(name)[0].read_bytes()).hexdigest()
-    return {"uvms_drake": source_digest("*.yaml"), "controller": digest}
-
-
-def _file_of(name: str) -> tuple[Path, str]:
+def file_of(name: str) -> tuple[Path, str]:
     """Returns file and function of the name of a controller of one's own."""
     file, _, function = name.partition(":")
     return Path(file), function or FACTORY

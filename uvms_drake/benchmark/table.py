@@ -24,40 +24,6 @@ OVERALL = (
 """Rows of the table over all cases: text, metric and factor of the unit."""
 JUDGED = {"force_rms": "rms of the force's error", "peak": "peak", "settling": "settling time"}
 """Metrics by which a row is lost."""
-OUTSIDE, NAVIGATION, STEPS, APPROACH, BIAS, SLIDE = (
-    "outside of its class", "navigation", "steps of the plan", "approach", "bias", "slide")
-WHY = {
-    OUTSIDE:
-        "The wall is stiffer than the declared class, for which the speed at the touch is bounded "
-        "and the error of the force contracts. A class that includes the wall mends it, but not by "
-        "its number alone: with 5000 N/m declared on the Girona 500 the largest force has to grow "
-        "to 90 N, and then there is no plan that bears it within the limit of the pitch (tried). "
-        "It takes a faster sensor and a slower approach, as in `girona500_stiff`, on 18 kN/m.",
-    NAVIGATION:
-        "Between plans the tip is held stiffly at a place in the frame of the navigation, so that "
-        "its noise becomes force; a compliant law lets it pass. The case `navigation` is the same "
-        "run with the remedy, an exact navigation. Half the gains of the tip do not mend it: "
-        "slower disturbances press more (tried on the Girona 500, first draw).",
-    STEPS:
-        "A plan removes the part κ/κ̂ of the force's error, κ̂ the estimated stiffness with a "
-        "deviation added, and the next is a step later: settling takes several. Half the step does "
-        "not mend it (1.6 to 1.8 s), nor a declared class of softer walls, 700 N/m (3.0 s, with a "
-        "peak of 23.5 N; both tried on the Girona 500, first draw). A stiffness that is known "
-        "before the touch would, as that of `!KnownSurface` (not tried here).",
-    APPROACH:
-        "The plan touches with a speed that is bounded for the declared stiffness and the desired "
-        "force; a law that comes more slowly touches more softly. A smaller `contact.speed` would "
-        "mend it, for a longer approach, but has to be larger than the tube's speed of the tip.",
-    BIAS:
-        "Every law follows its sensor, so that the bias is in every force; a law with an error of "
-        "the other sign looks better. A second tare would mend it, for all (not tried).",
-    SLIDE:
-        "A plan knows of the place at its next step, and slides behind it within its limits. Half "
-        "the step takes the error on the BlueROV2 from 0.71 to 0.55 N, but not on the Girona 500 "
-        "(0.44 to 0.58 N), where an exact navigation takes it to 0.39 N and a friction that is "
-        "estimated sooner changes nothing (all tried, first draw).",
-}
-"""Reasons for which the tube MPC is worse, and remedies."""
 CLOSE = 1.1
 """Factor within which two medians count as equal."""
 NEVER = "–"
@@ -128,21 +94,8 @@ def _better(robot: str, case: str, cells: dict[str, Result]) -> list[Result]:
         best = min(others, key=lambda name: others[name])
         if others[best] * CLOSE < own["median"]:
             out.append({"robot": robot, "case": case, "metric": metric, "by": best,
-                        "other": others[best], "own": own["median"],
-                        "why": _reason(case, metric)})
+                        "other": others[best], "own": own["median"]})
     return out
-
-
-def _reason(case: str, metric: str) -> str:
-    """Returns the reason for which a case is worse by a metric, of `WHY`."""
-    if CASES[case].outside:
-        return OUTSIDE
-    if case in (BIAS, SLIDE):
-        return case
-    if metric == "peak":
-        return APPROACH
-    exact = case in ("ideal", "navigation")
-    return NAVIGATION if metric == "force_rms" and not exact else STEPS
 
 
 def format_benchmark(summary: dict[str, Any]) -> str:
@@ -184,11 +137,9 @@ def format_benchmark(summary: dict[str, Any]) -> str:
                                               for name in controllers)]])
     lines += ["## Better than the tube MPC", "",
               f"Medians that another controller beats by more than {100 * (CLOSE - 1):.0f} %.", ""]
-    lines += _table(["robot", "case", "metric", "best other", "its median", "tube MPC", "why"], [
+    lines += _table(["robot", "case", "metric", "best other", "its median", "tube MPC"], [
         [row["robot"], row["case"], JUDGED[row["metric"]], row["by"], _number(row["other"]),
-         _number(row["own"]), row["why"]] for row in summary["better_than_tube"]])
-    lines += [f"* {why}: {WHY[why]}" for why in WHY
-              if any(row["why"] == why for row in summary["better_than_tube"])] + [""]
+         _number(row["own"])] for row in summary["better_than_tube"]])
     if summary["errors"]:
         lines += ["## Runs that failed or ended early", "",
                   *(f"- {text}" for text in summary["errors"]), ""]

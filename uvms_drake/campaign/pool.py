@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, NamedTuple, TypeVar
 
-from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.common.errors import InvalidParameter, RunFailed, require
 
 Run = TypeVar("Run")
 Result = TypeVar("Result")
@@ -83,24 +83,34 @@ def run_all(compute: Callable[[Run], Result], runs: Iterable[Run], pool: Pool
                             f"{named}{', ...' if len(waiting) > NAMED else ''}): {reason}")
 
 
-def local_pool(workers: int) -> Pool:
-    """Returns a pool of processes of this machine, each with a fresh interpreter.
+def make_pool(workers: int | None, scheduler: str | None) -> Pool:
+    """Returns the workers at the address of a scheduler; without one, of this machine."""
+    return local_pool(workers) if scheduler is None else cluster_pool(scheduler)
+
+
+def local_pool(workers: int | None = None) -> Pool:
+    """Returns a pool of processes of this machine, one a core, each with a fresh interpreter.
 
     They are replaced together: `ProcessPoolExecutor` has `max_tasks_per_child`, but waits forever
     for a worker that it has not replaced (python/cpython#115634, in all versions up to 3.14).
     """
+    require(workers is None or workers >= 1, "--workers", workers, "at least 1")
+    # On macOS the cores are those of the machine.
+    count = workers or (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity")
+                        else os.cpu_count() or 1)
+
     @contextmanager
     def workers_here() -> Iterator[Executor]:
         """Starts the workers and ends them."""
         with _environment(dict.fromkeys(ONE_THREAD, "1")):
             executor = ProcessPoolExecutor(
-                workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
+                count, multiprocessing.get_context("spawn"), initializer=_start_worker)
             try:
                 yield executor
             finally:
                 executor.shutdown(cancel_futures=True)
 
-    return Pool(workers_here, RUNS_PER_WORKER * workers)
+    return Pool(workers_here, RUNS_PER_WORKER * count)
 
 
 def cluster_pool(address: str) -> Pool:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
-from uvms_drake.campaign.variation import vary
+from uvms_drake.campaign.draws import vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
@@ -27,9 +27,10 @@ STEP_EDGES_MS = np.logspace(-1.0, 4.0, 101)
 
 
 def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
-    """Returns the outcome of a run: `result`, the same on every machine, and `wall` times.
+    """Returns the draws and figures of merit of a run, and its wall times under `times`.
 
-    An exception is a result too, as text under `error`. The process prints no alarms from here on.
+    All but the latter is the same on every machine. An exception is a result too, as text under
+    `error`. The process prints no alarms from here on.
 
     Raises:
         RunFailed: This process has other files or versions than the campaign was made with.
@@ -48,10 +49,11 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     except Exception as error:
         result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
     counts, _ = np.histogram(np.clip(steps, *STEP_EDGES_MS[[0, -1]]), STEP_EDGES_MS)
-    wall = {"seconds": time.perf_counter() - started,
-            "worst_step_ms": float(np.max(steps)) if len(steps) else None,
-            "steps": {str(i): int(counts[i]) for i in np.flatnonzero(counts)}}
-    return {"result": jsonable(result), "wall": wall}
+    result["times"] = {
+        "seconds": time.perf_counter() - started,
+        "worst_step_ms": float(np.max(steps)) if len(steps) else None,
+        "steps": {str(i): int(counts[i]) for i in np.flatnonzero(counts)}}
+    return dict(jsonable(result))
 
 
 def drawn(scenario: Scenario) -> dict[str, Any]:

@@ -4,56 +4,66 @@ They do not depend on machine, time or order of the runs.
 """
 
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.contact_metrics import (
-    PRESS_METRICS,
-    broken_promises,
-    format_walls,
-    summarise_walls,
-)
-from uvms_drake.campaign.distribution import distribution_of
 from uvms_drake.campaign.run import STEP_EDGES_MS
+from uvms_drake.report.wall_metrics import LAST_SECONDS
 
 WORST = 10
 """Number of runs listed with the command to replay them."""
+SOON = 5.0
+"""Time after the first touch in which the force should settle [s]."""
 MEASURES = {
-    "ratio_trajectory": ("deviation over the bound along the run", False),
-    "ratio_set": ("deviation over the set-wise bound", False),
-    "worst_disturbance": ("whole disturbance over d̃", False),
-    "induced": ("of that, by model errors and water", False),
-    "margin": ("smallest margin over its constraint's size", True),
-    "force_error": ("force error at the end [N]", False),
-    "settling_time_s": ("settling time [s]", False),
+    "ratio_trajectory": "deviation over the bound along the run",
+    "ratio_set": "deviation over the set-wise bound",
+    "worst_disturbance": "whole disturbance over d̃",
+    "induced": "of that, by model errors and water",
+    "margin": "smallest margin over its constraint's size",
+    "force_error": "force error at the end [N]",
+    "settling_time_s": "settling time [s]",
 }
-"""Label of each metric in a table, and whether small is bad."""
+"""Labels of the metrics in a table; only of `SMALL_IS_BAD` the smallest is the worst."""
+WALL_MEASURES = {
+    "static": "largest static force over the largest allowed",
+    "peak": "largest force in motion over the largest allowed",
+    "first_touch_s": "first touch [s]",
+    "settled_s": "from the first touch to within tolerance [s]",
+    "error": f"force error, mean of the last {LAST_SECONDS:g} s [N]",
+}
+"""Labels of the metrics of unknown walls."""
+SMALL_IS_BAD = "margin"
 COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
 PROMISES = ("exceptions", "not_finite", "exits_set", "exits_trajectory", "violations", "limited")
 """Counts that must be zero."""
+BROKEN = ("static", "peak", "no_plan")
+"""Guarantees for a wall of the class that a run may break: the largest force at rest and in motion,
+and a plan at every sample."""
 NOT_COVERED = 0.05
 """Largest fraction of runs whose whole disturbance may exceed d̃ unexpectedly."""
 
 Result = Mapping[str, Any]
+Results = Sequence[Result]
 
 
-def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def summarise_campaign(campaign: Campaign, results: Results) -> dict[str, Any]:
     """Returns the content of campaign.json.
 
     Args:
         campaign: Campaign of the runs.
-        results: The `result` of every run, in any order. Inside of the bounds, counts and
-            distributions are of the runs whose whole disturbance d̃ covered; the others are only
-            counted, under `not_covered`.
+        results: The result of every run without its times, in any order. Counts and distributions
+            are of the runs whose whole disturbance d̃ covered; the others are only counted, under
+            `not_covered`.
     """
     # Runs without an exception, and of these the ones that count.
     results = sorted(results, key=lambda result: result["index"])
     carried = [result for result in results if result["error"] is None]
     done = [result for result in carried if result["inside"]]
     base, walls = campaign.base, summarise_walls(done)
+    slack = [result["terminal_slack"] for result in done if result["terminal_slack"] is not None]
     return {
         "scenario": base.name, "seed": campaign.seed, "runs": len(results),
         "identity": campaign.identity, "certified": campaign.certified,
@@ -68,9 +78,10 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
             "never_settled": sum(result["settling_time_s"] is None for result in done),
             **{name: sum(result[name] for result in done) for name in COUNTS}},
         "distributions": {name: distribution(done, name) for name in MEASURES},
-        "worst_terminal_slack": max((result["terminal_slack"] for result in done
-                                     if result["terminal_slack"] is not None), default=None),
-        "largest_unknown": _largest_unknown(done),
+        "worst_terminal_slack": max(slack, default=None),
+        "largest_unknown": {
+            name: max(abs(result["unknown"][name]) for result in done)
+            for name in (done[0]["unknown"] if done else ())},
         "by_disturbance": _grouped(done, lambda result: result["disturbance"]),
         "by_fault": _grouped(done, lambda result: ", ".join(result["faults"]) or "none"),
         **({"walls": walls} if walls else {}),
@@ -79,36 +90,77 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
     }
 
 
-def distribution(results: Sequence[Result], name: str) -> dict[str, Any]:
-    """Returns the distribution of a metric; see `distribution_of`."""
-    return distribution_of([result[name] for result in results],
-                           [result["index"] for result in results],
-                           small_is_bad=MEASURES[name][1])
+def distribution(results: Results, name: str) -> dict[str, Any]:
+    """Returns minimum, median, 95th percentile and maximum of a metric, and the worst run.
+
+    If small is bad the percentile is the 5th, under the name `p5`. A run may have none of it.
+    """
+    known = [(result[name], result["index"]) for result in results if result[name] is not None]
+    small = name == SMALL_IS_BAD
+    tail = "p5" if small else "p95"
+    if not known:
+        return {"count": 0, "min": None, "median": None, tail: None, "max": None, "worst": None}
+    values = np.array([value for value, _ in known], dtype=float)
+    worst = int(np.argmin(values) if small else np.argmax(values))
+    return {"count": len(known), "min": float(values.min()), "median": float(np.median(values)),
+            tail: float(np.percentile(values, 5.0 if small else 95.0)),
+            "max": float(values.max()), "worst": known[worst][1]}
 
 
-def _largest_unknown(results: Sequence[Result]) -> dict[str, float]:
-    """Returns the largest error of every quantity among runs."""
-    names = results[0]["unknown"] if results else ()
-    return {name: max(abs(result["unknown"][name]) for result in results) for name in names}
+def summarise_walls(results: Results) -> dict[str, Any]:
+    """Returns the `walls` of campaign.json; empty if the controller knew the surfaces.
+
+    Runs are named by their indices: under `broken` those that broke a guarantee, under
+    `not_in_class` those without one. `kinds` is by shape and by law.
+    """
+    results = [result for result in results if "wall" in result]
+    if not results:
+        return {}
+    walls = [{**result["wall"], "index": result["index"]} for result in results]
+    settled = [wall["settled_s"] for wall in walls if wall["settled_s"] is not None]
+    return {
+        "runs": len(results),
+        "distributions": {name: distribution(walls, name) for name in WALL_MEASURES},
+        "broken": {name: [each["index"] for each in results if name in broken_promises(each)]
+                   for name in BROKEN},
+        "not_in_class": [wall["index"] for wall in walls if not wall["in_class"]],
+        "touched": sum(wall["first_touch_s"] is not None for wall in walls),
+        "settled": len(settled), "settled_soon": sum(each <= SOON for each in settled),
+        "lost": sum(wall["losses"] > 0 for wall in walls),
+        "kinds": {f"{name}: {kind}": _of_kind([wall for wall in walls if wall[name] == kind])
+                  for name in ("shape", "law") for kind in sorted({wall[name] for wall in walls})},
+    }
 
 
-def _grouped(results: Sequence[Result], key: Any) -> dict[str, dict[str, Any]]:
-    """Returns the number of runs and their worst metrics, by kind; None is no kind."""
-    out = {}
-    for kind in sorted({key(result) for result in results} - {None}):
-        of_kind = [result for result in results if key(result) == kind]
-        out[kind] = {
-            "runs": len(of_kind),
-            **{name: distribution(of_kind, name)["max"]
-               for name in ("worst_disturbance", "ratio_trajectory", "ratio_set")},
-        }
-    return out
+def broken_promises(result: Result) -> set[str]:
+    """Returns the subset of `BROKEN` that applies to a run, if its wall is of the class."""
+    wall = result.get("wall")
+    if wall is None or not wall["in_class"]:
+        return set()
+    did = (wall["static"] > 1.0, wall["peak"] > 1.0, result["mpc_failures"] > 0)
+    return {name for name, done in zip(BROKEN, did, strict=True) if done}
+
+
+def _of_kind(walls: Results) -> dict[str, Any]:
+    return {"runs": len(walls),
+            **{name: max(wall[name] for wall in walls) for name in ("static", "peak", "error")},
+            "settled": sum(wall["settled_s"] is not None for wall in walls)}
+
+
+def _grouped(results: Results, key: Callable[[Result], str]) -> dict[str, dict[str, Any]]:
+    """Returns the number of runs and their worst metrics, by kind."""
+    kinds: dict[str, list[Result]] = {}
+    for result in sorted(results, key=key):
+        kinds.setdefault(key(result), []).append(result)
+    return {kind: {"runs": len(among), **{
+        name: distribution(among, name)["max"]
+        for name in ("worst_disturbance", "ratio_trajectory", "ratio_set")}}
+        for kind, among in kinds.items()}
 
 
 def _badness(result: Result) -> tuple[float, ...]:
     """Returns a sort key, worst first: exception, broken guarantee, largest deviation.
 
-    Inside of the bounds leaving the tube, violating or saturating a limit breaks a guarantee too.
     A run whose disturbance exceeded d̃ comes last.
     """
     index = result["index"]
@@ -133,11 +185,9 @@ def _replay(result: Result) -> dict[str, Any]:
 def all_well(summary: Mapping[str, Any]) -> bool:
     """Returns whether every guarantee was kept in every run, and nearly all runs were counted."""
     counts = summary["counts"]
-    if counts["not_covered"] > NOT_COVERED * summary["runs"]:
-        return False
-    if any(summary.get("walls", {}).get("broken", {}).values()):
-        return False
-    return not any(counts[name] for name in PROMISES)
+    return (counts["not_covered"] <= NOT_COVERED * summary["runs"]
+            and not any(summary.get("walls", {}).get("broken", {}).values())
+            and not any(counts[name] for name in PROMISES))
 
 
 def summarise_times(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -163,36 +213,32 @@ def summarise_times(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def format_campaign(summary: Mapping[str, Any], times: Mapping[str, Any], folder: str) -> str:
     """Returns the campaign as a table for a terminal."""
-    most = "at most " if summary.get("walls") else ""
-    lines = [f"{summary['scenario']}, seed {summary['seed']}: {summary['runs']} runs of {most}"
-             f"{summary['duration_s']:g} s, tube "
+    walls, step = summary.get("walls", {}), times["step_ms"]
+    lines = [f"{summary['scenario']}, seed {summary['seed']}: {summary['runs']} runs of "
+             f"{'at most ' if walls else ''}{summary['duration_s']:g} s, tube "
              + ("certified" if summary["certified"] else "declared, not certified"), "",
-             *_format_measures(summary), "", *_format_groups(summary), "",
-             *format_walls(summary.get("walls", {})), *_format_counts(summary)]
+             *_format_measures(summary["distributions"] | walls.get("distributions", {})), "",
+             *_format_groups(summary), "", *_format_walls(walls), *_format_counts(summary)]
     if times["seconds"] is not None:
-        step = times["step_ms"]
         lines.append(f"a run took {times['seconds']['median']:.2f} s in the median"
                      + ("" if step is None else f", a step of the MPC {step['p50']:.3g} ms, "
                         f"{step['p99']:.3g} ms at the 99th percentile"))
-    return "\n".join([*lines, *_format_worst(summary, folder)])
+    return "\n".join([*lines, *_format_worst(summary["worst"], folder)])
 
 
-def _format_measures(summary: Mapping[str, Any]) -> list[str]:
+def _format_measures(distributions: Mapping[str, Any]) -> list[str]:
     lines = [f"{'':<46}{'min':>9}{'median':>9}{'worst 5 %':>11}{'max':>9}{'worst run':>11}"]
-    walls = summary.get("walls", {}).get("distributions", {})
-    for name, (text, small_is_bad) in {
-            **MEASURES, **{name: (PRESS_METRICS[name], False) for name in walls}}.items():
-        row = (summary["distributions"] | walls)[name]
-        tail = row["p5" if small_is_bad else "p95"]
-        lines.append(_padded(text, 46) + "".join(
+    for name, row in distributions.items():
+        values = (row["min"], row["median"], row["p5" if name == SMALL_IS_BAD else "p95"],
+                  row["max"])
+        lines.append(_padded((MEASURES | WALL_MEASURES)[name], 46) + "".join(
             f"{_number(value):>{width}}" for value, width in zip(
-                (row["min"], row["median"], tail, row["max"]), (9, 9, 11, 9), strict=True))
+                values, (9, 9, 11, 9), strict=True))
             + f"{'-' if row['worst'] is None else row['worst']:>11}")
     return lines
 
 
 def _format_groups(summary: Mapping[str, Any]) -> list[str]:
-    """Returns a table by kind of event outside of the bounds, or by disturbance and by fault."""
     lines = []
     for title, name in (("disturbance", "by_disturbance"), ("samples that fail", "by_fault")):
         lines.append(f"{title:<24}{'runs':>5}{'along the run':>15}{'set-wise':>10}")
@@ -201,15 +247,32 @@ def _format_groups(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def _format_walls(walls: Result) -> list[str]:
+    if not walls:
+        return []
+    lines = [f"{'wall, worst':<24}{'runs':>5}{'static':>9}{'in motion':>11}{'error [N]':>11}"
+             f"{'settled':>9}"]
+    lines += [f"{kind:<24}{row['runs']:>5}{row['static']:>9.3f}{row['peak']:>11.3f}"
+              f"{row['error']:>11.3g}{row['settled']:>9}" for kind, row in walls["kinds"].items()]
+    static, peak, no_plan = (_named(walls["broken"][name]) for name in BROKEN)
+    return [
+        *lines, "",
+        f"walls pressed harder than allowed: {static} at rest, {peak} in motion; without a plan: "
+        f"{no_plan}; touched where they are not of the class: {_named(walls['not_in_class'])}",
+        f"touched: {walls['touched']} of {walls['runs']} walls, force settled: {walls['settled']}, "
+        f"within {SOON:g} s of the touch: {walls['settled_soon']}; wall left again: "
+        f"{walls['lost']}", ""]
+
+
 def _format_counts(summary: Mapping[str, Any]) -> list[str]:
     counts = summary["counts"]
+    slack = _number(summary["worst_terminal_slack"])
     lines = [f"counted {counts['counted']} of {summary['runs']} runs",
              f"exits: {counts['exits_set']} set-wise, {counts['exits_trajectory']} along the run; "
              f"constraint violations: {counts['violations']}; command cut in {counts['limited']} "
              f"runs; exceptions: {counts['exceptions']}; not finite: {counts['not_finite']}",
              f"failed solves: {counts['mpc_failures']}; force never settled: "
-             f"{counts['never_settled']}; terminal set missed by "
-             f"{_number(summary['worst_terminal_slack'])} at most"]
+             f"{counts['never_settled']}; terminal set missed by {slack} at most"]
     unknown = {name: value for name, value in summary["largest_unknown"].items() if value > 0.0}
     if unknown:
         lines.append("largest errors: " + ", ".join(
@@ -220,33 +283,33 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def _format_worst(worst: Results, folder: str) -> list[str]:
+    if not worst:
+        return []
+    lines = ["", f"{'worst runs':<12}{'disturbance':<18}{'':<24}{'along the run':>14}"
+             f"{'set-wise':>10}{'margin':>9}"]
+    for run in worst:
+        lines.append(f"{run['index']:<12}" + (
+            run["error"] if run["error"] is not None else
+            f"{run['disturbance']:<18}{', '.join(run['faults']):<24}"
+            f"{_number(run['ratio_trajectory']):>14}{_number(run['ratio_set']):>10}"
+            f"{_number(run['margin']):>9} {run['constraint']}"))
+    return [*lines, f"replay one: uvms-drake campaign --output {folder} --replay "
+            f"{worst[0]['index']}"]
+
+
+def _named(indices: Sequence[int]) -> str:
+    return f"{len(indices)}" + (f" (runs {', '.join(map(str, indices))})" if indices else "")
+
+
 def _padded(text: str, width: int) -> str:
     """Returns the text padded on the right; combining marks have no width."""
     return text + " " * (width - sum(not unicodedata.combining(letter) for letter in text))
 
 
-_UNITS = {"shift": (1e3, "mm"), "turn": (1e3, "mrad"), "current": (1.0, "m/s"),
-          "payload": (1.0, "kg")}
-
-
 def _amount(name: str, value: float) -> str:
-    factor, unit = _UNITS.get(name, (100.0, "%"))
-    return f"{name.replace('_', ' ')} {factor * value:.2g} {unit}"
-
-
-def _format_worst(summary: Mapping[str, Any], folder: str) -> list[str]:
-    lines = ["", f"{'worst runs':<12}{'disturbance':<18}{'':<24}{'along the run':>14}"
-             f"{'set-wise':>10}{'margin':>9}"]
-    for run in summary["worst"]:
-        if run["error"] is not None:
-            lines.append(f"{run['index']:<12}{run['error']}")
-            continue
-        also = ", ".join(run["faults"])
-        lines.append(f"{run['index']:<12}{run['disturbance']:<18}{also:<24}"
-                     f"{_number(run['ratio_trajectory']):>14}{_number(run['ratio_set']):>10}"
-                     f"{_number(run['margin']):>9} {run['constraint']}")
-    return [*lines, f"replay one: uvms-drake campaign --output {folder} --replay "
-            f"{summary['worst'][0]['index']}"] if summary["worst"] else []
+    unit = {"current": "m/s", "payload": "kg"}.get(name, "%")
+    return f"{name.replace('_', ' ')} {(100.0 if unit == '%' else 1.0) * value:.2g} {unit}"
 
 
 def _number(value: float | None) -> str:

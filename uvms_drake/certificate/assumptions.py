@@ -1,7 +1,7 @@
 """Assumptions of a certificate: statements that it does not compute, each with its guarantor.
 
-One statement a line, generated from the scenario. Those about actuation, sensing and surface
-are the scope of the verdict.
+One statement a line, generated from the scenario. Those about actuation, sensing and surface are
+the scope of the verdict. Assumptions that a scenario can give up are conditions.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,11 +18,16 @@ from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.contact import SensedContact
-from uvms_drake.station.scenario.parts import command_path_of
+from uvms_drake.station.scenario.parts import command_path_of, uncovered
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.conditions import Condition, assumption
 
+GUARANTEE = "control/theory.md#closed-loop-guarantee"
+"""Theorem that the conditions are for."""
 SCOPE = ("actuation", "sensing", "surface")
 """Subjects whose first assumption is part of the verdict."""
 OPERATOR, CERTIFIER = "operator", "the person who certifies"
@@ -192,3 +197,52 @@ def _program(time_step: float, safety_factor: float) -> Iterator[Statement]:
     yield ("search", "no supremum that is marked 'estimated' is larger than its search "
            f"found, times {safety_factor:g}; the terminal set holds between "
            "its samples", CERTIFIER)
+
+
+def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) -> list[Condition]:
+    """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept.
+
+    Those that it cannot give up are `assumptions_of`.
+    """
+    # Axes without a thruster, model errors, options of the MPC, parts of the loop.
+    wall, actuation = scenario.contact.declared_wall(), scenario.actuation
+    mpc, model = scenario.mpc, model or load_model(scenario)
+    unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
+    assumed: list[tuple[str, str, float]] = [
+        *_uncounted(scenario.unknowns, actuation),
+        ("surface_error", "which the controller does not know", scenario.surface_error.size),
+        ("faults", "which the proofs do not cover", len(uncovered(scenario.faults))),
+        ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
+        ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
+        ("mpc.terminal_set", "none", not mpc.terminal_set),
+        ("mpc.input_reference", "not the equilibrium's input",
+         mpc.input_reference != "equilibrium"),
+        *([] if wall is None else [("contact.tangential_lag", "delayed feedback of the friction",
+                                    wall.tangential_lag)])]
+    conditions = [
+        assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
+                   + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
+                   advice=f"--set 'actuation=[!IdealWrench {{undriven: [{undriven}]}}]', for a "
+                   "robot with other thrusters" if unnamed else "", theorem=GUARANTEE),
+        *(assumption(key, reason, broken, theorem=GUARANTEE) for key, reason, broken in assumed),
+        *(assumption(f"mpc.terms[{i}]", f"{type(term).__name__}, which the terminal set leaves out",
+                     topic="mpc.terms", theorem=GUARANTEE) for i, term in enumerate(mpc.terms))]
+    for key, parts in (("sensing", scenario.sensing), ("actuation", actuation)):
+        conditions += [
+            assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
+                       theorem=GUARANTEE)
+            for i, part in enumerate(parts) if part.assumption() is not None
+            and (wall is None or part.reading(0.0, 0.0) is None)]
+    return conditions
+
+
+def _uncounted(unknowns: Unknowns, actuation: Sequence[Actuator]) -> list[tuple[str, str, float]]:
+    """Returns key, reason and size of the unknowns that `declared_unknowns` leaves out.
+
+    It counts them for a robot whose command acts at once.
+    """
+    counted = all(isinstance(part, IdealWrench) for part in actuation)
+    sizes = {"current": float(np.linalg.norm(unknowns.current)),
+             "waves": largest_speed(unknowns.waves), "model_error": unknowns.error.size}
+    return [(key, "counted only where the command acts at once", 0.0 if counted else size)
+            for key, size in sizes.items()]

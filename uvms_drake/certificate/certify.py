@@ -2,95 +2,217 @@
 
     limits ──▶ declared set ──▶ constants ──▶ tube ──▶ tightened sets ──▶ terminal set ──▶ plan
 
-Each arrow adds its conditions to the certificate. It stops at the first stage with a condition that
-does not hold: then the scenario is not certified. The tube depends on the law, see
-`law_tube.TUBES`; a law that is not there has no certificate.
+Each of the `STAGES` adds its claims and conditions to a draft, and the first whose conditions do
+not hold is the last. The tube depends on the law, see `tube.laws.TUBES`; a law that is not there
+has no certificate.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from uvms_drake.actuation.ideal import IdealWrench
-from uvms_drake.certificate.advice import longer, roomier, safer, wider
-from uvms_drake.certificate.assumptions import assumptions_of, undriven_axes, unnamed_axes
-from uvms_drake.certificate.cache import cached
-from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
-from uvms_drake.certificate.declared_unknowns import (
-    UnmodelledBounds,
-    declared_sources,
-    fitting_disturbance,
-    payload_acceleration,
-    payload_condition,
-    unknown_effects,
-    unknowns_condition,
-    weights_of,
-)
+from uvms_drake.certificate.assumptions import GUARANTEE, assumed_conditions, assumptions_of
+from uvms_drake.certificate.certificate import Certificate, fingerprint, from_data, to_data
+from uvms_drake.certificate.claims import TerminalResult
+from uvms_drake.certificate.declared_unknowns import declared_effects
+from uvms_drake.common.cache import cached
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import (
     HoldRadii,
     Limit,
     Limits,
     TubeRadii,
-    check_limits,
     joint_limits,
     resolved_radii,
 )
+from uvms_drake.control.limits.pose import Joints
+from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.plan.plan import P, Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.plant.unknowns import Unknowns
-from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.contact.mission_legs import legs_of
 from uvms_drake.station.contact.tube_in_contact import force_bounds, in_contact
 from uvms_drake.station.problem import (
+    check_inputs,
     disturbance_weights,
     first_problem,
     limits_of,
-    load_model,
     make_ocp,
     start_state,
 )
-from uvms_drake.station.scenario.parts import command_path_of, uncovered
+from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants import Constant, estimate_constants
-from uvms_drake.tube.covering import prove_constants
-from uvms_drake.tube.estimates import (
-    CertificateSettings,
-    Estimate,
-    unrefuted,
-)
-from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
+from uvms_drake.tube.conditions import Condition, assumption, setting
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import Estimate, unrefuted
+from uvms_drake.tube.law_tube import Basis, LawTube, constants_of
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.search_memo import active_memo
 from uvms_drake.tube.terminal_set import largest_radius
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
-GUARANTEE = "control/theory.md#closed-loop-guarantee"
 TIGHTENING = "control/theory.md#constraint-tightening"
 TERMINAL = "control/theory.md#terminal-set"
 FEASIBILITY = "control/theory.md#recursive-feasibility"
 """Theorems of the conditions."""
-STAGES = 4
-"""Number of stages of a certificate; how long each takes differs from scenario to scenario."""
-BEGINS = (0.04, 0.7, 0.99)
-"""Elapsed fractions of the time of a certificate at which tube, terminal set and first plan begin,
-about, in the shipped scenarios."""
+MORE = 1.2
+"""Factor on the excess, for the tube that grows with a wider limit."""
+ANGLES = ("roll", "pitch", "tip_pitch")
 UNLIMITED = 1.0
 """‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
+
+
+class NotCertified(Exception):
+    """A condition of a draft does not hold."""
+
+
+class Draft:
+    """Certificate in the making: the scenario, its model, and the results of the stages so far.
+
+    Args:
+        scenario: Scenario to certify.
+        model: The controller's model.
+
+    Attributes:
+        certificate: The claims so far.
+        basis: Data of the tube.
+        found: Tube of the law, with the terms of a sensed contact.
+        carried: Estimated acceleration of a payload that a wrist sensor reads; None without one.
+        start: Start (𝔮, ζ) (2(6+n),).
+    """
+
+    basis: Basis
+    found: LawTube
+    carried: Estimate | None = None
+    start: np.ndarray
+
+    def __init__(self, scenario: Scenario, model: ContactModel):
+        self.scenario, self.model = scenario, model
+        law, disturbance = scenario.ancillary, scenario.disturbance
+        weights = disturbance_weights(scenario, model)
+        self.certificate = Certificate(
+            scenario=scenario.name, law=scenario.law, k=law.k, sigma=law.sigma,
+            d_bound=disturbance.d_bound, weights=None if np.all(weights == 1.0) else weights,
+            assumptions=assumptions_of(scenario, model), **fingerprint(scenario))
+
+    def claim(self, **claims: Any) -> None:
+        """Puts fields of the certificate in."""
+        self.certificate = replace(self.certificate, **claims)
+
+    def require(self, *conditions: Condition) -> None:
+        """Adds conditions without which there is nothing to compute any more.
+
+        Raises:
+            NotCertified: One of them does not hold.
+        """
+        self.claim(conditions=(*self.certificate.conditions, *conditions))
+        if not all(condition.holds for condition in conditions):
+            raise NotCertified
+
+    def with_claims(self) -> Scenario:
+        """Returns the scenario with the certified tube and terminal set, as far as there are."""
+        return self.certificate.applied_to(self.scenario)
+
+
+def constants(draft: Draft) -> None:
+    """Searches for the constants of the law's tube, if a tube is known."""
+    law = type(draft.scenario.ancillary)
+    if law not in TUBES:
+        draft.require(assumption(f"certificate of the law {law.__name__}", "none is known",
+                                 topic="law", theorem=GUARANTEE))
+    draft.basis = basis_of(draft.scenario, draft.model)
+
+
+def tube(draft: Draft) -> None:
+    """Computes the radii: those of the law, then the additional terms of a sensed contact."""
+    scenario, law = draft.scenario, draft.scenario.ancillary
+    found = TUBES[type(law)].tube(law, draft.basis)
+    if all(condition.holds for condition in found.conditions):
+        found = in_contact(found, scenario, draft.basis)
+    draft.found = found
+    conditions = (*found.conditions, *assumed_conditions(scenario, draft.model))
+    wall = scenario.contact.declared_wall()
+    legs = (legs_of(scenario.mission.checked(), wall, found.radii, conditions)
+            if wall is not None and scenario.mission.steps and np.size(found.radii.u) else ())
+    # These belong to the file even if the tube leaves nothing of a limit.
+    draft.claim(constants=tuple(draft.basis.constants.values()), tube=found.radii, legs=tuple(legs),
+                budget={name: dict(parts) for name, parts in found.budget.items()},
+                margin=budget_margins(found.budget, limits_of(scenario, draft.model), draft.model))
+    draft.require(*conditions)
+
+
+def unknowns(draft: Draft) -> None:
+    """Bounds the accelerations by declared unknowns, as a part of d."""
+    if draft.scenario.unknowns.present:
+        effects, draft.carried, conditions = declared_effects(
+            draft.scenario, draft.basis, draft.found.radii)
+        draft.claim(unknowns=effects)
+        draft.require(*conditions)
+
+
+def margins(draft: Draft) -> None:
+    """Compares the tube with every limit, before the second search, which takes long."""
+    scenario = draft.scenario
+    found = tightening_margins(draft.found, limits_of(scenario, draft.model))
+    share = min((each.right / each.left for each in found if each.left > 0.0), default=1.0)
+    advice = roomier(scenario.disturbance.bound, scenario.model_error.share, share)
+    draft.require(*(each if each.holds else replace(each, advice=advice) for each in found))
+
+
+def second_search(draft: Draft) -> None:
+    """Searches again for every number that is not proven."""
+    unknown = draft.certificate.unknowns
+    estimates = (
+        *draft.found.check(), *(Estimate(f"d by {each.name}", each.takes, each.second)
+                                for each in unknown),
+        *([draft.carried] if draft.carried else []))
+    draft.claim(estimates=estimates)
+    draft.require(*(replace(each, advice=safer(draft.scenario.certificate.safety_factor, each.left))
+                    for each in unrefuted(estimates)))
+
+
+def terminal_set(draft: Draft) -> None:
+    """Computes the terminal set within the tightened limits, and the ultimate bounds."""
+    settings, scenario = draft.scenario.certificate, draft.with_claims()
+    try:
+        ocp = make_ocp(scenario, draft.model)
+        draft.start = start_state(scenario, ocp)
+    except InvalidParameter as error:
+        draft.require(assumption("left by the tube", str(error), theorem=TIGHTENING))
+    radius, check = largest_radius(ocp, settings.terminal_samples, settings.seed)
+    draft.claim(
+        terminal=TerminalResult(
+            radius=radius, limiting=check.limiting, margins=check.margins, samples=check.samples,
+            P=ocp.terminal.P, gain=ocp.terminal.gain),
+        bounds=ultimate_bounds(draft.found.radii, draft.model.surface, ocp.y_des[:6],
+                               np.asarray(scenario.task.force, dtype=float)))
+    draft.require(
+        Condition("terminal set, ε", radius, ">", 0.0, theorem=TERMINAL, topic="terminal set"),
+        Condition(f"terminal set, worst margin ({check.limiting})", min(check.margins.values()),
+                  ">=", 0.0, theorem=TERMINAL, topic="terminal set"))
+
+
+def plan_from_start(draft: Draft) -> None:
+    """Solves for the first plan, with the terminal set."""
+    scenario = draft.with_claims()
+    problem = first_problem(scenario, make_ocp(scenario, draft.model), draft.start)
+    draft.require(*first_plan(problem, draft.start)[1])
+
+
+STAGES: dict[str, Callable[[Draft], None]] = {
+    "constants": constants, "tube": tube, "unknowns": unknowns, "margins": margins,
+    "second search": second_search, "terminal set": terminal_set, "first plan": plan_from_start}
+"""Stages of a certificate; how long each takes differs from scenario to scenario."""
 
 
 def certify(scenario: Scenario, progress: Progress = silent,
@@ -105,143 +227,17 @@ def certify(scenario: Scenario, progress: Progress = silent,
     Raises:
         InvalidParameter: A value of the scenario has no meaning.
     """
-    assert active_memo() is None, "a certificate searches for itself"
-    # Inputs, and a law without a tube, for which there is nothing to compute.
-    model = check_inputs(scenario, model)
-    law, disturbance = scenario.ancillary, scenario.disturbance
-    weights = disturbance_weights(scenario, model)
-    draft = Certificate(
-        scenario=scenario.name, law=scenario.law, k=law.k, sigma=law.sigma,
-        d_bound=disturbance.d_bound, weights=None if np.all(weights == 1.0) else weights,
-        assumptions=assumptions_of(scenario, model), **fingerprint(scenario))
-    if type(law) not in TUBES:
-        return draft.adding([assumption(
-            f"certificate of the law {type(law).__name__}", "none is known", topic="law",
-            theorem=GUARANTEE)])
-    try:
-        # Tube without contact, then the additional terms of a sensed contact.
-        progress(f"1 of {STAGES}: constants", 0.0)
-        basis = basis_of(scenario, model)
-        progress(f"2 of {STAGES}: tube", BEGINS[0])
-        found = TUBES[type(law)].tube(law, basis)
-        if all(condition.holds for condition in found.conditions):
-            found = in_contact(found, scenario, basis)
-        # These belong to the file even if the tube leaves nothing of a limit.
-        limits = limits_of(scenario, model)
-        draft = replace(
-            draft, constants=tuple(basis.constants.values()), tube=found.radii, budget={
-                name: dict(parts) for name, parts in found.budget.items()},
-            margin=budget_margins(found.budget, limits, model),
-            conditions=(*found.conditions, *assumed_conditions(scenario, model)))
-        wall = scenario.contact.declared_wall()
-        if scenario.mission.steps and wall is not None and np.size(found.radii.u):
-            draft = replace(draft, legs=tuple(legs_of(
-                scenario.mission.checked(), wall, found.radii, draft.conditions)))
-        if not draft.certified:
-            return draft
-        # Declared unknowns, as a part of d.
-        carried, robot_error = None, scenario.model_error
-        if scenario.unknowns.present:
-            bounds = UnmodelledBounds(scenario.model, basis, found.radii, scenario.seed)
-            sources = partial(declared_sources, scenario.unknowns)
-            effects = unknown_effects(sources, bounds, weights_of(disturbance, basis))
-            carried = payload_acceleration(robot_error, disturbance, bounds, effects)
-            draft = replace(draft, unknowns=effects).adding([
-                *unknowns_condition(disturbance.bound, robot_error.share, effects, partial(
-                    fitting_disturbance, disturbance, sources, bounds)),
-                *payload_condition(robot_error.payload, carried)])
-        if not draft.certified:
-            return draft
-        # Margins of the tightened limits, before the second search, which takes long.
-        tightening, proven = how_many_are_proven(found, limits)
-        draft = replace(
-            draft.adding(advised(tightening_margins(found.radii, limits), disturbance.bound,
-                                 robot_error.share)), tightening=tightening, proven=proven)
-        if not draft.certified:
-            return draft
-        estimates = (*found.check(), *(
-            Estimate(f"d by {each.name}", each.takes, each.second) for each in draft.unknowns),
-            *([carried] if carried else []))
-        draft = replace(draft.adding([
-            replace(each, advice=safer(basis.settings.safety_factor, each.left))
-            for each in unrefuted(estimates)]), estimates=estimates)
-        if not draft.certified:
-            return draft
-        return _with_terminal_set(draft, found, scenario, model, progress)
-    except NotOffered as error:
-        return draft.adding([assumption(
-            f"certificate of the surface {error.value}", f"it must be {error.allowed}",
-            topic="surface", theorem=GUARANTEE)])
-
-
-def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) -> list[Condition]:
-    """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept.
-
-    Those that it cannot give up are `assumptions.assumptions_of`.
-    """
-    # Axes without a thruster, model errors, options of the MPC, parts of the loop.
-    wall, actuation = scenario.contact.declared_wall(), scenario.actuation
-    mpc, model = scenario.mpc, model or load_model(scenario)
-    unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
-    assumed: list[tuple[str, str, float]] = [
-        *uncounted_unknowns(scenario.unknowns, actuation),
-        ("surface_error", "which the controller does not know", scenario.surface_error.size),
-        ("faults", "which the proofs do not cover", len(uncovered(scenario.faults))),
-        ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
-        ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
-        ("mpc.terminal_set", "none", not mpc.terminal_set),
-        ("mpc.input_reference", "not the equilibrium's input",
-         mpc.input_reference != "equilibrium"),
-        *([] if wall is None else [("contact.tangential_lag", "delayed feedback of the friction",
-                                    wall.tangential_lag)])]
-    conditions = [
-        assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
-                   + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
-                   advice=f"--set 'actuation=[!IdealWrench {{undriven: [{undriven}]}}]', for a "
-                   "robot with other thrusters" if unnamed else "", theorem=GUARANTEE),
-        *(assumption(key, reason, broken, theorem=GUARANTEE) for key, reason, broken in assumed),
-        *(assumption(f"mpc.terms[{i}]", f"{type(term).__name__}, which the terminal set leaves out",
-                     topic="mpc.terms", theorem=GUARANTEE) for i, term in enumerate(mpc.terms))]
-    for key, parts in (("sensing", scenario.sensing), ("actuation", actuation)):
-        conditions += [
-            assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
-                       theorem=GUARANTEE)
-            for i, part in enumerate(parts) if part.assumption() is not None
-            and (wall is None or part.reading(0.0, 0.0) is None)]
-    return conditions
-
-
-def uncounted_unknowns(unknowns: Unknowns, actuation: Sequence[Actuator]
-                       ) -> list[tuple[str, str, float]]:
-    """Returns key, reason and size of the unknowns that `declared_unknowns` does not count.
-
-    It counts them for a robot whose command acts at once.
-    """
-    counted = all(isinstance(part, IdealWrench) for part in actuation)
-    sizes = {"current": float(np.linalg.norm(unknowns.current)),
-             "waves": largest_speed(unknowns.waves), "model_error": unknowns.error.size}
-    return [(key, "counted only where the command acts at once", 0.0 if counted else size)
-            for key, size in sizes.items()]
-
-
-def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
-    """Returns the controller's model, if the scenario would have a meaning without any tube.
-
-    Args:
-        scenario: The scenario.
-        model: The model, if it is loaded already.
-
-    Raises:
-        InvalidParameter: It would not.
-    """
-    model = model or load_model(scenario)
-    check_values(scenario)
-    check_limits(scenario.limits, model.num_joints)
-    disturbance_weights(scenario, model)
-    none = np.zeros(model.size)
-    without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
-    start_state(without_tube, make_ocp(without_tube, model))
-    return model
+    draft = Draft(scenario, check_inputs(scenario, model))
+    with suppress(NotCertified):
+        try:
+            for i, (name, stage) in enumerate(STAGES.items()):
+                progress(f"{i + 1} of {len(STAGES)}: {name}", i / len(STAGES))
+                stage(draft)
+        except NotOffered as error:
+            draft.require(assumption(
+                f"certificate of the surface {error.value}", f"it must be {error.allowed}",
+                topic="surface", theorem=GUARANTEE))
+    return draft.certificate
 
 
 def certified_once(scenario: Scenario, progress: Progress = silent,
@@ -254,10 +250,10 @@ def certified_once(scenario: Scenario, progress: Progress = silent,
         model: As of `certify`.
     """
     def compute() -> dict:
-        return certify(scenario, progress, model).to_data()
+        return to_data(certify(scenario, progress, model))
 
-    data = cached({"certificate": fingerprint(scenario)}, compute)
-    return replace(Certificate.from_data(data), scenario=scenario.name)
+    certificate: Any = from_data(cached({"certificate": fingerprint(scenario)}, compute))
+    return replace(certificate, scenario=scenario.name)
 
 
 def declared_set(limits: Limits, model: UvmsModel) -> ConstraintSet:
@@ -319,54 +315,29 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         command_path=command_path_of(actuation, model))
 
 
-def constants_of(names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
-                 weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
-    """Returns constants by name; those that decide the tube of `resolved` are proven.
-
-    Args:
-        names: Names of the constants.
-        model: The prediction model.
-        declared: Set of the suprema.
-        weights: Diagonal of Ŵ, see `Basis`.
-        settings: Effort of the searches.
-    """
-    ball = bool(np.all(weights == 1.0))
-    norms = {name if ball else WEIGHTED[name]: name for name in PROVEN.values()}
-    proven = prove_constants(
-        model, declared, tuple(norms[name] for name in names if name in norms),
-        seed=settings.seed, weights=weights)
-    estimated = estimate_constants(
-        model, declared, tuple(name for name in names if name not in norms),
-        samples=settings.constant_samples, safety_factor=settings.safety_factor,
-        seed=settings.seed)
-    return estimated | {name: replace(proven[plain], name=name)
-                        for name, plain in norms.items() if plain in proven}
-
-
-def tightening_margins(tube: TubeRadii, limits: Mapping[str, Limit]) -> list[Condition]:
+def tightening_margins(found: LawTube, limits: Mapping[str, Limit]) -> list[Condition]:
     """Returns a condition for every limit: the tube must leave something of it.
 
-    Limits of one number come first, as they do among the settings.
+    Limits of one number come first, as they do among the settings. NaN in the place of the
+    estimated radii marks each number that depends on one: the others are proven.
     """
-    conditions, tube = [], resolved_radii(tube)
+    radii, conditions = resolved_radii(found.radii), []
+    marked = resolved_radii(replace(found.radii, **{
+        name: np.nan * value for name, value in vars(found.radii).items()
+        if name in found.estimated and not isinstance(value, HoldRadii | None)}))
     for limit in sorted(limits.values(), key=lambda limit: limit.labels != [limit.name]):
-        if limit.tube_takes(tube) is None:
+        if limit.tube_takes(radii) is None:
             conditions.append(assumption(
                 f"limits.{limit.name}", "no tightening by the tube is defined",
                 topic="limit without tightening", theorem=TIGHTENING))
-        else:
-            conditions += [
-                Condition(f"tube in limits.{label}", radius, "<", margin, theorem=TIGHTENING,
-                          kind="tightening", topic=f"limits.{limit.name}", about=label)
-                for label, radius, margin in limit.margins(tube)]
+            continue
+        conditions += [
+            Condition(f"tube in limits.{label}", radius, "<", margin, theorem=TIGHTENING,
+                      kind="tightening", topic=f"limits.{limit.name}", about=label,
+                      proven=not np.isnan(mark))
+            for (label, radius, margin), (_, mark, _) in zip(
+                limit.margins(radii), limit.margins(marked), strict=True)]
     return conditions
-
-
-def advised(margins: list[Condition], bound: float, reserved: float) -> list[Condition]:
-    """Returns `tightening_margins` with an advice on those that fail, see `advice.roomier`."""
-    share = min((each.right / each.left for each in margins if each.left > 0.0), default=1.0)
-    advice = roomier(bound, reserved, share)
-    return [each if each.holds else replace(each, advice=advice) for each in margins]
 
 
 def budget_margins(budget: Iterable[str], limits: Mapping[str, Limit], model: UvmsModel
@@ -378,48 +349,6 @@ def budget_margins(budget: Iterable[str], limits: Mapping[str, Limit], model: Uv
     margin = {label: size for limit in limits.values() for label, _, size in limit.margins(none)}
     return {name: min(known) for name in budget
             if (known := [margin[label] for label in labels.get(name, ()) if label in margin])}
-
-
-def how_many_are_proven(found: LawTube, limits: Mapping[str, Limit]) -> tuple[int, int]:
-    """Returns the number of limits that a tube tightens, and of those tightened by proven numbers.
-
-    A number is estimated if it changes with the radii that are.
-    """
-    doubled = {name: 2.0 * getattr(found.radii, name) for name in found.estimated
-               if not isinstance(getattr(found.radii, name), HoldRadii | None)}
-    margins = [tightening_margins(radii, limits)
-             for radii in (found.radii, replace(found.radii, **doubled))]
-    pairs = [(old, new) for old, new in zip(*margins, strict=True) if old.left > 0.0]
-    return len(pairs), sum(old.left == new.left for old, new in pairs)
-
-
-def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
-                       model: ContactModel, progress: Progress) -> Certificate:
-    progress(f"3 of {STAGES}: terminal set", BEGINS[1])
-    settings = scenario.certificate
-    try:
-        ocp = make_ocp(draft.applied_to(scenario), model)
-        start = start_state(draft.applied_to(scenario), ocp)
-    except InvalidParameter as error:
-        return draft.adding([assumption("left by the tube", str(error), theorem=TIGHTENING)])
-    radius, check = largest_radius(ocp, settings.terminal_samples, settings.seed)
-    terminal = TerminalResult(radius=radius, limiting=check.limiting, margins=check.margins,
-                              samples=check.samples, P=ocp.terminal.P, gain=ocp.terminal.gain)
-    worst = min(check.margins.values())
-    draft = replace(draft, terminal=terminal,
-                    bounds=ultimate_bounds(
-                        found.radii, model.surface, ocp.y_des[:6],
-                        np.asarray(scenario.task.force, dtype=float)))
-    draft = draft.adding([
-        Condition("terminal set, ε", radius, ">", 0.0, theorem=TERMINAL, topic="terminal set"),
-        Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0,
-                  theorem=TERMINAL, topic="terminal set")])
-    if not draft.certified:
-        return draft
-    progress(f"4 of {STAGES}: first plan", BEGINS[2])
-    applied = draft.applied_to(scenario)  # With the terminal set.
-    first = first_problem(applied, make_ocp(applied, model), start)
-    return draft.adding(first_plan(first, start)[1])
 
 
 def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition]]:
@@ -492,3 +421,71 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> KnotOvershoot:
             worst = KnotOvershoot(largest, limit.labels[i], float(times.ravel()[point]),
                           wider(limit, int(i), above, largest, ocp.model))
     return worst
+
+
+# Advice: a first guess at the size of a setting that helps; nothing of it is proven ---------------
+
+
+def wider(limit: Limit, index: int, above: bool, excess: float, model: UvmsModel) -> str:
+    """Returns the setting that widens a limit on the configuration by its excess, if allowed.
+
+    Args:
+        limit: One of `limits`.
+        index: Index of the value that is beyond.
+        above: Whether it is beyond the upper bound.
+        excess: Excess, as of `Limit.excess`.
+        model: Model of the robot, whose own joint limits stay.
+    """
+    if isinstance(limit, StaticForce):
+        force = limit.bound + MORE * excess * limit.surface.stiffness_bound
+        return setting(limits__static_force=_up(force, 2))
+    if limit.name in ANGLES:
+        return setting(**{f"limits__{limit.name}": _up(limit.bounds()[1][0] + MORE * excess, 3)})
+    if isinstance(limit, Joints):
+        sign = 1.0 if above else -1.0
+        bounds = np.array(limit.bounds()[above], dtype=float)
+        bounds[index] = sign * _up(sign * bounds[index] + MORE * excess, 3)
+        if model.q_lower[index] <= bounds[index] <= model.q_upper[index]:
+            return setting(**{"limits__q_upper" if above else "limits__q_lower": bounds})
+    return ""
+
+
+def roomier(bound: float, reserved: float, share: float) -> str:
+    """Returns the disturbance whose tube about fits: a tube is about in proportion to it.
+
+    Larger gains make a smaller tube, too, but take more of the inputs: no advice step by step.
+    Where declared unknowns ask for the bound, it is not smaller.
+
+    Args:
+        bound: `disturbance.bound`.
+        reserved: `model_error.share`.
+        share: Fraction of this tube that fits into the limit with the smallest margin.
+    """
+    if not 0.0 < share <= 1.0:
+        return ""
+    if reserved > 0.0:
+        return "smaller declared unknowns, with the disturbance.bound that they ask for"
+    return setting(disturbance__bound=float(f"{share / MORE * bound:.2g}"))
+
+
+def longer(horizon: int) -> str:
+    """Returns a horizon that reaches further."""
+    return setting(mpc__horizon=math.ceil(1.5 * horizon))
+
+
+def safer(safety_factor: float, ratio: float) -> str:
+    """Returns a safety factor with which an estimate exceeds the result of a second search.
+
+    Empty if the ratio is out of the range of a safety factor.
+
+    Args:
+        safety_factor: `certificate.safety_factor`.
+        ratio: That result over the estimate.
+    """
+    if not 1.0 < ratio < 2.0:
+        return ""
+    return setting(certificate__safety_factor=_up(1.02 * ratio * safety_factor, 2))
+
+
+def _up(value: float, digits: int) -> float:
+    return math.ceil(value * 10**digits) / 10**digits

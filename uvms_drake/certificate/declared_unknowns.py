@@ -3,25 +3,24 @@
 Each source is a difference of the robot or the water from the controller's model, of either sign
 and up to its declared size. The acceleration that it causes over the declared set is bounded, and
 the sum of these has to fit into the part of `disturbance.bound` that `model_error.share` reserves.
-Theorem: tube/theory.md#declared-unknowns. The tolerances of `studies.margins` are the same numbers.
+Theorem: tube/theory.md#declared-unknowns.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from uvms_drake.certificate.advice import rounded_up, setting
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.model_error import FACTORS, ModelError, add_simulated_uvms
-from uvms_drake.plant.payload import Payload
 from uvms_drake.plant.unknowns import Unknowns
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.conditions import Condition, rounded_up, setting
 from uvms_drake.tube.estimates import Estimate
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
@@ -89,7 +88,6 @@ class UnmodelledBounds:
         self.rate = commanded_rate(
             self.model, basis.u_limit, basis.largest_rate + np.asarray(radii.u) + change,
             force=basis.declared.force_max if basis.contact is None else 0.0)
-        self.force = basis.declared.force_max if basis.contact is None else basis.contact.size
 
     def true(self, **error: Any) -> UvmsModel:
         """Returns the robot with a model error."""
@@ -133,13 +131,27 @@ class UnmodelledBounds:
                         float(second_over_joints(values, *limits, seed)[0]))
 
 
-Sources = Callable[
-    [UnmodelledBounds, list[UnknownEffect]], Iterator[tuple[str, list[UnmodelledTerm]]]]
-"""Names and terms of unknowns by the bounds of the accelerations, and by the effects of the
-unknowns so far, to which the caller adds each."""
+def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
+                     ) -> tuple[tuple[UnknownEffect, ...], Estimate | None, list[Condition]]:
+    """Returns the effects of the declared unknowns, and the conditions that they need.
+
+    Also the acceleration of a payload that a wrist sensor reads; None without one.
+
+    Args:
+        scenario: Scenario with unknowns.
+        basis: Basis of its tube.
+        radii: Its tube.
+    """
+    bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.seed)
+    effects = unknown_effects(scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
+    conditions = [unknowns_condition(scenario.disturbance, scenario.unknowns, bounds, effects)]
+    carried = payload_acceleration(scenario, bounds, effects)
+    if carried is not None:
+        conditions.append(payload_condition(scenario.model_error.payload.acceleration, carried))
+    return effects, carried, conditions
 
 
-def unknown_effects(sources: Sources, bounds: UnmodelledBounds, weights: np.ndarray, *,
+def unknown_effects(unknowns: Unknowns, bounds: UnmodelledBounds, weights: np.ndarray, *,
                     checked: bool = True) -> tuple[UnknownEffect, ...]:
     """Returns the effect of each unknown, on top of those before it.
 
@@ -147,13 +159,13 @@ def unknown_effects(sources: Sources, bounds: UnmodelledBounds, weights: np.ndar
     the effects of those before: so their sum bounds the effect of all.
 
     Args:
-        sources: The unknowns, such as those of `declared_sources`.
+        unknowns: The declared unknowns.
         bounds: Bounds of the accelerations.
         weights: w (6+n,), see `weights_of`.
         checked: Whether a second search is made.
     """
     effects = list[UnknownEffect]()
-    for name, terms in sources(bounds, effects):
+    for name, terms in declared_sources(unknowns, bounds, effects):
         each, takes = bounds.largest(terms, weights)
         effects.append(UnknownEffect(
             name, tuple(map(float, each)), takes,
@@ -166,7 +178,7 @@ def weights_of(disturbance: Disturbance, basis: Basis) -> np.ndarray:
     return basis.weights * (np.max(disturbance.weights) if np.size(disturbance.weights) else 1.0)
 
 
-def fitting_disturbance(disturbance: Disturbance, sources: Sources, bounds: UnmodelledBounds
+def fitting_disturbance(disturbance: Disturbance, unknowns: Unknowns, bounds: UnmodelledBounds
                         ) -> Disturbance:
     """Returns the disturbance with the weights and the bound that unknowns ask for.
 
@@ -176,70 +188,64 @@ def fitting_disturbance(disturbance: Disturbance, sources: Sources, bounds: Unmo
 
     Args:
         disturbance: The declared one.
-        sources: As of `unknown_effects`.
+        unknowns: As of `unknown_effects`.
         bounds: As of `unknown_effects`, of a tube with any disturbance.
     """
-    effects = unknown_effects(sources, bounds, weights_of(disturbance, bounds.basis),
+    effects = unknown_effects(unknowns, bounds, weights_of(disturbance, bounds.basis),
                               checked=False)
     each = np.sum([effect.each for effect in effects], axis=0)
     weights = np.array([float(f"{size:.2g}") for size in np.maximum(
         each / np.max(each), LEAST_WEIGHT)])
-    fitted = unknown_effects(sources, bounds, weights, checked=False)
+    fitted = unknown_effects(unknowns, bounds, weights, checked=False)
     return replace(disturbance, weights=weights, bound=rounded_up(
         sum(effect.takes for effect in fitted) / RESERVED))
 
 
-def unknowns_condition(bound: float, share: float, effects: Sequence[UnknownEffect],
-                       fitting: Callable[[], Disturbance] | None = None) -> list[Condition]:
-    """Returns the condition that they fit into their part of the bound; none without unknowns.
+def unknowns_condition(disturbance: Disturbance, unknowns: Unknowns, bounds: UnmodelledBounds,
+                       effects: Sequence[UnknownEffect]) -> Condition:
+    """Returns the condition that they fit into their part of the bound, with an advice if not.
 
     Args:
-        bound: `disturbance.bound`.
-        share: `model_error.share`.
+        disturbance: The declared one.
+        unknowns: The declared unknowns.
+        bounds: Bounds of the accelerations.
         effects: Effects of the unknowns.
-        fitting: Returns the disturbance that would fit, for an advice.
     """
-    if not effects:
-        return []
-    total = sum(each.takes for each in effects)
+    bound, total = disturbance.bound, sum(each.takes for each in effects)
     parts = ", ".join(f"{each.name}: {each.takes:.3g}" for each in effects)
     found = Condition(
         f"declared unknowns, in model_error.share of disturbance.bound ({parts})", total, "<=",
-        share * bound, theorem=THEOREM, topic="declared unknowns")
+        unknowns.error.share * bound, theorem=THEOREM, topic="declared unknowns")
     if found.holds:
-        return [found]
+        return found
     if total <= RESERVED * bound:
-        return [replace(found, advice=setting(
-            model_error__share=math.ceil(100.0 * total / bound) / 100.0))]
-    if fitting is None:
-        return [found]
-    fitted = fitting()
-    return [replace(found, advice=setting(
+        return replace(found, advice=setting(
+            model_error__share=math.ceil(100.0 * total / bound) / 100.0))
+    fitted = fitting_disturbance(disturbance, unknowns, bounds)
+    return replace(found, advice=setting(
         disturbance__bound=fitted.bound, disturbance__weights=fitted.weights,
-        model_error__share=RESERVED))]
+        model_error__share=RESERVED))
 
 
-def payload_acceleration(error: ModelError, disturbance: Disturbance, bounds: UnmodelledBounds,
+def payload_acceleration(scenario: Scenario, bounds: UnmodelledBounds,
                          effects: Sequence[UnknownEffect]) -> Estimate | None:
     """Returns the largest acceleration of a payload that a wrist sensor reads; None without one."""
-    payload = error.payload
-    if not payload.present or bounds.basis.contact is None:
+    error = scenario.model_error
+    if not error.payload.present or bounds.basis.contact is None:
         return None
-    left = (1.0 - error.share) * disturbance.axes(bounds.model.size)
+    left = (1.0 - error.share) * scenario.disturbance.axes(bounds.model.size)
     density = read_uvms(bounds.robot).hydrodynamics.fluid_density
-    reach = float(np.linalg.norm(payload.centre)) + payload.radius(density)
+    reach = float(np.linalg.norm(error.payload.centre)) + error.payload.radius(density)
     return bounds.hand(reach, left + np.sum([each.each for each in effects], axis=0))
 
 
-def payload_condition(payload: Payload, found: Estimate | None) -> list[Condition]:
+def payload_condition(declared: float, found: Estimate) -> Condition:
     """Returns the condition that a payload accelerates no more than its reading allows for."""
-    if found is None:
-        return []
-    return [Condition(
+    return Condition(
         "model_error.payload.acceleration, not less than that of the payload [m/s²]",
-        payload.acceleration, ">=", found.claim,
+        declared, ">=", found.claim,
         setting(model_error__payload__acceleration=rounded_up(1.02 * found.claim, 2)),
-        theorem=READING, topic="model_error")]
+        theorem=READING, topic="model_error")
 
 
 def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[UnknownEffect]
@@ -248,8 +254,8 @@ def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[
 
     Args:
         unknowns: The declared unknowns.
-        bounds: As of `Sources`.
-        before: As of `Sources`.
+        bounds: Bounds of the accelerations.
+        before: Effects of the unknowns so far, to which the caller adds each.
     """
     error = unknowns.error
     robots: list[tuple[dict[str, Any], UvmsModel]] = [({}, bounds.model)]

@@ -1,34 +1,24 @@
 """A certificate in probability: a bound on how likely a run fails, from drawn runs.
 
 It proves nothing about the worst case. N runs are drawn from the distribution that the scenario
-declares, each simulated by the whole Diagram; of the number that failed follows a bound p of the
-probability of failure, `failure_probability`. A run with the declared values, or others of their
-ranges, is one that might have been drawn.
+declares, each simulated by the whole Diagram. If k of them failed, the one-sided bound of Clopper
+and Pearson at the confidence c is the p at which as few failures have the probability 1 − c,
+
+    Σ_{i ≤ k} (N over i) pⁱ (1 − p)^{N−i} = 1 − c;       k = 0:  p = 1 − (1 − c)^{1/N}.         (1)
+
+P ≤ p unless the N runs were an event of probability 1 − c or less. N must not depend on outcomes.
+
+References: Clopper, Pearson (1934), The use of confidence or fiducial limits illustrated in the
+case of the binomial, *Biometrika* 26; Tempo, Bai, Dabbene (1997), Probabilistic robustness
+analysis: explicit bounds for the minimum number of samples, *Systems & Control Letters* 30.
 """
 
-import dataclasses
-import hashlib
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+import math
+from dataclasses import dataclass
 
-from pydrake.common.yaml import yaml_load_data
+from uvms_drake.common.errors import require
+from uvms_drake.station.scenario.scenario import Scenario
 
-from uvms_drake.certificate.cache import source_digest
-from uvms_drake.certificate.certificate import (
-    Certificate,
-    fingerprint,
-    read_data,
-    signed,
-)
-from uvms_drake.certificate.failure_probability import percent_above
-from uvms_drake.common.jsonable import jsonable
-from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
-
-KIND = "in probability"
-"""`kind` of its certificate.json."""
 FAILURES = {
     "exception": "ended in an exception",
     "not finite": "had a signal that is not finite",
@@ -42,7 +32,8 @@ FAILURES = {
     "mission": "did not complete a step of its mission",
 }
 """Kinds of failure of a run, in words."""
-
+BISECTIONS = 100
+"""Number of halvings of [0, 1]: more than a number in double precision can tell apart."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +73,14 @@ class ProbabilityCertificate:
     """The command that wrote it."""
 
     @property
-    def holds(self) -> bool:
+    def certified(self) -> bool:
         """Whether there is a bound below 1: not if every run failed."""
         return self.failures < self.runs
 
     @property
     def verdict(self) -> str:
         """The bound in words."""
-        if not self.holds:
+        if not self.certified:
             return "not certified in probability: every run failed"
         mission = f" of the mission {self.mission}" if self.mission else ""
         return (f"certified in probability: at most {percent_above(self.probability)} per run at "
@@ -100,44 +91,46 @@ class ProbabilityCertificate:
         return scenario
 
 
-    def to_data(self) -> dict[str, Any]:
-        """Returns the content as JSON data, with its own SHA-256 as `sha256`."""
-        data = jsonable(dataclasses.asdict(self), names=True)
-        return signed({"kind": KIND, **data})
+def failure_bound(runs: int, failures: int, confidence: float) -> float:
+    """Returns p of (1).
 
-    @staticmethod
-    def from_data(data: Mapping[str, Any]) -> "ProbabilityCertificate":
-        """Returns the certificate of which `to_data` made `data`."""
-        known = {key: value for key, value in data.items() if key not in ("kind", "sha256")}
-        lists = {key: tuple(known[key]) for key in ("failed", "distribution")}
-        return ProbabilityCertificate(**(known | lists))
+    Args:
+        runs: Number N of runs, positive.
+        failures: Number k of them that failed, from 0 to N.
+        confidence: Confidence c, above 0 and below 1.
 
-    @staticmethod
-    def inputs_of(scenario: Scenario) -> dict[str, Any]:
-        """Returns the inputs that a certificate of a scenario has now: hashes and versions.
-
-        Of the scenario all counts but the drawn values, the tube too: it is the declared one. Of
-        the disturbance, bound and weights count: every kind of it is drawn. Faults count whole, for
-        those of a run are drawn beside the scenario's.
-        """
-        fixed = yaml_load_data(dump_scenario(replace(scenario, name="", description="", seed=0)))
-        text = json.dumps(jsonable(fixed, names=True), sort_keys=True, ensure_ascii=False)
-        return fingerprint(scenario) | {
-            "inputs": hashlib.sha256(text.encode()).hexdigest(), "source": source_digest()}
-
-
-AnyCertificate = Certificate | ProbabilityCertificate
-
-
-def read_any_certificate(path: Path) -> AnyCertificate:
-    """Returns the certificate of a file, of either kind; as `read_certificate`."""
-    data = read_data(path)
-    if data.get("kind") == KIND:
-        return ProbabilityCertificate.from_data(data)
-    return Certificate.from_data(data)
+    Raises:
+        InvalidParameter: An argument is out of its range.
+    """
+    require(runs >= 1, "runs", runs, "at least 1")
+    require(0 <= failures <= runs, "failures", failures, f"from 0 to {runs}")
+    require(0.0 < confidence < 1.0, "confidence", confidence, "above 0 and below 1")
+    if failures == 0:
+        return -math.expm1(math.log1p(-confidence) / runs)
+    if failures == runs:
+        return 1.0
+    # The tail falls with p, so the upper end of the bracket is never below the bound.
+    low, high = 0.0, 1.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        if binomial_tail(runs, failures, middle) > 1.0 - confidence:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
-def cache_key(scenario: Scenario) -> dict[str, Any]:
-    """Returns the key in the cache of the certificate in probability of a scenario."""
-    declared = replace(scenario, name="", description="", seed=0)
-    return {KIND: dump_scenario(declared), "files": fingerprint(scenario)["files"]}
+def binomial_tail(runs: int, most: int, p: float) -> float:
+    """Returns the probability of at most `most` failures in so many runs, 0 < p < 1."""
+    log_p, log_q, factorial = math.log(p), math.log1p(-p), math.lgamma(runs + 1)
+    return math.fsum(math.exp(
+        factorial - math.lgamma(i + 1) - math.lgamma(runs - i + 1) + i * log_p + (runs - i) * log_q)
+        for i in range(most + 1))
+
+
+def percent_above(p: float) -> str:
+    """Returns a probability in percent with three digits, rounded up: "at most" stays true."""
+    if p <= 0.0 or p >= 1.0:
+        return f"{100.0 * p:g} %"
+    digits = 2 - math.floor(math.log10(100.0 * p))
+    return f"{math.ceil(100.0 * p * 10.0**digits) / 10.0**digits:.3g} %"

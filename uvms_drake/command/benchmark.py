@@ -6,9 +6,9 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
+from uvms_drake.command.campaign import take_workers
 from uvms_drake.command.files import folder, take_quiet
 from uvms_drake.command.progress import Bar, stream_of
-from uvms_drake.command.workers import check_workers, pool_of, take_workers
 from uvms_drake.common.output import output_folder
 
 JSON_FILE, TABLE_FILE, CSV_FILE = "benchmark.json", "benchmark.md", "benchmark.csv"
@@ -48,39 +48,33 @@ def add_benchmark(commands: argparse._SubParsersAction) -> None:
 
 def run_benchmark(args: argparse.Namespace) -> int:
     """Computes the missing runs; writes tables, figures and data, and prints the tables."""
-    from uvms_drake.benchmark.benchmark import completed, default_names, runs_of
-    from uvms_drake.benchmark.figure import figure_name, write_figures
-    from uvms_drake.benchmark.overview import OVERVIEW, write_overview
-    from uvms_drake.benchmark.recorded import read_runs, write_runs
+    from uvms_drake.benchmark.benchmark import completed, read_record, runs_of, write_record
+    from uvms_drake.benchmark.cases import CASES, ROBOTS
+    from uvms_drake.benchmark.controllers import CONTROLLERS
+    from uvms_drake.benchmark.figures import OVERVIEW, figure_name, write_figures
     from uvms_drake.benchmark.table import format_benchmark, summarise
+    from uvms_drake.campaign.pool import make_pool
     from uvms_drake.common.jsonable import jsonable
 
-    check_workers(args)
-    pool = pool_of(args)
-    controllers, robots, cases = (given or known for given, known in zip(
-        (args.controllers, args.robots, args.cases), default_names(), strict=True))
-    runs = runs_of(controllers, robots, cases, args.runs, args.seed)
-    recorded = None if args.recorded is None else read_runs(args.recorded, **{
+    pool = make_pool(args.workers, args.scheduler)
+    robots = args.robots or list(ROBOTS)
+    runs = runs_of(args.controllers or list(CONTROLLERS), robots, args.cases or list(CASES),
+                   args.runs, args.seed)
+    recorded = None if args.recorded is None else read_record(args.recorded, **{
         key: getattr(args, key) for key in SELECTED if getattr(args, key)})
     own = (JSON_FILE, TABLE_FILE, CSV_FILE, OVERVIEW, *(figure_name(robot) for robot in robots))
-    try:
-        with output_folder(args.output, own) as output:
-            with closing(Bar("running", stream_of(args))) as progress:
-                results = recorded or completed(
-                    runs, args.output, pool, progress, finished=args.finished)
-            # Data, tables and figures of the results.
-            summary = summarise(results)
-            text = format_benchmark(summary)
-            (output.folder / JSON_FILE).write_text(json.dumps(
-                jsonable(summary), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-            (output.folder / TABLE_FILE).write_text(text + "\n", encoding="utf-8")
-            write_runs(results, output.folder / CSV_FILE)
-            write_figures(results, output.folder)
-            write_overview(summary, output.folder)
-    except KeyboardInterrupt:
-        print("\nuvms-drake: interrupted; the same command goes on with the missing runs",
-              file=sys.stderr)
-        return 130
+    with output_folder(args.output, own) as output:
+        with closing(Bar("running", stream_of(args))) as progress:
+            results = recorded or completed(
+                runs, args.output, pool, progress, finished=args.finished)
+        # Data, tables and figures of the results.
+        summary = summarise(results)
+        text = format_benchmark(summary)
+        (output.folder / JSON_FILE).write_text(json.dumps(
+            jsonable(summary), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        (output.folder / TABLE_FILE).write_text(text + "\n", encoding="utf-8")
+        write_record(results, output.folder / CSV_FILE)
+        write_figures(results, summary, output.folder)
     print(text)
     print(f"written to {args.output}: {', '.join(sorted(output.kept))}", file=sys.stderr)
     return 0

@@ -11,12 +11,12 @@ from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     write_certificate,
 )
+from uvms_drake.command.campaign import take_workers
+from uvms_drake.command.certificates import note
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.largest import find_largest, take_largest
 from uvms_drake.command.paper import certify_own
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
-from uvms_drake.command.run import note
-from uvms_drake.command.workers import take_workers
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -54,7 +54,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     """
     names = [CERTIFICATE_FILE]
     if args.runs is not None:
-        from uvms_drake.command.campaign.certify_runs import certify_by_runs
+        from uvms_drake.command.drawn_runs import certify_by_runs
 
         _require_default(args, ("largest", "within"), "with --runs")
         return certify_by_runs(args, names)
@@ -63,9 +63,9 @@ def certify_scenario(args: argparse.Namespace) -> int:
         _require_default(args, ("output", "full"), "with --largest")
         return find_largest(args)
     _require_default(args, ("within",), "without --largest")
-    from uvms_drake.certificate.certify import certified_once, check_inputs
-    from uvms_drake.certificate.overview import force_bounds, format_overview
-    from uvms_drake.certificate.table import format_certificate
+    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.certificate.text import format_overview
+    from uvms_drake.station.problem import check_inputs
 
     # Bad input of any kind is refused before anything is computed.
     scenario = load_scenario(args.scenario, args.overrides)
@@ -83,11 +83,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
             seconds = time.perf_counter() - started
         write_certificate(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
-    force = force_bounds(
-        certificate, scenario.contact.force_limit(scenario.limits), scenario.task.force)
-    print(format_overview(certificate, force, seconds))
-    print(f"\n{format_certificate(certificate)}" if args.full else
-          "everything: --full")
+    print(format_overview(certificate, scenario, seconds))
+    print(f"\n{certificate}" if args.full else "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     return 0 if certificate.certified else 1
 

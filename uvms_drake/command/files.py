@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.in_probability import AnyCertificate
+from uvms_drake.certificate.certificate import AnyCertificate, Certificate
+from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.common.errors import InvalidParameter, shortened
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 
@@ -92,6 +92,25 @@ def write_data(record: Record, folder: Path, certificate: AnyCertificate | None 
     text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
     return summary
+
+
+def failures_in_words(record: Record, certificate: AnyCertificate | None, summary: dict[str, Any]
+                      ) -> list[str]:
+    """Returns the ways in which a run failed, of `broken`.
+
+    One of the declared distribution of a certificate in probability fails as the certificate's own
+    would.
+    """
+    from uvms_drake.report.summary import NAMED, broken
+
+    failed, claim = broken(summary), summary["in_probability"]
+    if isinstance(certificate, ProbabilityCertificate) and not claim["outside"]:
+        from uvms_drake.campaign.failures import failures_of
+        from uvms_drake.campaign.run import outcome
+
+        result = {"error": None, **outcome(record)}
+        failed += [f"it {FAILURES[kind]}" for kind in failures_of(result) if kind not in NAMED]
+    return failed
 
 
 def write_pictures(record: Record, certificate: AnyCertificate | None, folder: Path, *,

@@ -1,4 +1,4 @@
-"""The sub-commands `keys` and `scenarios`: list the keys of a scenario, and shipped scenarios."""
+"""The sub-command `keys`: lists the keys of a scenario, or the signals of a run."""
 
 import argparse
 import re
@@ -9,8 +9,7 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import field_docs, field_types, structs_of
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.station.scenario.scenario_file import shipped_scenarios
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.signals import format_signals
 
 
@@ -65,23 +64,3 @@ def _shown(value: object) -> str:
         return str(value.tolist())
     words = {None: "null", True: "true", False: "false"}
     return words[value] if value is None or isinstance(value, bool) else str(value)
-
-
-def add_scenarios(commands: argparse._SubParsersAction) -> None:
-    """Adds the sub-command to the parser."""
-    scenarios = commands.add_parser(
-        "scenarios", help="list the shipped scenarios with their law", allow_abbrev=False)
-    scenarios.set_defaults(command=list_scenarios)
-
-
-def list_scenarios(args: argparse.Namespace) -> int:
-    """Prints the shipped scenarios: a line each with law and description."""
-    del args
-    rows = [("scenario", "law", "description")]
-    for name in shipped_scenarios():
-        scenario = load_scenario(name)
-        rows.append((name, scenario.law, " ".join(scenario.description.split())))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("  ".join(f"{x:<{w}}" for x, w in zip(row, widths, strict=True)).rstrip())
-    return 0

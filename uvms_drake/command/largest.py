@@ -109,11 +109,11 @@ def find_largest(args: argparse.Namespace) -> int:
 
 def _verdict(args: argparse.Namespace, override: str) -> tuple[bool, str]:
     """Returns whether a scenario certifies with one more override, and the verdict in words."""
-    from uvms_drake.certificate.certify import certified_once, check_inputs
-    from uvms_drake.certificate.table import verdict
+    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.station.problem import check_inputs
 
     scenario = load_scenario(args.scenario, [*args.overrides, override])
     with (reported_in(scenario_source(args.scenario)),
           closing(Bar(f"certifying {override}", stream_of(args), is_steady=False)) as progress):
         certificate = certified_once(scenario, progress, check_inputs(scenario))
-    return certificate.certified, verdict(certificate)
+    return certificate.certified, certificate.verdict

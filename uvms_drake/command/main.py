@@ -16,15 +16,15 @@ from typing import NoReturn
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from uvms_drake.command.benchmark import add_benchmark
-from uvms_drake.command.campaign.options import add_campaign
+from uvms_drake.command.campaign import add_campaign
 from uvms_drake.command.certify import add_certify
 from uvms_drake.command.compare import add_compare
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.command.keys import add_keys, add_scenarios
+from uvms_drake.command.keys import add_keys
 from uvms_drake.command.paper import add_errata
 from uvms_drake.command.robot import add_robot
 from uvms_drake.command.run import add_plot, add_run
-from uvms_drake.command.scenario import add_scenario
+from uvms_drake.command.scenario import add_scenario, add_scenarios
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.common.program import VERSION

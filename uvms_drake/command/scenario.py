@@ -1,19 +1,26 @@
-"""The sub-command `scenario`: writes a new scenario for a robot, or checks one."""
+"""The sub-commands `scenario`, that writes a new scenario or checks one, and `scenarios`."""
 
 import argparse
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from uvms_drake.command.files import folder, new_at
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.common.errors import require
+from uvms_drake.common.schema import read_yaml
+from uvms_drake.common.wiring import release
 from uvms_drake.model.description.robot_folder import shipped_robots
-
-if TYPE_CHECKING:
-    from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario, remarks
+from uvms_drake.station.scenario.scenario_file import (
+    base_of,
+    not_inherited,
+    reported_in,
+    scenario_path,
+    shipped_scenarios,
+)
 
 
 def add_scenario(commands: argparse._SubParsersAction) -> None:
@@ -43,19 +50,7 @@ def new_or_checked(args: argparse.Namespace) -> int:
 
 def check_scenario(file: str) -> int:
     """Prints each difference of a scenario from its base; raises if it cannot be simulated."""
-    from uvms_drake.certificate.certify import check_inputs
-    from uvms_drake.common.schema import read_yaml
-    from uvms_drake.common.wiring import release
     from uvms_drake.report.compare import differing_keys
-    from uvms_drake.station.diagram import make_station
-    from uvms_drake.station.scenario.scenario import load_scenario, remarks
-    from uvms_drake.station.scenario.scenario_file import (
-        base_of,
-        not_inherited,
-        reported_in,
-        scenario_path,
-    )
-    from uvms_drake.station.step_size import with_step
 
     # Keys that a tag has replaced come first: they explain many a refusal below.
     path = scenario_path(file)
@@ -66,8 +61,7 @@ def check_scenario(file: str) -> int:
               f"absent: {', '.join(lost) or 'nothing'}")
     scenario = load_scenario(file)
     with reported_in(path.name):
-        known = check_inputs(scenario)
-        release(make_station(with_step(scenario, known), model=known))
+        require_runnable(scenario)
     if (base := base_of(read_yaml(path), path)) is not None:
         for key, (before, now) in differing_keys([load_scenario(str(base)), scenario]).items():
             print(f"{key}: {now} (base: {before})")
@@ -77,15 +71,23 @@ def check_scenario(file: str) -> int:
     return 0
 
 
-def place_words(scenario: "Scenario") -> list[str]:
-    """Returns a line for each approach and slide of a mission: its lengths by compass direction."""
-    from uvms_drake.station.contact.bounds import sensed_contact
+def require_runnable(scenario: Scenario) -> None:
+    """Raises the error of the first value with which a run would be refused."""
+    from uvms_drake.station.diagram import make_station
+    from uvms_drake.station.problem import check_inputs
+    from uvms_drake.station.step_size import with_step
 
+    known = check_inputs(scenario)
+    release(make_station(with_step(scenario, known), model=known))
+
+
+def place_words(scenario: Scenario) -> list[str]:
+    """Returns a line for each approach and slide of a mission: its lengths by compass direction."""
     lines = []
     for i, step in enumerate(scenario.mission.steps):
         for key in ("at", "along"):
             lengths = getattr(step, key, None)
-            if lengths is not None:
+            if lengths is not None and np.any(lengths):
                 offset = np.asarray(lengths, dtype=float) @ sensed_contact(scenario).walls.axes[1:]
                 lines.append(f"mission.steps[{i}], {type(step).__name__}.{key}: {compass(offset)}")
     return lines
@@ -101,14 +103,8 @@ def compass(offset: np.ndarray) -> str:
 
 def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall, and which a run takes."""
-    from uvms_drake.certificate.certify import check_inputs
-    from uvms_drake.common.wiring import release
     from uvms_drake.plant.robot_loading import sound_robot
     from uvms_drake.setup.first_scenario import first_scenario, format_first_scenario
-    from uvms_drake.station.diagram import make_station
-    from uvms_drake.station.scenario.scenario import load_scenario
-    from uvms_drake.station.scenario.scenario_file import reported_in
-    from uvms_drake.station.step_size import with_step
 
     file: Path = args.new
     require(file.suffix == ".yaml" and not file.exists(), "--new", str(file),
@@ -127,13 +123,31 @@ def new_scenario(args: argparse.Namespace) -> int:
     # A scenario that `run` would refuse is refused here, and leaves no file.
     try:
         with reported_in(f"the scenario made for {robot.name}"):
-            scenario = load_scenario(str(file))
-            known = check_inputs(scenario)
-            release(make_station(with_step(scenario, known), model=known))
+            require_runnable(load_scenario(str(file)))
     except BaseException:
         file.unlink()
         for path in above:
             path.rmdir()
         raise
     print(f"written to {file}; '{PROGRAM} certify {file}' says whether it holds")
+    return 0
+
+
+def add_scenarios(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    scenarios = commands.add_parser(
+        "scenarios", help="list the shipped scenarios with their law", allow_abbrev=False)
+    scenarios.set_defaults(command=list_scenarios)
+
+
+def list_scenarios(args: argparse.Namespace) -> int:
+    """Prints the shipped scenarios: a line each with law and description."""
+    del args
+    rows = [("scenario", "law", "description")]
+    for name in shipped_scenarios():
+        scenario = load_scenario(name)
+        rows.append((name, scenario.law, " ".join(scenario.description.split())))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(f"{x:<{w}}" for x, w in zip(row, widths, strict=True)).rstrip())
     return 0

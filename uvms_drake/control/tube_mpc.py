@@ -60,7 +60,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         - report
         - solve_seconds
         - desired_force (with targets or a press control)
-        - target, turn, safe_depth, ... (with a press control)
+        - target, safe_depth, ... (with a press control)
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `force_measured`: 𝔉_s (6) [N, N m], see `AncillaryFeedback`.

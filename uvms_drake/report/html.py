@@ -6,23 +6,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from uvms_drake.certificate.certificate import CERTIFICATE_FILE, read_certificate
-from uvms_drake.certificate.in_probability import (
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
     AnyCertificate,
-    ProbabilityCertificate,
-    read_any_certificate,
+    Certificate,
+    probability_fingerprint,
+    read_certificate,
 )
-from uvms_drake.certificate.overview import force_bounds, format_overview
-from uvms_drake.certificate.probability_table import format_probability
-from uvms_drake.certificate.table import format_certificate, scope, verdict
+from uvms_drake.certificate.in_probability import ProbabilityCertificate
+from uvms_drake.certificate.text import format_overview, format_probability, scope
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.contact_figures import ESTIMATE
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import SCENARIO_FILE, Record, load_record, unusable_folder
-from uvms_drake.station.scenario.scenario import dump_scenario
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
 PAGE_STYLE = """
 :root { color-scheme: light; --ink: #1a1a1a; --soft: #5a5f66; --rule: #d5d9de; --blue: #0072b2; }
@@ -93,13 +91,15 @@ def load_run(folder: Path) -> tuple[Record, AnyCertificate | None]:
     record, path = load_record(folder), folder / CERTIFICATE_FILE
     if not record.certified:
         found = _in_probability(path)
-        fits = found is not None and found.inputs == found.inputs_of(record.scenario)["inputs"]
+        fits = found is not None and (
+            found.inputs == probability_fingerprint(record.scenario)["inputs"])
         return record, found if fits else None
     if not path.is_file():
         raise unusable_folder(folder, f"its {CERTIFICATE_FILE} is missing")
     certificate = read_certificate(path)
     scenario = record.scenario
-    if dump_scenario(certificate.applied_to(scenario)) != dump_scenario(scenario):
+    if not isinstance(certificate, Certificate) or (
+            dump_scenario(certificate.applied_to(scenario)) != dump_scenario(scenario)):
         raise unusable_folder(folder, f"its {CERTIFICATE_FILE} was made for another run")
     return record, certificate
 
@@ -107,7 +107,7 @@ def load_run(folder: Path) -> tuple[Record, AnyCertificate | None]:
 def _in_probability(path: Path) -> ProbabilityCertificate | None:
     """Returns the certificate of a file if it is one in probability."""
     try:
-        certificate = read_any_certificate(path)
+        certificate = read_certificate(path)
     except RunFailed:  # Missing or another's: the run has none.
         return None
     return certificate if isinstance(certificate, ProbabilityCertificate) else None
@@ -138,8 +138,7 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
         f'<div class="figures">{"".join(drawn.values())}</div>' if drawn
         else "<p>Made without figures.</p>",
         "<h2>Certificate</h2>",
-        _certificate(certificate, scenario.contact.force_limit(scenario.limits),
-                     scenario.task.force),
+        _certificate(certificate, scenario),
         "<h2>Scenario</h2>",
         "<details><summary>Every value, with the defaults filled in "
         f"({SCENARIO_FILE})</summary><pre>{html.escape(dump_scenario(scenario))}</pre></details>",
@@ -152,17 +151,15 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
             + "\n".join(parts) + "\n</body>\n</html>\n")
 
 
-def _certificate(certificate: AnyCertificate | None, force_limit: float | None, force: np.ndarray
-                 ) -> str:
-    """Returns the section of the certificate, of either kind, with bounds of the desired force."""
+def _certificate(certificate: AnyCertificate | None, scenario: Scenario) -> str:
+    """Returns the section of the certificate of a scenario, of either kind."""
     if certificate is None:
         return "<p>Run without a certificate, with the tube that the scenario declares.</p>"
     if isinstance(certificate, ProbabilityCertificate):
         return f"<pre>{html.escape(format_probability(certificate))}</pre>"
-    bounds = force_bounds(certificate, force_limit, force)
-    return (f"<pre>{html.escape(format_overview(certificate, bounds))}</pre>"
+    return (f"<pre>{html.escape(format_overview(certificate, scenario))}</pre>"
             "<details><summary>Everything: constants, conditions, tube, budget, estimates</summary>"
-            f"<pre>{html.escape(format_certificate(certificate))}</pre></details>")
+            f"<pre>{html.escape(str(certificate))}</pre></details>")
 
 
 def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any], failed: Sequence[str]
@@ -180,7 +177,7 @@ def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any], failed
     finally_ = f" {sentence[:1].upper()}{sentence[1:]}." if sentence else ""
     return (f'<p class="verdict{"" if certificate.certified else " no"}">'
             f"{'<br>'.join(map(html.escape, scope(certificate)))}<br>"
-            f"{html.escape(verdict(certificate)[:1].upper() + verdict(certificate)[1:])}."
+            f"{html.escape(certificate.verdict[:1].upper() + certificate.verdict[1:])}."
             f"{finally_}</p>")
 
 

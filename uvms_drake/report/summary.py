@@ -1,6 +1,7 @@
 """The summary of a run: its figures of merit and its claim as data, and as a table."""
 
 import platform
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
@@ -8,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
-from uvms_drake.certificate.in_probability import AnyCertificate, ProbabilityCertificate
+from uvms_drake.certificate.certificate import AnyCertificate
+from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
@@ -84,6 +86,28 @@ def broken(summary: dict[str, Any]) -> list[str]:
 def violated_limits(summary: dict[str, Any]) -> list[str]:
     """Returns the limits that a run has violated."""
     return [name for name, row in summary["constraints"].items() if not row["margin"] >= 0.0]
+
+
+def verdict_of(summary: dict[str, Any], failed: Sequence[str]) -> tuple[bool, str]:
+    """Returns whether a run kept all guarantees and limits, and the lines that say it.
+
+    Args:
+        summary: Of the run.
+        failed: The ways in which it failed, as `broken`.
+    """
+    certified, claim = summary["tube"]["certified"], summary["in_probability"]
+    if claim is not None:
+        own = (f"this run FAILED: {', '.join(failed)}" if failed else
+               "this run did not fail: tube and all limits kept")
+        outside = claim["outside"]
+        return not (failed or outside), f"{own}\n{'; '.join(outside) or claim['verdict']}"
+    if failed:
+        return False, (f"{'GUARANTEES BROKEN' if certified else 'LIMITS VIOLATED'}: "
+                       f"{', '.join(failed)}")
+    if certified and (out := summary["contact"].get("out_of_class")):
+        return False, ("NO GUARANTEE for this wall: the certificate is for walls of the class that "
+                       f"`contact` declares, and it was not of it ({', '.join(out)})")
+    return True, "all guarantees kept" if certified else "all limits kept, without a certificate"
 
 
 def headline(summary: dict[str, Any]) -> str:

@@ -6,7 +6,6 @@ from numbers import Real
 
 import numpy as np
 
-from uvms_drake.certificate.certify import check_inputs
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.program import FOLDER
@@ -20,7 +19,7 @@ from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.robot_loading import sound_robot
 from uvms_drake.setup.first_scenario import Choices, first_scenario, format_first_scenario
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import check_inputs, load_model
 from uvms_drake.station.scenario.contact import Contact
 from uvms_drake.station.scenario.scenario import Scenario, typed_scenario
 from uvms_drake.station.scenario.scenario_file import with_base

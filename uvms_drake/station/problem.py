@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.contact.contact_state import initial_contact_state, updated_contact_state
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
-from uvms_drake.control.limits import Limit, make_limits, tighten
+from uvms_drake.control.limits import Limit, TubeRadii, check_limits, make_limits, tighten
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.limits.pose import ANGLES
@@ -125,7 +126,7 @@ def make_tracking_ocp(scenario: Scenario, model: ContactModel) -> TrackingOcp:
               for name, limit in limits.items()}
     with within("mpc"):
         return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
-                           contact.walls.facets, turn=contact.turn)
+                           contact.walls.facets)
 
 
 def first_problem(scenario: Scenario, ocp: DynamicOcp, start: np.ndarray) -> DynamicOcp:
@@ -213,3 +214,23 @@ def _check_pose(limits: dict[str, Limit], at: Points,
     of_pose = [limit for limit in limits.values() if limit.about == "pose"]
     for limit in sorted(of_pose, key=lambda limit: list(owners).index(limit.owner)):
         require(bool(np.all(limit.excess(at) <= 0.0)), *owners[limit.owner], limit.complaint(at))
+
+
+def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
+    """Returns the controller's model, if the scenario would have a meaning without any tube.
+
+    Args:
+        scenario: The scenario.
+        model: The model, if it is loaded already.
+
+    Raises:
+        InvalidParameter: It would not.
+    """
+    model = model or load_model(scenario)
+    check_values(scenario)
+    check_limits(scenario.limits, model.num_joints)
+    disturbance_weights(scenario, model)
+    none = np.zeros(model.size)
+    without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
+    start_state(without_tube, make_ocp(without_tube, model))
+    return model

@@ -75,7 +75,6 @@ SIGNALS: dict[str, Signal] = {
     "force_filtered": Signal(WRENCH, "Σ_I", "tangential filter: input of the law"),
     "penetration": Signal((("", "m"),), "", "plant: depth of the end-effector in the surface"),
     "target": Signal(POSITION, "Σ_I", "press target: desired position of the end-effector"),
-    "turn": Signal((("", "rad"),), "", "wall normal: turn of the end-effector about the vertical"),
     "safe_depth": Signal((("", "m"),), "", "contact estimator: largest admissible depth"),
     "contact_depth": Signal((("", "m"),), "", "contact estimator: depth of the undeformed wall"),
     "stiffness_estimate": Signal((("", "N/m"),), "", "stiffness estimate: mean of the filter"),

@@ -188,9 +188,9 @@ def sent_input(model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
 def _goal(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
     """Returns the pose χ_des (6,) that the end-effector was to have at the end.
 
-    In a sensed contact it is the last target, in the attitude of the task, turned as desired.
+    In a sensed contact it is the last target, in the attitude of the task.
     """
     pose = model.surface.pose_for(logs["desired_force"][-1], scenario.task.pose)
     if "target" not in logs:
         return pose
-    return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + logs["turn"][-1]])
+    return np.concatenate([logs["target"][-1], pose[3:]])

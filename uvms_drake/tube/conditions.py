@@ -1,7 +1,10 @@
 """Conditions of a certificate: inequalities between two numbers, and assumptions."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 Relation = Literal["<", "<=", ">", ">="]
 Kind = Literal["bound", "tightening", "assumption"]
@@ -23,11 +26,11 @@ class Condition:
     """`bound`, two numbers; `tightening`, the part of a limit that the tube takes; `assumption`,
     yes or no: `left` is 0 where it is kept, else the number or size of its violations."""
     topic: str = field(default="", kw_only=True)
-    """Key of its advice in words, `certificate.table.HELP`; empty if there is none."""
+    """Key of its advice in words, `certificate.text.HELP`; empty if there is none."""
     about: str = field(default="", kw_only=True)
     """Key of an assumption or step of a mission, or label of a limit's value."""
-    obstacle: str = field(default="", kw_only=True)
-    """Reason why no setting helps, and the needs of the vehicle; empty if there is none."""
+    proven: bool = field(default=False, kw_only=True)
+    """Whether `left` of a tightening is proven, not estimated."""
 
     @property
     def holds(self) -> bool:
@@ -65,3 +68,18 @@ def assumption(about: str, reason: str, broken: float = 1.0, *, topic: str = "",
     """
     return Condition(f"{about}, {reason}" if reason else about, float(broken), "<=", 0.0, advice,
                      theorem=theorem, kind="assumption", topic=topic or about, about=about)
+
+
+def setting(**values: float | np.ndarray) -> str:
+    """Returns an advice for the command line; two underscores stand for a dot."""
+    return " ".join(
+        f"--set {key.replace('__', '.')}="
+        + (f"{value:.6g}" if np.ndim(value) == 0 else
+           "[" + ",".join(f"{each:.6g}" for each in np.asarray(value)) + "]")
+        for key, value in values.items())
+
+
+def rounded_up(value: float, digits: int = 3) -> float:
+    """Returns a positive number rounded up to significant digits."""
+    step = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return float(f"{math.ceil(value / step - 1e-9) * step:.{digits}g}")

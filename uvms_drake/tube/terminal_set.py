@@ -72,8 +72,7 @@ class TerminalLoop:
     """The nominal system about its equilibrium, under a terminal controller, valued by a P.
 
     Args:
-        ocp: The problem; those that it is `turned` to are checked, too.
-        axes: T, if the problem is one of these: states are T ξ of it.
+        ocp: The problem.
     """
 
     closed: np.ndarray
@@ -85,10 +84,8 @@ class TerminalLoop:
     names: tuple[str, ...]
     """Names of the conditions on the nonlinear map, in the order of `margins`."""
 
-    def __init__(self, ocp: Ocp, axes: np.ndarray | None = None):
+    def __init__(self, ocp: Ocp):
         self.ocp, size = ocp, ocp.state_size
-        self._axes = np.eye(size) if axes is None else axes
-        self._others = [TerminalLoop(other, T) for T, other in ocp.turned()]
         self.P, self.gain = ocp.terminal.P, ocp.terminal.gain
         least = float(np.linalg.eigvalsh(self.P)[0])
         require(least > 0.0, "smallest eigenvalue of P", least, "positive: F is unbounded else")
@@ -108,13 +105,12 @@ class TerminalLoop:
               for i in range(len(limit.labels))),
             *((limit, False, i) for limit in self.sampled for i in range(len(limit.labels)))]
         step = 1j * COMPLEX_STEP * np.eye(size + ocp.model.size)
-        after, w, begin, end = ocp.move(step[:, :size] @ self._axes, step[:, size:])
-        moved = (item.imag.T / COMPLEX_STEP for item in (after @ self._axes.T, w, np.concatenate(
+        after, w, begin, end = ocp.move(step[:, :size], step[:, size:])
+        moved = (item.imag.T / COMPLEX_STEP for item in (after, w, np.concatenate(
             [self._limited("values", begin, end), ocp.reached(begin)[0]], axis=-1)))
         (A, B), (C, D), (E, F) = (np.split(item, [size], axis=1) for item in moved)
         self.closed, self.input_rows, self.rows = (
             by_xi + by_decision @ self.gain for by_xi, by_decision in ((A, B), (C, D), (E, F)))
-        self.rows = np.concatenate([self.rows, *(other.rows for other in self._others)])
 
     def _limited(self, method: str, begin: Points, end: Points) -> np.ndarray:
         """Returns `values` or `used` of the limits that have no closed form (..., their number)."""
@@ -124,22 +120,16 @@ class TerminalLoop:
             *(getattr(limit, method)(begin) for limit in self.sampled)], axis=-1)
 
     def margins(self, xi: np.ndarray) -> np.ndarray:
-        """Returns the margins (..., number of names) of the conditions at ξ (..., size) ≠ 0.
-
-        Of all references that the problem is `turned` to it is the worst.
-        """
-        after, w, begin, end = self.ocp.move(xi @ self._axes, xi @ self.gain.T)
+        """Returns the margins (..., number of names) of the conditions at ξ (..., size) ≠ 0."""
+        after, w, begin, end = self.ocp.move(xi, xi @ self.gain.T)
         worst = np.concatenate([
             self._decrease(xi, after, w)[..., None], 1.0 - self._limited("used", begin, end),
             self._near(xi, begin)], axis=-1)
-        for other in self._others:
-            margins = other.margins(xi)
-            worst = np.where(margins.real < worst.real, margins, worst)
         return worst
 
     def margin(self, xi: np.ndarray, column: int) -> np.ndarray:
         """Returns one column (...) of `margins`; no other limit is evaluated."""
-        after, w, begin, end = self.ocp.move(xi @ self._axes, xi @ self.gain.T)
+        after, w, begin, end = self.ocp.move(xi, xi @ self.gain.T)
         worst: np.ndarray
         if column == 0:
             worst = self._decrease(xi, after, w)
@@ -148,16 +138,13 @@ class TerminalLoop:
             worst = 1.0 - limit.used(end if at_end else begin)[..., i]
         else:
             worst = self._near(xi, begin)[..., column - 1 - len(self._columns)]
-        for other in self._others:
-            margin = other.margin(xi, column)
-            worst = np.where(margin.real < worst.real, margin, worst)
         return worst
 
     def _decrease(self, xi: np.ndarray, after: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Returns (V − V⁺)/ℓ − 1 (...) of a step from ξ to ξ⁺ = `after` with the input w."""
         ocp = self.ocp
         stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))
-        fall: np.ndarray = _square(xi, self.P) - _square(after @ self._axes.T, self.P)
+        fall: np.ndarray = _square(xi, self.P) - _square(after, self.P)
         return fall / stage - 1.0
 
     def _near(self, xi: np.ndarray, begin: Points) -> np.ndarray:
@@ -188,11 +175,7 @@ class TerminalLoop:
             distances = np.minimum(limit.upper - values, values - limit.lower)
             for part, form, free, half in zip(
                     limit.labels, forms, distances, limit.half, strict=True):
-                out[part] = (free, self._reach(
-                    form.through(self.ocp.state_rows()) @ self._axes.T), half)
-        for other in self._others:
-            for part, less in other.closed_form_limits().items():
-                out[part] = min(out[part], less, key=lambda each: each[0] / max(each[1], 1e-12))
+                out[part] = (free, self._reach(form.through(self.ocp.state_rows())), half)
         return out
 
     def _reach(self, A: np.ndarray) -> float:

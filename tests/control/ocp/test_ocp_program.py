@@ -32,15 +32,12 @@ def test_costs_and_limits_have_the_derivatives_of_differences(short_ocp, start_p
     assert check_derivatives(program, scattered(program, 1e-3)) > 20
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.2])
-def test_those_of_a_reference_that_is_decided_too(turn):
-    """By where it is and, if it may turn, by its yaw, which takes the terminal penalty along."""
-    ocp = tracking_ocp(overrides=("mpc.horizon=3",), turn=turn).aimed(
-        TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12, 0.5 * turn))
+def test_those_of_a_reference_that_is_decided_too():
+    ocp = tracking_ocp(overrides=("mpc.horizon=3",)).aimed(
+        TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12))
     program = ocp.mathematical_program(at_rest(ocp, POSITION - [0.1, 0.0, 0.0]))
     assert check_derivatives(program, scattered(program)) > 10
-    assert len(program.a) == (4 if turn else 3)
-    assert ("terminal_cost" in names(program.quadratic_costs())) == (not turn)
+    assert len(program.a) == 3
 
 
 def test_variables_and_bindings_are_named_by_stage_and_limit(short_ocp, start_plans):

@@ -43,8 +43,8 @@ import pytest
 from support.laws import PAPER
 
 from uvms_drake.actuation.joint_brake import StuckJoint
+from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.certificate.certificate import fingerprint
-from uvms_drake.certificate.certify import assumed_conditions
 from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError

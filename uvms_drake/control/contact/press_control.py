@@ -8,11 +8,10 @@ from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.press_target import PressTarget, search_speed, touch_to_plan
-from uvms_drake.control.contact.wall_normal import WallNormal
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.plan_extent import PlanExtent
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.tracking_ocp import TURNED_FREELY, TrackingOcp
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
@@ -25,7 +24,7 @@ class PressControl:
         desired_force ─▶ desired_force ─▶ press_target ◀─ place, deepest
                                   ▲ contact state  │ target
                                   │                ▼
-        force_valid ──────▶ contact_estimator ──▶ nominal_mpc ◀─ turn, of wall_normal
+        force_valid ──────▶ contact_estimator ──▶ nominal_mpc
                                   ▲   safe_depth
                                 state
 
@@ -42,8 +41,6 @@ class PressControl:
 
     - `desired_force`: desired force, clipped by `DesiredForce` (6) [N, N m].
     - `target`: target of the end-effector (3) in Σ_I [m].
-    - `turn`: desired turn of the reference about the vertical, after the wall's normal (1) [rad];
-      zero without `ocp.turn`.
     - `safe_depth`, `touched`, `stiffness_estimate`, `stiffness_std`, `stiffness_used`,
       `contact_depth`, `force_lost`: see `ContactEstimator`.
     """
@@ -61,7 +58,7 @@ class PressControl:
 
     def add_to(self, builder: DiagramBuilder, ocp: DynamicOcp, state: OutputPort,
                committed: int) -> "PressSystems":
-        """Adds contact estimator, wall normal, desired force and press target.
+        """Adds contact estimator, desired force and press target.
 
         Args:
             builder: Builder of the controller.
@@ -73,15 +70,13 @@ class PressControl:
         walls, sensing = self.walls, self.sensing
         estimator = ContactEstimator.AddToBuilder(
             builder, ocp.model, walls, sensing.watched, margin=self.margin, state=state)
-        normal = WallNormal.AddToBuilder(
-            builder, estimator, walls, TURNED_FREELY * ocp.turn, sensing.period)
         desired = DesiredForce.AddToBuilder(builder, walls.direction, self.force, self.largest)
         search_lead = ocp.following_lag(committed) * search_speed(
             1.0, walls.stiffness, touch_to_plan(ocp.time_step, committed, sensing))
         press = PressTarget.AddToBuilder(
             builder, estimator, walls.direction, ocp.y_des[:3],
             desired_force=desired.GetOutputPort("along"), search_lead=search_lead)
-        return PressSystems(ocp, walls, estimator, normal, desired, press)
+        return PressSystems(ocp, walls, estimator, desired, press)
 
 
 @dataclass(frozen=True)
@@ -91,14 +86,12 @@ class PressSystems:
     ocp: TrackingOcp
     walls: SurfaceClass
     estimator: ContactEstimator
-    normal: WallNormal
     desired: DesiredForce
     press: PressTarget
 
     def connect(self, builder: DiagramBuilder, mpc: NominalMpc) -> None:
         """Connects them with the planner, whose extent keeps the safe region from shrinking."""
         for source, port in ((self.press.get_output_port(), "target"),
-                             (self.normal.get_output_port(), "turn"),
                              (self.estimator.GetOutputPort("facet_depths"), "safe_depth")):
             if port in self.ocp.inputs_given:
                 builder.Connect(source, mpc.GetInputPort(port))
@@ -109,13 +102,12 @@ class PressSystems:
     def export(self, builder: DiagramBuilder) -> None:
         """Exports their ports, by their names."""
         builder.ExportInput(self.estimator.GetInputPort("force_measured"), "force_valid")
-        builder.ConnectInput("force_valid", self.normal.GetInputPort("force_measured"))
         builder.ExportInput(self.desired.GetInputPort("desired_force"), "desired_force")
         for name in ("place", "deepest"):
             builder.ExportInput(self.press.GetInputPort(name), name)
         builder.ExportOutput(self.desired.GetOutputPort("accepted_force"), "desired_force")
         for system, names in (
-            (self.press, ("target",)), (self.normal, ("turn",)),
+            (self.press, ("target",)),
             (self.estimator, ("safe_depth", "touched", "stiffness_estimate", "stiffness_std",
                               "stiffness_used", "contact_depth", "force_lost")),
         ):

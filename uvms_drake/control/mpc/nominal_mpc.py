@@ -78,7 +78,6 @@ class NominalMpc(LeafSystem):
         - desired_force (optional, with targets)
         - target (optional, with a TrackingOcp)
         - safe_depth (optional, with a TrackingOcp)
-        - turn (optional, with a TrackingOcp that may turn)
         output_ports:
         - nominal_state
         - nominal_acceleration (with a DynamicOcp)
@@ -98,7 +97,7 @@ class NominalMpc(LeafSystem):
     - `plan`: current `Plan` (abstract).
     - `report`: see `MPC_REPORT`.
     - `solve_seconds`: time of the last step by the clock of `time_by` [s]; not reproducible.
-    - `target` (3), `safe_depth` (one for each facet), `turn` (1): `TrackingTarget` [m, rad]; see
+    - `target` (3), `safe_depth` (one for each facet): `TrackingTarget` [m]; see
       `TrackingOcp` for the assumptions of feasibility.
     - `desired_force`, `accepted_force`: requested and accepted 𝔉_des (6) [N, N m].
 

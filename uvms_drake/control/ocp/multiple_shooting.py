@@ -182,11 +182,6 @@ class Stages(Generic[P]):
         value, by_xi, by_a = self.ocp.terminal_vector(self.plan(x), x[self.places["y"]])
         return value, np.concatenate([by_xi, by_a], axis=1)
 
-    def terminal_cost(self, end: np.ndarray) -> Values:
-        """Returns ‖ξ_N‖²_P."""
-        value, slopes = self.terminal_vector(end)
-        return np.array([value @ value]), 2.0 * value[None] @ slopes
-
     def offset_cost(self, a: np.ndarray) -> Values:
         """Returns the offset cost."""
         value, gradient = self.ocp.offset_cost(self._moved_to(a))
@@ -204,12 +199,3 @@ class Stages(Generic[P]):
         """Returns the guess with another reference."""
         fields: dict[str, Any] = {"a": a} if len(a) else {}
         return replace(self.guess, **fields)
-
-    def terminal_set(self, i: int, values: np.ndarray) -> Values:
-        """Returns ‖ξ_N‖²_P − (r + s)² and −(r + s), of one of the radii r, by `end` and s."""
-        value, slopes = self.terminal_vector(values[:-1])
-        radii, rows = self.radii(values[len(values) - 1 - len(self.a): -1])
-        size, by_size = radii[i] + values[-1], np.zeros(len(values))
-        by_size[len(values) - 1 - len(self.a): -1], by_size[-1] = rows[i], 1.0
-        by_all = np.append(2.0 * value @ slopes, 0.0) - 2.0 * size * by_size
-        return np.array([value @ value - size**2, -size]), np.array([by_all, -by_size])

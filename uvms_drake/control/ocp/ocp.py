@@ -174,8 +174,6 @@ class Ocp(ABC, Generic[P]):
     """Largest violation of a sound plan."""
     moved: np.ndarray = np.empty(0, dtype=int)
     """Components of y_des by which a plan moves its reference, by a (m,)."""
-    turn: float = 0.0
-    """Largest turn of the reference about the vertical [rad]."""
     terminal_penalty: ClassVar[float] = TERMINAL_PENALTY
     task_cost: TaskCost
     terminal: Terminal
@@ -372,17 +370,6 @@ class Ocp(ABC, Generic[P]):
         """Returns the radius of the terminal set that a plan has to end in."""
         return self.terminal.radius
 
-    def terminal_axes(self, plan: P) -> np.ndarray:
-        """Returns the orthogonal T such that P, 𝔎 and F are those of T ξ."""
-        return np.eye(len(self.terminal.P))
-
-    def turned(self) -> "tuple[tuple[np.ndarray, Self], ...]":
-        """Returns turned problems with their T, for which the terminal set has to hold as well.
-
-        T ξ has the motion and the cost of ξ here; limits and the values of `reached` may differ.
-        """
-        return ()
-
     def stage_cost(self, plan: P) -> TaskCost:
         """Returns the task's cost of a plan."""
         return self.task_cost
@@ -403,7 +390,7 @@ class Ocp(ABC, Generic[P]):
             plan: The plan.
             y: ȳ at the knots, unwrapped.
         """
-        root = self.terminal.root @ self.terminal_axes(plan)
+        root = self.terminal.root
         return root @ self.errors(plan, y)[-1], root, -root[:, self.moved]
 
     def mathematical_program(self, start: np.ndarray, time: float = 0.0) -> OcpProgram[P]:
@@ -424,8 +411,7 @@ class Ocp(ABC, Generic[P]):
         away nothing keeps its input within limits.
         """
         end = plan.after(len(plan.config) - 1)
-        xi = self.terminal_axes(plan) @ self.errors(
-            end, self.unwrapped(self.model.task_pose(end.config)))[0]
+        xi = self.errors(end, self.unwrapped(self.model.task_pose(end.config)))[0]
         size, radius = np.linalg.norm(self.terminal.root @ xi), self.terminal_radius(plan)
         if size > radius + FEASIBLE:
             xi = max(radius, 0.0) / size * xi
@@ -442,8 +428,7 @@ class Ocp(ABC, Generic[P]):
         xi = self.errors(plan, points.knots.y)
         stages = sum(term.value(points.begin)
                      for term in (self.stage_cost(plan), *self.own_terms))
-        end = self.terminal_axes(plan) @ xi[-1]
-        terminal = float(end @ self.terminal.P @ end)
+        terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
         slack = max(0.0, np.sqrt(terminal) - self.terminal_radius(plan))
         excess = np.maximum(self.stack(plan).excess(points.values, points.knots), 0.0)
         return Evaluation(
@@ -514,8 +499,7 @@ class Ocp(ABC, Generic[P]):
         for term in self.own_terms:
             more_H, more_g = term.quadratic(begin, Slopes(*by_z), self.time_step)
             H, g = H + more_H, g + more_g
-        axes = self.terminal_axes(plan)
-        penalty, root = axes.T @ self.terminal.P @ axes, self.terminal.root @ axes
+        penalty, root = self.terminal.P, self.terminal.root
         return StagedProgram(
             A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
             linear=self.stack(plan).linear(knots, points.values, inputs),
@@ -544,8 +528,7 @@ class Ocp(ABC, Generic[P]):
             norms=tuple(norm._replace(value=after_first(cone))
                         for norm, cone in zip(program.norms, cones, strict=True)),
             terminal=program.terminal._replace(
-                value=self.terminal.root @ self.terminal_axes(plan) @ self.errors(
-                    plan, points.knots.y)[-1]))
+                value=self.terminal.root @ self.errors(plan, points.knots.y)[-1]))
 
     def _state_z(self, width: int) -> np.ndarray:
         """Returns ∂y/∂z and ∂ζ/∂z (2, 6+n, `width`) at a knot: z starts with them."""

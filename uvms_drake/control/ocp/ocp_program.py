@@ -51,7 +51,7 @@ class OcpProgram(MathematicalProgram, Generic[P]):
         """ζ̄̇ on the intervals (N, 6+n); empty where ζ̄ is decided."""
         m = len(ocp.moved)
         self.a = self.NewContinuousVariables(m, "a") if m else np.empty(0, dtype=object)
-        """Translation and turn of the reference (m,)."""
+        """Translation of the reference (m,)."""
         self.s = self.NewContinuousVariables(1, "s")
         """Slack of the terminal set (1,)."""
         # Functions of the bindings must not refer to the program, or neither would ever be freed.
@@ -169,22 +169,12 @@ class OcpProgram(MathematicalProgram, Generic[P]):
         named(self.AddBoundingBoxConstraint(0.0, np.inf, self.s), "slack")
         if m:
             self._add_cost("offset_cost", stages.offset_cost, stages.a)
-        # Where the reference turns, the end is not affine in it.
         value, C = stages.terminal_vector(x)
-        affine = not ocp.turn
-        if affine:
-            off = value - C @ x
-            named(self.AddQuadraticCost(2.0 * C.T @ C, 2.0 * C.T @ off, off @ off, self._all[end],
-                                        is_convex=True), "terminal_cost")
-        else:
-            self._add_cost("terminal_cost", stages.terminal_cost, end)
+        off = value - C @ x
+        named(self.AddQuadraticCost(2.0 * C.T @ C, 2.0 * C.T @ off, off @ off, self._all[end],
+                                    is_convex=True), "terminal_cost")
         radii, rows = stages.radii(stages.first[stages.a])
         for i in map(int, np.flatnonzero(np.isfinite(radii))):
             name = f"radius_bound[{i - 1}]" if i else "terminal_set"
             by_size = np.concatenate([np.zeros(len(end) - m), rows[i], [1.0]])
-            if affine:
-                self._add_cone(name, value, C, radii[i], by_size, end, self.s)
-            else:
-                self.AddConstraint(
-                    differentiable(partial(stages.terminal_set, i)), lb=np.full(2, -np.inf),
-                    ub=np.zeros(2), vars=np.append(self._all[end], self.s), description=name)
+            self._add_cone(name, value, C, radii[i], by_size, end, self.s)

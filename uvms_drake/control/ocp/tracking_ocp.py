@@ -10,9 +10,8 @@ translation a ∈ R³ of its reference, ξ = (y − y_des − E a, ζ), and
          ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, min_N (x_N − N·(E ᵀy_des + a))/r_x).
 
 x_N and target, the `TrackingTarget`, may change at every sample. r_x bounds the tip's depth beyond
-the reference over ‖ξ‖_P. With `turn`, a has the yaw of the reference as a fourth component. Proofs
-in control/ocp/theory.md: recursive feasibility (#every-problem-is-feasible), convergence
-(#convergence-to-the-target), turns (#turning-reference).
+the reference over ‖ξ‖_P. Proofs in control/ocp/theory.md: recursive feasibility
+(#every-problem-is-feasible), convergence (#convergence-to-the-target).
 """
 
 from copy import copy
@@ -33,31 +32,22 @@ from uvms_drake.control.ocp.ocp import Evaluation, MpcConfig, PlanPoints
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.control.plan.tracking_plan import TrackingPlan
-from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.uvms_model import UvmsModel
 
 HEADROOM = 1.05
 """Factor of r_x over that of the linearisation at the reference."""
 FAR = 1000.0
 """Distance of the check that model and limits are the same everywhere [m]."""
-YAW = 5
-"""Index of the tool's yaw in y."""
-TURNS = 5
-"""Number of turns for which the terminal set is checked."""
-TURNED_FREELY = 0.95
-"""Part of the largest turn up to which the terminal radius is not reduced for it."""
 
 
 @dataclass(frozen=True)
 class TrackingTarget:
-    """Target, safe region and turn that a plan is made for."""
+    """Target and safe region that a plan is made for."""
 
     target: np.ndarray
     """Desired position 𝔭 of the end-effector (3,) in Σ_I [m]."""
     safe_depth: np.ndarray | float = np.inf
     """Largest N·𝔭 of each facet, x_N (m,) [m], tightened by the tube."""
-    turn: float = 0.0
-    """Desired turn of the reference about the vertical [rad], if it may turn."""
 
 
 class TrackingOcp(DynamicOcp):
@@ -72,7 +62,6 @@ class TrackingOcp(DynamicOcp):
         direction: Unit vector n (3,) in Σ_I, into the surface.
         facets: N (m, 3); n alone if None.
         offset: Offset cost V_o.
-        turn: Largest turn of the reference about the vertical [rad]; zero for none.
     """
 
     strict: ClassVar[bool] = True
@@ -80,7 +69,7 @@ class TrackingOcp(DynamicOcp):
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit], direction: np.ndarray, facets: np.ndarray | None = None,
-                 offset: OffsetCost | None = None, turn: float = 0.0):
+                 offset: OffsetCost | None = None):
         super().__init__(model, mpc, y_des, limits)
         for key, wanted in (("terminal_weight", mpc.terminal_weight is None),
                             ("terms", not mpc.terms)):
@@ -92,13 +81,11 @@ class TrackingOcp(DynamicOcp):
         self.facets = self.direction[None] if facets is None else np.asarray(facets, dtype=float)
         self.offset = offset or OffsetCost()
         self.offset.check()
-        self.turn = turn
-        self.moved = np.array([0, 1, 2, YAW] if turn else [0, 1, 2])
+        self.moved = np.arange(3)
         self._require_the_same_everywhere()
         self._lasting = limits
         self._stacked_aimed = self._stack_of(self._aimed_limits(TrackingTarget(y_des[:3])))
-        self.depth_reach = max([self._reach(), *(other._reach(T) for T, other in self.turned())])
-        self._radius_rows = self._bound_rows()
+        self.depth_reach = self._reach()
         self.aim = TrackingTarget(y_des[:3])
 
     def following_lag(self, committed: int = 0) -> float:
@@ -132,54 +119,20 @@ class TrackingOcp(DynamicOcp):
                 require(np.allclose(limit.values(there), limit.values(here)),
                         f"limits.{limit.name}", type(limit).__name__,
                         "left out, or the same everywhere, for the reference moves")
-        if not self.turn:
-            return
-        require(0.0 < self.turn < np.pi / 2.0, "turn", self.turn, "from 0 to a right angle")
-        require(bool(np.allclose(model.R_WT[2], [0.0, 0.0, 1.0])), "turn", self.turn,
-                "zero, where the end-effector's yaw (task.frame) is not about the vertical")
-        require(self.Q[0, 0] == self.Q[1, 1], "weight_y", np.diag(self.Q)[:2],
-                "the same for both horizontal directions, where the reference turns")
-        turned = model.configuration(y + 0.3 * np.eye(len(y))[YAW])
-        require(np.allclose(model.drift(turned, zeta), model.drift(config, zeta)), "turn",
-                self.turn, "zero, where the drift changes with the heading")
-
-    def _axes(self, turn: float) -> np.ndarray:
-        """Returns T of a turned reference [rad]."""
-        T = np.eye(self.state_size)
-        T[:3, :3] = rotation_matrix(np.array([0.0, 0.0, -turn]))
-        return T
-
-    def turned(self) -> tuple[tuple[np.ndarray, Self], ...]:
-        """Returns the problems of some turns of the reference."""
-        out = []
-        for turn in np.linspace(-self.turn, self.turn, TURNS) if self.turn else ():
-            other = copy(self)
-            other.turn, other.y_des = 0.0, self.y_des + turn * np.eye(self.model.size)[YAW]
-            other.task_cost = replace(self.task_cost, y_des=other.y_des)
-            out.append((self._axes(turn), other))
-        return tuple(out)
-
-    def terminal_axes(self, plan: DynamicPlan) -> np.ndarray:
-        """Returns the axes T of the plan's reference."""
-        assert isinstance(plan, TrackingPlan)
-        return self._axes(plan.a[3] if self.turn else 0.0)
-
-    def _reach(self, axes: np.ndarray | None = None) -> float:
-        """Returns r_x [m], with the T of a turned problem."""
-        T = np.eye(self.state_size) if axes is None else axes
+    def _reach(self) -> float:
+        """Returns r_x [m]."""
         size = self.model.size
         J_x = self.model.task_jacobian(self.model.configuration(self.y_des))
         here = np.pad(self.facets, ((0, 0), (0, 2 * size - 3)))
         between = here + 0.5 * self.time_step * np.pad(self.facets @ J_x[:3], ((0, 0), (size, 0)))
-        inverse = T.T @ np.linalg.inv(self.terminal.P) @ T
+        inverse = np.linalg.inv(self.terminal.P)
         return HEADROOM * max(float(np.sqrt(np.max(np.sum(each @ inverse * each, axis=1))))
                               for each in (here, between))
 
     @property
     def inputs_given(self) -> dict[str, int]:
         """Sizes of the parts of a `TrackingTarget`, by the names of ports."""
-        turn = {"turn": 1} if self.turn else {}
-        return {"target": 3, "safe_depth": len(self.facets), **turn}
+        return {"target": 3, "safe_depth": len(self.facets)}
 
     @property
     def reach_names(self) -> tuple[str, ...]:
@@ -204,10 +157,9 @@ class TrackingOcp(DynamicOcp):
                     self.facets, depths, self.time_step)}
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
-        """Returns the problem of the given target, safe depth and turn."""
-        (turn,) = values.get("turn", np.array([self.aim.turn]))
+        """Returns the problem of the given target and safe depth."""
         return self.aimed(TrackingTarget(
-            values.get("target", self.aim.target), values.get("safe_depth", np.inf), turn))
+            values.get("target", self.aim.target), values.get("safe_depth", np.inf)))
 
     @property
     def lasting_limits(self) -> dict[str, Limit]:
@@ -225,43 +177,28 @@ class TrackingOcp(DynamicOcp):
     def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> TrackingPlan:
         """Returns a first guess: coast, then come to rest, with the reference there."""
         plan = super().resting_plan(time, state, coasting)
-        a, most = self._error(plan.config[-1])[self.moved], TURNED_FREELY * self.turn
-        a[3:] = np.clip(a[3:], -most, most)
-        return TrackingPlan(**vars(plan), a=a)
+        return TrackingPlan(**vars(plan), a=self._error(plan.config[-1])[:3])
 
     def reference(self, plan: DynamicPlan) -> np.ndarray:
         """Returns y_des + E a (6+n,)."""
         assert isinstance(plan, TrackingPlan)
         out = self.y_des.copy()
-        out[self.moved] += plan.a
+        out[:3] += plan.a
         return out
 
     def errors(self, plan: DynamicPlan, y: np.ndarray) -> np.ndarray:
         """Returns ξ = (y − y_des − E a, ζ) at the knots (N+1, 2(6+n))."""
         return np.concatenate([y - self.reference(plan), plan.zeta], axis=1)
 
-    def _bound_rows(self) -> np.ndarray:
-        """Returns the gradients of the bounds of ρ(a) by a (m, size of a), of facets and turn."""
-        rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (0, len(self.moved) - 3)))
-        if not self.turn:
-            return rows
-        per = self.terminal.radius / ((1.0 - TURNED_FREELY) * self.turn)
-        return np.concatenate([rows, per * np.array([[0.0, 0.0, 0.0, -1.0], [0.0, 0.0, 0.0, 1.0]])])
-
     def terminal_radius(self, plan: DynamicPlan) -> float:
         """Returns the radius ρ(a)."""
         return float(np.min(self.radius_bound(plan).size, initial=self.terminal.radius))
 
     def radius_bound(self, plan: DynamicPlan) -> RadiusBound:
-        """Returns the bounds of ρ(a) other than ε, of facets and turn, with gradients by a."""
-        assert isinstance(plan, TrackingPlan)
+        """Returns the bounds of ρ(a) other than ε, those of the facets, with gradients by a."""
         sizes = (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
-        rows = self._radius_rows
-        if self.turn:
-            m = len(self.facets)
-            sizes = np.append(sizes, rows[m, 3:] * -self.turn + rows[m:] @ plan.a)
         there = np.isfinite(sizes)
-        return RadiusBound(sizes[there], rows[there])
+        return RadiusBound(sizes[there], (-self.facets / self.depth_reach)[there])
 
     def stage_cost(self, plan: DynamicPlan) -> TaskCost:
         """Returns the cost about the plan's reference."""
@@ -271,60 +208,25 @@ class TrackingOcp(DynamicOcp):
         """Returns the offset E ᵀy_des + a − target (3,) [m]."""
         return self.reference(plan)[:3] - self.aim.target
 
-    def _unturned(self, plan: DynamicPlan) -> np.ndarray:
-        """Returns ψ less the desired turn (1,) [rad]; (0,) if it does not turn."""
-        assert isinstance(plan, TrackingPlan)
-        most = TURNED_FREELY * self.turn
-        return plan.a[3:] - np.clip(self.aim.turn, -most, most)
-
     def evaluate(self, plan: DynamicPlan, points: PlanPoints | None = None) -> Evaluation:
         """Returns the objective, V_o in it, and the violations of a plan."""
         value = super().evaluate(plan, points)
-        missing, turn = self._missing(plan), self._unturned(plan)
-        return replace(value, cost=(
-            value.cost + self.offset.value(missing) + self.offset.value(turn)))
+        return replace(value, cost=value.cost + self.offset.value(self._missing(plan)))
 
     def offset_cost(self, plan: DynamicPlan) -> tuple[float, np.ndarray]:
-        """Returns V_o, also of the turn, and its gradient by a."""
-        parts = self._missing(plan), self._unturned(plan)
-        return (sum(self.offset.value(part) for part in parts),
-                np.concatenate([self.offset.quadratic(part)[1] for part in parts]))
+        """Returns V_o and its gradient by a."""
+        missing = self._missing(plan)
+        return self.offset.value(missing), self.offset.quadratic(missing)[1]
 
     def staged_program(self, plan: DynamicPlan, points: PlanPoints | None = None) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of a and of ζ̄̇."""
         program, bound = super().staged_program(plan, points), self.radius_bound(plan)
         program = replace(program, terminal=program.terminal._replace(radius=self.terminal.radius))
-        by_a = np.zeros((len(bound.size), self.state_size + len(self.moved)))
+        by_a = np.zeros((len(bound.size), self.state_size + 3))
         by_a[:, self.state_size:] = bound.rows
         bound = bound._replace(rows=by_a)
-        H, g = np.zeros((len(self.moved), len(self.moved))), np.zeros(len(self.moved))
-        H[:3, :3], g[:3] = self.offset.quadratic(self._missing(plan))
-        H[3:, 3:], g[3:] = self.offset.quadratic(self._unturned(plan))
-        program = with_place(program, self.moved, H, g, bound if len(bound.size) else None)
-        return self._with_turning_end(program, plan) if self.turn else program
-
-    def _with_turning_end(self, program: StagedProgram, plan: DynamicPlan) -> StagedProgram:
-        """Returns the program with the derivative of T ξ_N by the turn, too."""
-        xi = self.errors(plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
-        end = program.terminal
-        T = end.T.copy()
-        T[:, -1] = self._by_turn(plan, xi)
-        return replace(program, H_end=2.0 * T.T @ T, g_end=2.0 * T.T @ end.value,
-                       terminal=end._replace(T=T))
-
-    def _by_turn(self, plan: DynamicPlan, xi: np.ndarray) -> np.ndarray:
-        """Returns the derivative of the root of P times T(ψ) ξ by ψ, ξ held fixed."""
-        assert isinstance(plan, TrackingPlan)
-        across = np.cross([0.0, 0.0, -1.0], (self._axes(plan.a[3]) @ xi)[:3])  # ∂(R_z(−ψ) ξ_𝔭)/∂ψ
-        return self.terminal.root[:, :3] @ across
-
-    def terminal_vector(self, plan: DynamicPlan, y: np.ndarray
-                        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the vector and its derivatives, with that of T by the turn."""
-        value, root, by_a = super().terminal_vector(plan, y)
-        if self.turn:
-            by_a[:, -1] += self._by_turn(plan, self.errors(plan, y)[-1])
-        return value, root, by_a
+        return with_place(program, self.moved, *self.offset.quadratic(self._missing(plan)),
+                          bound if len(bound.size) else None)
 
     def revalued(self, program: StagedProgram, plan: DynamicPlan, points: PlanPoints
                  ) -> StagedProgram:

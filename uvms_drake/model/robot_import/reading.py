@@ -254,7 +254,7 @@ class _Source:
 def _kept(node: Node, table: dict[str, Element]) -> Node:
     """Returns an element with the parts that are left to Drake."""
     given = {key: text for key, text in node.attributes.items()
-             if key in table[node.tag].attributes and key != "auto"}
+             if key in table[node.tag].attributes.split() and key != "auto"}
     return replace(node, attributes=given, children=[
         _kept(child, table) for child in node.children if child.tag in table and (
             node.tag not in KEPT or child.tag in KEPT[node.tag].split())])

@@ -70,9 +70,6 @@ class UnknownContact:
     """Free distance in front of the tip at the start, while the sensor is tared [m]."""
     tool_angle: float = 0.25
     """Largest angle between the tool's axis and `direction` [rad]."""
-    turn: float = 0.0
-    """Largest yaw of the robot about the vertical, to either side, to align its tool with the
-    estimated normal in a slide [rad]; zero keeps the heading of the task."""
     hold: HoldForces | None = None
     """Smaller bounds in a hold, of a tip that does not slide; None: those of any motion."""
 
@@ -103,9 +100,6 @@ class UnknownContact:
         require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
         require(0.0 < self.tool_angle <= MOST_ASLANT, "tool_angle", self.tool_angle,
                 f"positive, up to {MOST_ASLANT:g} rad")
-        require(0.0 <= self.turn < np.pi / 4.0, "turn", self.turn, "from 0 to 0.78 rad")
-        require(not self.turn or bool(np.hypot(*direction[:2]) > np.tan(self.angle)), "turn",
-                self.turn, "0 where a normal within `angle` of `direction` may be vertical")
         require_period("period", self.period)
         for key in ("stiffness", "force", "force_error", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")

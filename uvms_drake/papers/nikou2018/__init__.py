@@ -4,7 +4,7 @@ A scenario imports it by its key, `modules: [uvms_drake.papers.nikou2018]`, whic
 `!Transpose`, the constants that its tube needs, and its tube.
 """
 
-from uvms_drake.certificate.table import HELP
+from uvms_drake.certificate.text import HELP
 from uvms_drake.papers.nikou2018.transpose import Transpose
 
 __all__ = ["Transpose"]

@@ -1,0 +1,200 @@
+"""The scenario of each run, drawn from (seed, index), and the distribution in words.
+
+Drawn is everything that a scenario declares: starts with a feasible first plan, walls of the class
+and desired forces that it allows, disturbances and adversaries of the full size d̃, solves that
+fail, are delayed or dropped, and unknowns of model, thrusters and water up to their declared size.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from uvms_drake.actuation.thrusters import largest_error, with_errors
+from uvms_drake.campaign.campaign import Campaign
+from uvms_drake.campaign.drawn_contact import about_drawn, drawn_contact
+from uvms_drake.certificate.certify import first_plan
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.limits import Limit
+from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
+from uvms_drake.model.signals.fault import Fault
+from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
+from uvms_drake.plant.disturbance import (
+    ConstantDisturbance,
+    Disturbance,
+    RandomDisturbance,
+    SinusoidalDisturbance,
+)
+from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.waves import largest_speed
+from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
+from uvms_drake.station.scenario.scenario import Scenario, Start
+
+POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
+"""Largest distance of the vehicle from the scenario's start [m, rad]."""
+AT_FULL_SIZE = 0.25
+"""Probability of an unknown of the size that a scenario declares."""
+PERIODS = (0.5, 10.0)
+"""Range of a disturbance's period, drawn uniformly in its logarithm [s]."""
+FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
+"""Probability that a run has faults of the solver, and range of the probability per sample."""
+ATTEMPTS = 100
+
+
+def vary(campaign: Campaign, index: int) -> Scenario:
+    """Returns the scenario of a run: a pure function of its arguments.
+
+    Raises:
+        RunFailed: No draw has a feasible first plan.
+    """
+    base = campaign.base
+    model = load_model(base)
+    ocp = make_ocp(base, model)
+    for attempt in range(ATTEMPTS):
+        rng = np.random.Generator(np.random.Philox(
+            np.random.SeedSequence([campaign.seed, index, attempt])))
+        # A start with a feasible first plan.
+        scenario = replace(base, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
+                           start=_start(base.start, ocp.limits["q"], rng))
+        try:
+            start = start_state(scenario, ocp)
+        except InvalidParameter:
+            continue
+        first = first_problem(base, ocp, start)
+        plan, conditions = first_plan(first, start)
+        if plan is None or not all(condition.holds for condition in conditions):
+            continue
+        # An unknown surface, the disturbance, faults, and the unknowns that the scenario declares.
+        scenario = drawn_contact(scenario, first, rng)
+        unknown = drawn_unknowns(scenario.unknowns, rng)
+        return replace(
+            scenario, disturbance=_disturbance(scenario.disturbance, model.size, rng),
+            faults=[*scenario.faults, *_faults(rng)], model_error=unknown.error,
+            current=unknown.current, waves=list(unknown.waves),
+            actuation=with_errors(scenario.actuation, model, partial(_parts, rng)))
+    raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
+
+
+def _start(declared: Start, joints: Limit, rng: np.random.Generator) -> Start:
+    """Returns a start: the vehicle near the declared one, the arm anywhere within its limits.
+
+    The arm is interpolated by a uniform fraction towards a uniform posture.
+    """
+    eta = np.asarray(declared.eta, dtype=float) + POSE_REACH * rng.uniform(-1.0, 1.0, 6)
+    q = np.asarray(declared.q, dtype=float)
+    posture = rng.uniform(joints.lower, joints.upper)
+    return Start(eta=eta, q=q + rng.uniform() * (posture - q))
+
+
+def drawn_unknowns(declared: Unknowns, rng: np.random.Generator) -> Unknowns:
+    """Returns declared unknowns drawn up to their declared size.
+
+    An error is of either sign, a current from any horizontal direction, up or down, and a wave of
+    any direction and phase. Parameters that are known stay known.
+
+    Args:
+        declared: The largest unknowns.
+        rng: Source of the draws.
+    """
+    part = partial(_part, rng)
+
+    def heading() -> float:
+        return float(rng.uniform(-np.pi, np.pi))
+
+    known, current = declared.error, declared.current
+    relative = {name: 1.0 + (getattr(known, name) - 1.0) * part() for name in FACTORS}
+    shift, carried = part() * np.asarray(known.buoyancy_shift, dtype=float), abs(part())
+    payload = replace(known.payload, mass=carried * known.payload.mass,
+                      displaced=carried * known.payload.displaced)
+    toward, along = heading(), part() * float(np.hypot(*current[:2]))
+    water = np.array([along * np.cos(toward), along * np.sin(toward), part() * current[2]])
+    # Drawn after the others, and only where they are declared.
+    friction = known.joint_friction
+    if friction.largest > 0.0:
+        stiff = abs(part())
+        friction = replace(friction, coulomb=stiff * np.asarray(friction.coulomb, dtype=float),
+                           static=stiff * np.asarray(friction.static, dtype=float))
+    waves = [replace(wave, amplitude=abs(part()) * wave.amplitude, direction=heading(),
+                     phase=heading()) for wave in declared.waves]
+    error = replace(known, **relative, buoyancy_shift=shift, payload=payload,
+                    joint_friction=friction)
+    return Unknowns(error, water, waves)
+
+
+def _part(rng: np.random.Generator) -> float:
+    """Returns a drawn error over its declared size, of either sign."""
+    size = 1.0 if rng.uniform() < AT_FULL_SIZE else rng.uniform()
+    return float(rng.choice([-1.0, 1.0]) * size)
+
+
+def _parts(rng: np.random.Generator, count: int) -> np.ndarray:
+    return np.array([_part(rng) for _ in range(count)])
+
+
+def _disturbance(declared: Disturbance, size: int, rng: np.random.Generator) -> Disturbance:
+    """Returns a disturbance of the full bound: an adversary of any kind, or a random one."""
+    bound, weights = declared.bound, declared.weights
+    period = float(np.exp(rng.uniform(*np.log(PERIODS))))
+    phase = float(rng.uniform(0.0, 2.0 * np.pi))
+    kind = str(rng.choice([*KINDS, "random"]))
+    direction = rng.normal(size=size)
+    if kind == "random":
+        return RandomDisturbance(bound, bandwidth=1.0 / period, weights=weights)
+    if kind == "constant":
+        return ConstantDisturbance(bound, direction, weights=weights)
+    if kind == "sinusoid":
+        return SinusoidalDisturbance(
+            bound, direction, 2.0 * np.pi / period, phase, weights=weights)
+    return AdversarialDisturbance(
+        bound, kind, str(rng.choice(list(ROWS))), direction, int(rng.integers(size)), period, phase,
+        weights=weights)
+
+
+def _faults(rng: np.random.Generator) -> list[Fault]:
+    """Returns a fault at random samples that the theory covers, or none."""
+    fault = (SolverFailure, SolverTimeout, DroppedPeriod)[rng.integers(3)]
+    probability = float(rng.uniform(*FAULT_RATES))
+    return [fault(probability)] if rng.uniform() <= FAULT_LIKELY else []
+
+
+def declared_distribution(scenario: Scenario) -> Iterator[str]:
+    """Yields a sentence for each part of the distribution that `vary` draws from."""
+    x, _, _, roll, _, yaw = POSE_REACH
+    yield (f"start: vehicle uniform within {x:g} m, {roll:g} rad of roll and pitch and {yaw:g} rad "
+           "of yaw of the declared pose; the arm uniform on the line from its declared posture to "
+           "one that is uniform within its limits; a draw without a feasible first plan is "
+           "repeated")
+    yield from about_drawn(scenario)
+    if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
+        yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
+               f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")
+    if scenario.disturbance.bound > 0.0:
+        yield (f"disturbance: random or of any adversary, of the full bound "
+               f"{scenario.disturbance.bound:g}")
+    yield "sensors: noise, bias and drift as each declares them, with a seed of the run"
+    low, high = FAULT_RATES
+    yield (f"solver: with the probability {FAULT_LIKELY:g} samples that fail, are late "
+           f"or are dropped, each with a probability that is uniform from {low:g} to {high:g}")
+
+
+def _sizes(unknowns: Unknowns, of_thrusters: float) -> list[str]:
+    """Returns the sizes of the declared unknowns, with their names."""
+    error, current = unknowns.error, unknowns.current
+    sizes = [f"{name.replace('_', ' ')} {abs(getattr(error, name) - 1.0):.3g}" for name in FACTORS
+             if getattr(error, name) != 1.0]
+    if np.any(error.buoyancy_shift):
+        sizes.append(f"centre of buoyancy {np.linalg.norm(error.buoyancy_shift):.3g} m")
+    if error.payload.present:
+        sizes.append(f"payload {error.payload.mass:g} kg")
+    if error.joint_friction.largest > 0.0:
+        sizes.append(f"joint friction {error.joint_friction.largest:g} N m")
+    if np.any(current):
+        sizes.append(f"current {np.hypot(*current[:2]):.3g} m/s from any heading and "
+                     f"{abs(current[2]):.3g} m/s up or down")
+    if unknowns.waves:
+        sizes.append(f"waves {largest_speed(unknowns.waves):.3g} m/s of any heading and phase")
+    if of_thrusters > 0.0:
+        sizes.append(f"force of each thruster off by {of_thrusters:.3g} of it")
+    return sizes

@@ -1,1 +1,0 @@
-"""Certificates in probability from the runs of a campaign."""

@@ -1,1 +1,0 @@
-"""The sub-command `campaign`, and `certify --runs`, which is one, too."""

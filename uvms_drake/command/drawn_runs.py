@@ -1,0 +1,199 @@
+"""Drawn runs of a scenario: a campaign, and the certificate in probability of `certify --runs`."""
+
+import argparse
+import json
+import sys
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from uvms_drake.campaign.campaign import (
+    SETUP_FILE,
+    Campaign,
+    check_folder,
+    keep_setup,
+    make_campaign,
+    read_setup,
+    require_same_code,
+)
+from uvms_drake.campaign.draws import vary
+from uvms_drake.campaign.failures import certificate_in_probability
+from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
+from uvms_drake.campaign.harness import RUNS_FILE, runs, stored
+from uvms_drake.campaign.pool import Pool, make_pool
+from uvms_drake.campaign.run import run_one
+from uvms_drake.campaign.summary import (
+    all_well,
+    format_campaign,
+    summarise_campaign,
+    summarise_times,
+)
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    Certificate,
+    cache_key,
+    to_data,
+    write_certificate,
+)
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.certificate.text import format_probability
+from uvms_drake.command.certificates import note, sound
+from uvms_drake.command.files import BROKEN, DATA_FILES, picture_files, write_data, write_pictures
+from uvms_drake.command.progress import Bar, stream_of
+from uvms_drake.common.cache import store
+from uvms_drake.common.errors import require
+from uvms_drake.common.output import output_folder, require_own
+from uvms_drake.report.summary import format_summary
+from uvms_drake.station.problem import check_inputs
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
+from uvms_drake.station.simulation import simulate
+from uvms_drake.station.step_size import with_step
+
+CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
+OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES, WALLS_FILE)
+STORE = "runs"
+"""Folder of the runs inside of that of a certificate in probability; it is a campaign's."""
+
+
+def run_campaign(args: argparse.Namespace) -> int:
+    """Computes the missing runs and writes the summary; returns 3 if a guarantee was broken."""
+    check_draws(args)
+    # The scenario, its certificate, and everything else that the runs have in common.
+    scenario = load_scenario(args.scenario, args.overrides)
+    source = scenario_source(args.scenario, set_options(args.overrides))
+    output, pool = folder_of(args, scenario.name), make_pool(args.workers, args.scheduler)
+    require_own(output, OWN_FILES)
+    with reported_in(source):
+        scenario = drawable(scenario)
+        check_folder(output, replace(make_campaign(scenario, args.seed, None),
+                                     certified=not args.uncertified))
+        note(scenario)
+        with closing(Bar("certifying", stream_of(args))) as progress:
+            certificate = None if args.uncertified else sound(
+                certified_once(scenario, progress), source)
+        campaign = make_campaign(scenario, args.seed, certificate)
+        vary(campaign, 0)
+    summary, text, written = complete(args, campaign, args.runs, output, pool, certificate)
+    print(f"{text}\n\nwritten to {output}: "
+          f"{', '.join(sorted((SETUP_FILE, RUNS_FILE, *written)))}")
+    well, never = all_well(summary), summary["counts"]["never_settled"]
+    print(("all guarantees kept" if well else "GUARANTEES BROKEN, or too many runs do not count")
+          + (f"; the force never settled in {never} of {args.runs} runs" if never else ""))
+    return 0 if well else BROKEN
+
+
+def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
+    """Computes the missing runs, prints and writes the certificate; returns 3 if a run failed.
+
+    The number of runs is that of the first command in the folder, so that it is not chosen by their
+    outcome: all of them count where fewer are asked for, and more need another folder.
+
+    Args:
+        args: Arguments of `certify`.
+        replaced: Names of the files of a former `certify` that are replaced or deleted.
+    """
+    check_draws(args)
+    require(0.5 <= args.confidence < 1.0, "--confidence", args.confidence,
+            "at least 0.5 and below 1")
+    scenario = load_scenario(args.scenario, args.overrides)
+    path = args.output if args.output is not None else Path("out") / scenario.name
+    folder, pool = path / STORE, make_pool(args.workers, args.scheduler)
+    chosen = args.runs
+    if (folder / SETUP_FILE).exists():
+        chosen = read_setup(folder).runs or chosen
+    with reported_in(scenario_source(args.scenario, set_options(args.overrides))):
+        campaign = make_campaign(drawable(scenario), args.seed, None, chosen)
+        check_folder(folder, campaign)
+        require(args.runs <= chosen, "--runs", args.runs,
+                f"at most {chosen}, the number that {folder} was begun with; another number needs "
+                "another --output")
+        note(scenario)
+        vary(campaign, 0)
+    summary, text, _ = complete(args, campaign, chosen, folder, pool, None)
+    # The certificate: in the folder, and in the cache for a run elsewhere.
+    certificate = certificate_in_probability(
+        campaign, scenario, summary["results"], args.confidence)
+    with output_folder(path, replaced, replaces=True) as output:
+        write_certificate(certificate, output.folder)
+    store(cache_key(scenario), to_data(certificate))
+    print(format_probability(certificate))
+    print(f"\n{text}" if args.full else "\nall results of the runs: --full")
+    print(f"written to {path}: {CERTIFICATE_FILE}, {STORE}", file=sys.stderr)
+    return BROKEN if certificate.failures else 0
+
+
+def check_draws(args: argparse.Namespace) -> None:
+    """Raises `InvalidParameter` for a number of runs or a seed that cannot be."""
+    require(args.runs >= 1, "--runs", args.runs, "at least 1")
+    require(args.seed >= 0, "--seed", args.seed, "zero or positive")
+    for override in args.overrides:
+        require(override.partition("=")[0] != "seed", "--set", override,
+                "--seed N: a campaign has a seed of its own")
+
+
+def drawable(scenario: Scenario) -> Scenario:
+    """Returns the scenario with its integration step; raises if it cannot be drawn or repeated."""
+    require(not scenario.faults, "faults", [type(fault).__name__ for fault in scenario.faults],
+            "left out: a campaign draws them")
+    require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
+            "left out: no run could be repeated")
+    return with_step(scenario, check_inputs(scenario))
+
+
+def complete(args: argparse.Namespace, campaign: Campaign, number: int, output: Path, pool: Pool,
+             certificate: Certificate | None) -> tuple[dict[str, Any], str, list[str]]:
+    """Computes the missing runs, and writes all results together.
+
+    Returns the summary, its table, and the names of the files.
+    """
+    keep_setup(output, campaign)
+    with closing(Bar("running", stream_of(args))) as progress:
+        results = runs(range(number), partial(run_one, campaign), output, pool, progress=progress)
+    times = summarise_times([result.pop("times") for result in results])
+    summary = summarise_campaign(campaign, results)
+    with output_folder(output, OWN_FILES, replaces=True) as own:
+        for name, data in ((CAMPAIGN_FILE, summary), (TIMES_FILE, times)):
+            text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+            (own.folder / name).write_text(text + "\n", encoding="utf-8")
+        if certificate is not None:
+            write_certificate(certificate, own.folder)
+        make_campaign_figures(summary, times, own.folder)
+    return summary, format_campaign(summary, times, str(output)), own.kept
+
+
+def folder_of(args: argparse.Namespace, scenario: str) -> Path:
+    """Returns the folder of a campaign: the one asked for, or out/<scenario>-campaign."""
+    return args.output if args.output is not None else Path("out") / f"{scenario}-campaign"
+
+
+def replay_run(args: argparse.Namespace) -> int:
+    """Repeats a single run of a campaign, and writes its data and figures."""
+    for name in set(vars(args)) - {"command", "parser", "scenario", "output", "replay", "quiet"}:
+        option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
+        require(getattr(args, name) == args.parser.get_default(name), option, getattr(args, name),
+                "left out with --replay: the campaign in the folder determines it")
+    campaign = folder_of(args, load_scenario(args.scenario).name)
+    record = replayed(campaign, args.replay)
+    path = campaign / f"run-{args.replay}"
+    with output_folder(path, (*DATA_FILES, *picture_files())) as output:
+        summary = write_data(record, output.folder)
+        output.keep()
+        write_pictures(record, None, output.folder, figures=True, replay=False)
+    print(f"{format_summary(summary)}\n\nthe tube is the campaign's; a run of it has no "
+          f"certificate of its own\nwritten to {path}: {', '.join(sorted(output.kept))}")
+    return 0
+
+
+def replayed(folder: Path, index: int) -> Record:
+    """Returns the record of a repeated run of the campaign in a folder.
+
+    It has no certificate: that of the campaign is of another start, force and disturbance.
+    """
+    campaign, done = read_setup(folder), stored(folder)
+    require(index in done, "--replay", index, f"one of the {len(done)} runs in {folder}")
+    require_same_code(campaign)
+    return simulate(vary(campaign, index))
