@@ -119,8 +119,7 @@ def files_imported(path: Path) -> set[Path]:
     return {found for name in imported(path) if (found := file_of(name)) is not None} - {path}
 
 
-BACK = {"control/ocp/ocp.py": "control/ocp/ocp_program.py",
-        "certificate/certificate.py": "certificate/in_probability.py"}
+BACK = {"control/ocp/ocp.py": "control/ocp/ocp_program.py"}
 """Arrows that are still to go."""
 
 
