@@ -13,7 +13,7 @@ from uvms_drake.control.limits import Limit, TubeRadii, check_limits, make_limit
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.limits.pose import ANGLES
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
@@ -57,7 +57,7 @@ def load_model(scenario: Scenario, robot: Robot | None = None) -> ContactModel:
     return ContactModel(robot.uvms, controller_surface, frame)
 
 
-def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> DynamicOcp:
+def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> Ocp:
     """Returns the nominal MPC's problem.
 
     Args:
@@ -97,11 +97,11 @@ def shown_surface(scenario: Scenario, model: ContactModel) -> Surface:
     return check_surface(true_surface(scenario))
 
 
-def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> DynamicOcp:
+def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> Ocp:
     """Returns the problem of a scenario with a known surface; see `make_ocp`."""
     y_des, limits = posed_task(scenario, model)
     with within("mpc"):
-        ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
+        ocp = Ocp(model, scenario.mpc, y_des, limits)
     at = replace(_at(model, y_des), zeta=np.zeros(model.size), u=ocp.u_eq)
     require(bool(np.all(np.abs(ocp.u_eq) <= limits["u"].upper)), "limits.u", scenario.limits.u,
             f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, and "
@@ -129,7 +129,7 @@ def make_tracking_ocp(scenario: Scenario, model: ContactModel) -> TrackingOcp:
                            contact.walls.facets)
 
 
-def first_problem(scenario: Scenario, ocp: DynamicOcp, start: np.ndarray) -> DynamicOcp:
+def first_problem(scenario: Scenario, ocp: Ocp, start: np.ndarray) -> Ocp:
     """Returns the problem at t = 0 from (𝔮, ζ) (2(6+n),): `ocp` itself, if the surface is known.
 
     With a sensed contact there is none at the start, and the target is further along n.
@@ -147,7 +147,7 @@ def first_problem(scenario: Scenario, ocp: DynamicOcp, start: np.ndarray) -> Dyn
                                     bounds(contact.walls, known.apex, margin)))
 
 
-def retargeted_ocp(scenario: Scenario, model: ContactModel, force: np.ndarray) -> DynamicOcp:
+def retargeted_ocp(scenario: Scenario, model: ContactModel, force: np.ndarray) -> Ocp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
     The tube stays the scenario's: it holds for all forces within `limits.static_force`.
@@ -187,7 +187,7 @@ def _at(model: ContactModel, y: np.ndarray) -> Points:
     return Points(model, model.configuration(y), y)
 
 
-def start_state(scenario: Scenario, ocp: DynamicOcp) -> np.ndarray:
+def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
     """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
 
     Raises:

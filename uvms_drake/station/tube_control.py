@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram
 from uvms_drake.common.errors import require, within
 from uvms_drake.control.contact.press_control import PressControl
 from uvms_drake.control.mpc.planner import Targets
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
@@ -30,7 +30,7 @@ Their Newton iteration asks the law far from the solution, and where a limit cut
 flat: in `paper_dynamic` it would converge in far shorter steps only."""
 
 
-def make_tube(scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
+def make_tube(scenario: Scenario, model: ContactModel, ocp: Ocp) -> Diagram:
     """Returns the tube-based NMPC that solves a problem of `make_ocp`.
 
     It presses by the measured force if the contact is sensed; else it makes a problem of its own

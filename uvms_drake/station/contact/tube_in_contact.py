@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.control.limits import TubeRadii, resolved_radii
-from uvms_drake.control.plan.between_knots import off_parabola, stopping_distance
+from uvms_drake.control.plan.plan import off_parabola, stopping_distance
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.sensing.force_fault_detector import CHANCE, chance_of_run, run_of_frozen
 from uvms_drake.station.contact.bounds import (
