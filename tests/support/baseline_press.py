@@ -11,9 +11,9 @@ from uvms_drake.baselines.baseline import make_baseline
 from uvms_drake.baselines.gains import RobotGains
 from uvms_drake.baselines.law import Law
 from uvms_drake.baselines.measured import Measured, PressTask, Reference
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.uvms_plant import make_uvms_plant
