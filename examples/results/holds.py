@@ -10,9 +10,10 @@ import numpy as np
 from make_all import provenance
 
 import uvms_drake as uv
-from uvms_drake.certificate.certify import basis_of, check_inputs
+from uvms_drake.certificate.certify import basis_of
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
+from uvms_drake.station.problem import check_inputs
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY, ultimate_bounds
 

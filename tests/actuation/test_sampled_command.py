@@ -88,15 +88,3 @@ def test_the_law_runs_once_a_period_and_its_command_stays(monkeypatch):
     assert np.all(np.any(np.diff(sampled[2::2], axis=0) != 0.0, axis=1))
     # The effect of the hold is no disturbance.
     np.testing.assert_allclose(record.effective_disturbance, record.disturbance, atol=1e-9)
-
-
-def test_at_the_logs_instants_alone_it_is_asked_once_a_period(monkeypatch):
-    asked, command = [], Resolved.command
-
-    def counted(self, *args):
-        asked.append(1)
-        return command(self, *args)
-
-    monkeypatch.setattr(Resolved, "command", counted)
-    simulate(scenario_of(0.18, part=SampledCommand(0.02, 0.01)))
-    assert len(asked) == 9 + 1

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.joint_friction import JointFriction, friction_torque
 from uvms_drake.plant.model_error import ModelError
@@ -91,15 +90,3 @@ def test_its_rate_is_that_of_the_loops_own_acceleration_by_the_rates():
         friction, zeta[6:] + h * np.eye(4)[3]))) for h in (1e-7, -1e-7)]
     assert abs(slope[0] - slope[1])[9] / 2e-7 == pytest.approx(rate, rel=0.05)
     assert friction_rate(load_scenario("girona500_ideal"), model, CONFIG) == 0.0
-
-
-@pytest.mark.parametrize(("friction", "key"), [
-    (JointFriction(coulomb=np.array([-1.0])), "coulomb"),
-    (JointFriction(static=np.array([np.nan])), "static"),
-    (JointFriction(creep=0.0), "creep"), (JointFriction(stribeck=-1.0), "stribeck")])
-def test_friction_that_there_cannot_be_is_refused(friction, key):
-    with pytest.raises(InvalidParameter) as caught:
-        friction.check()
-    assert caught.value.key == key
-    with pytest.raises(InvalidParameter, match="one for each of the 3 joints"):
-        FRICTION.torques(3)

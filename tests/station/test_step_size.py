@@ -10,8 +10,8 @@ from pydrake.systems.primitives import LinearSystem
 from support.scenarios import OF_A_STATION
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
-from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario

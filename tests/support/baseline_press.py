@@ -9,9 +9,9 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from uvms_drake.baselines.baseline import Baseline, RobotGains
 from uvms_drake.baselines.law import Law, Measured, PressTask, Reference
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.uvms_plant import make_uvms_plant

@@ -9,6 +9,7 @@ has no certificate.
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -21,13 +22,11 @@ from uvms_drake.certificate.declared_unknowns import declared_effects
 from uvms_drake.common.cache import cached
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import (
     HoldRadii,
     Limit,
     Limits,
     TubeRadii,
-    check_limits,
     joint_limits,
     resolved_radii,
 )
@@ -43,18 +42,17 @@ from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.problem import (
+    check_inputs,
     disturbance_weights,
     limits_of,
-    load_model,
     make_ocp,
     start_state,
 )
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption, setting
-from uvms_drake.tube.constants import Constant, estimate_constants
-from uvms_drake.tube.covering import prove_constants
-from uvms_drake.tube.estimates import CertificateSettings, Estimate, unrefuted
-from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import Estimate, unrefuted
+from uvms_drake.tube.law_tube import Basis, LawTube, constants_of
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.terminal_set import largest_radius
@@ -108,17 +106,13 @@ class Draft:
         """Puts fields of the certificate in."""
         self.certificate = replace(self.certificate, **claims)
 
-    def add(self, *conditions: Condition) -> None:
-        """Adds conditions that were checked."""
-        self.claim(conditions=(*self.certificate.conditions, *conditions))
-
     def require(self, *conditions: Condition) -> None:
         """Adds conditions without which there is nothing to compute any more.
 
         Raises:
             NotCertified: One of them does not hold.
         """
-        self.add(*conditions)
+        self.claim(conditions=(*self.certificate.conditions, *conditions))
         if not all(condition.holds for condition in conditions):
             raise NotCertified
 
@@ -164,8 +158,11 @@ def unknowns(draft: Draft) -> None:
 
 def margins(draft: Draft) -> None:
     """Compares the tube with every limit, before the second search, which takes long."""
-    limits = limits_of(draft.scenario, draft.model)
-    draft.require(*advised(tightening_margins(draft.found, limits), draft.scenario))
+    scenario = draft.scenario
+    found = tightening_margins(draft.found, limits_of(scenario, draft.model))
+    share = min((each.right / each.left for each in found if each.left > 0.0), default=1.0)
+    advice = roomier(scenario.disturbance.bound, scenario.model_error.share, share)
+    draft.require(*(each if each.holds else replace(each, advice=advice) for each in found))
 
 
 def second_search(draft: Draft) -> None:
@@ -228,36 +225,16 @@ def certify(scenario: Scenario, progress: Progress = silent,
         InvalidParameter: A value of the scenario has no meaning.
     """
     draft = Draft(scenario, check_inputs(scenario, model))
-    try:
-        for i, (name, stage) in enumerate(STAGES.items()):
-            progress(f"{i + 1} of {len(STAGES)}: {name}", i / len(STAGES))
-            stage(draft)
-    except NotCertified:
-        pass
-    except NotOffered as error:
-        draft.add(assumption(f"certificate of the surface {error.value}",
-                             f"it must be {error.allowed}", topic="surface", theorem=GUARANTEE))
+    with suppress(NotCertified):
+        try:
+            for i, (name, stage) in enumerate(STAGES.items()):
+                progress(f"{i + 1} of {len(STAGES)}: {name}", i / len(STAGES))
+                stage(draft)
+        except NotOffered as error:
+            draft.require(assumption(
+                f"certificate of the surface {error.value}", f"it must be {error.allowed}",
+                topic="surface", theorem=GUARANTEE))
     return draft.certificate
-
-
-def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
-    """Returns the controller's model, if the scenario would have a meaning without any tube.
-
-    Args:
-        scenario: The scenario.
-        model: The model, if it is loaded already.
-
-    Raises:
-        InvalidParameter: It would not.
-    """
-    model = model or load_model(scenario)
-    check_values(scenario)
-    check_limits(scenario.limits, model.num_joints)
-    disturbance_weights(scenario, model)
-    none = np.zeros(model.size)
-    without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
-    start_state(without_tube, make_ocp(without_tube, model))
-    return model
 
 
 def certified_once(scenario: Scenario, progress: Progress = silent,
@@ -335,30 +312,6 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         command_path=command_path_of(actuation, model))
 
 
-def constants_of(names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
-                 weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
-    """Returns constants by name; those that decide the tube of `resolved` are proven.
-
-    Args:
-        names: Names of the constants.
-        model: The prediction model.
-        declared: Set of the suprema.
-        weights: Diagonal of Ŵ, see `Basis`.
-        settings: Effort of the searches.
-    """
-    ball = bool(np.all(weights == 1.0))
-    norms = {name if ball else WEIGHTED[name]: name for name in PROVEN.values()}
-    proven = prove_constants(
-        model, declared, tuple(norms[name] for name in names if name in norms),
-        seed=settings.seed, weights=weights)
-    estimated = estimate_constants(
-        model, declared, tuple(name for name in names if name not in norms),
-        samples=settings.constant_samples, safety_factor=settings.safety_factor,
-        seed=settings.seed)
-    return estimated | {name: replace(proven[plain], name=name)
-                        for name, plain in norms.items() if plain in proven}
-
-
 def tightening_margins(found: LawTube, limits: Mapping[str, Limit]) -> list[Condition]:
     """Returns a condition for every limit: the tube must leave something of it.
 
@@ -382,13 +335,6 @@ def tightening_margins(found: LawTube, limits: Mapping[str, Limit]) -> list[Cond
             for (label, radius, margin), (_, mark, _) in zip(
                 limit.margins(radii), limit.margins(marked), strict=True)]
     return conditions
-
-
-def advised(margins: list[Condition], scenario: Scenario) -> list[Condition]:
-    """Returns `tightening_margins` with an advice on those that fail, see `roomier`."""
-    share = min((each.right / each.left for each in margins if each.left > 0.0), default=1.0)
-    advice = roomier(scenario.disturbance.bound, scenario.model_error.share, share)
-    return [each if each.holds else replace(each, advice=advice) for each in margins]
 
 
 def budget_margins(budget: Iterable[str], limits: Mapping[str, Limit], model: UvmsModel

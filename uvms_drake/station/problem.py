@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.control.limits import Limit, make_limits, tighten
+from uvms_drake.common.schema import check_values
+from uvms_drake.control.limits import Limit, TubeRadii, check_limits, make_limits, tighten
 from uvms_drake.control.limits.pose import ANGLES
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.plan.points import Points
@@ -171,3 +172,23 @@ def _check_pose(limits: dict[str, Limit], at: Points,
     of_pose = [limit for limit in limits.values() if limit.about == "pose"]
     for limit in sorted(of_pose, key=lambda limit: list(owners).index(limit.owner)):
         require(bool(np.all(limit.excess(at) <= 0.0)), *owners[limit.owner], limit.complaint(at))
+
+
+def check_inputs(scenario: "Scenario", model: ContactModel | None = None) -> ContactModel:
+    """Returns the controller's model, if the scenario would have a meaning without any tube.
+
+    Args:
+        scenario: The scenario.
+        model: The model, if it is loaded already.
+
+    Raises:
+        InvalidParameter: It would not.
+    """
+    model = model or load_model(scenario)
+    check_values(scenario)
+    check_limits(scenario.limits, model.num_joints)
+    disturbance_weights(scenario, model)
+    none = np.zeros(model.size)
+    without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
+    start_state(without_tube, make_ocp(without_tube, model))
+    return model

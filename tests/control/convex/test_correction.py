@@ -132,10 +132,6 @@ def test_a_sound_plan_takes_the_whole_step_in_one_iteration(ocp, guess):
     assert before - solution.evaluation.cost > 0.9 * (before - whole.cost) > 0.0
 
 
-def test_without_a_row_that_moves_there_is_nothing_to_correct():
-    np.testing.assert_array_equal(least_norm_solution(np.zeros((0, 5)), np.zeros(0)), np.zeros(5))
-
-
 def test_the_least_norm_solution_is_that_of_the_pseudoinverse():
     """Of rows that are far from dependent, nearly dependent, and dependent."""
     rng = np.random.default_rng(0)

@@ -140,12 +140,6 @@ def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
     assert set(KINDS) == {kind for kind in KINDS if kinds.count(kind) > 5}
 
 
-def test_programs_without_limits_on_norms_have_theirs():
-    kinds = {compare(replace(random_program(seed, scale), norms=()))
-             for scale in (0.3, 1.0) for seed in range(8)}
-    assert "by rows" in kinds
-
-
 @pytest.mark.parametrize("seeds", [8, pytest.param(250, marks=pytest.mark.slow)])
 def test_a_terminal_set_that_matters_needs_no_conic_program(seeds):
     """With a radius that is constant or falls with the end, and penalties that forbid a slack."""

@@ -18,7 +18,7 @@ from uvms_drake.common.errors import (
 )
 from uvms_drake.common.program import FOLDER
 from uvms_drake.common.schema import parse_yaml, read_yaml
-from uvms_drake.model.description.robot_folder import shipped_robots
+from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.scenario.modules import from_folder
 
 _DRAWN = "left out: drawn runs certify a loop that is not ideal (certify --runs)"

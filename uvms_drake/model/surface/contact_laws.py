@@ -1,4 +1,10 @@
-"""Static force of a surface by the depth: linear, bilinear or hardening."""
+"""Laws of a contact: static force by the depth, damping, and friction.
+
+The friction is Coulomb's without a jump, as in Drake's continuous contact, for one coefficient μ.
+On a tip that slides at the speed v it is μ ρ(v/v_s) times the normal force, where ρ(x) =
+x³(10 − 15x + 6x²) for x < 1 and 1 beyond: twice continuously differentiable. It implies creep: a
+sticking tip moves at up to v_s, since ρ grows from zero at rest.
+"""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
@@ -6,7 +12,56 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.surface.plane import plane_load
+
+STEEPEST = 1.875
+"""Largest ρ′, at x = 1/2."""
+
+
+def plane_load(depth: np.ndarray, transition: float) -> np.ndarray:
+    """Returns s(δ) [m], a twice continuously differentiable max(δ, 0).
+
+    With x = δ/w: s = 0 for x ≤ 0, w(x³ − x⁴/2) for 0 < x < 1, δ − w/2 for x ≥ 1, so that the
+    stiffness s'(δ) rises from 0 to 1 as the smooth step 3x² − 2x³.
+    """
+    x = depth / transition
+    if isinstance(depth, float):  # One depth.
+        return np.float64(0.0 if x <= 0.0 else depth - 0.5 * transition if x >= 1.0 else
+                          transition * x**3 * (1.0 - 0.5 * x))
+    return np.where(x.real <= 0.0, 0.0,
+                    np.where(x.real < 1.0, transition * x**3 * (1.0 - 0.5 * x),
+                             depth - 0.5 * transition))
+
+
+def dissipation_factor(z: np.ndarray) -> np.ndarray:
+    """Returns ψ(z) = 1 + z for z ≥ 0, 1/(1 − z) for z < 0: positive, continuously differentiable.
+
+    Hunt and Crossley's factor 1 + aδ̇ goes negative on fast withdrawal (the surface would pull)
+    and clipping it at zero, as is usual, has a kink; ψ agrees with it to first order at rest.
+    """
+    if isinstance(z, float):  # One rate.
+        return np.float64(1.0 / (1.0 - z) if z < 0.0 else 1.0 + z)
+    retreat = np.where(z.real < 0.0, z, 0.0)
+    return np.where(z.real < 0.0, 1.0 / (1.0 - retreat), 1.0 + z)
+
+
+def slip_factor(slip: np.ndarray) -> np.ndarray:
+    """Returns ρ(x)/x (...) at the slip x = v/v_s ≥ 0 (...); zero at rest."""
+    if slip.size == 1 and slip.dtype.kind == "f":
+        return slip**2 * (10.0 + slip * (6.0 * slip - 15.0)) if slip < 1.0 else 1.0 / slip
+    fast = np.where(slip.real < 1.0, 1.0, slip)
+    return np.where(slip.real < 1.0, slip**2 * (10.0 + slip * (6.0 * slip - 15.0)), 1.0 / fast)
+
+
+def coulomb(velocity: np.ndarray, friction: float, creep: float) -> np.ndarray:
+    """Returns the force per normal force (..., 3) of a tip on the surface along which it slides.
+
+    Args:
+        velocity: Tangential velocity of the tip (..., 3) [m/s].
+        friction: Coefficient μ.
+        creep: Creep velocity v_s [m/s].
+    """
+    slip = np.sqrt(np.add.reduce(velocity * velocity, axis=-1, keepdims=True)) / creep
+    return friction / creep * slip_factor(slip) * velocity
 
 
 class Ramp(NamedTuple):
