@@ -9,6 +9,7 @@ from support.quick import FEW, search_less
 from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.certificate.certify import basis_of
 from uvms_drake.certificate.declared_unknowns import (
+    HAND,
     LEAST_WEIGHT,
     RESERVED,
     UnmodelledBounds,
@@ -170,8 +171,8 @@ def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis
     assert heavy.error - plain.error == pytest.approx(2.0 * 0.1 * most)
     nothing = load_scenario(NAME, FEW)
     assert payload_acceleration(nothing, bounds, ()) is None
-    again, carried, conditions = declared_effects(allowed, basis, RADII)
-    assert len(again) == 1 and carried.claim > 0.0
+    (effect,), estimates, conditions = declared_effects(allowed, basis, RADII)
+    assert [each.name for each in estimates] == [f"d by {effect.name}", HAND]
     assert [each.topic for each in conditions] == ["declared unknowns", "model_error"]
 
 

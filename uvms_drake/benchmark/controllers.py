@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import System
 
-from uvms_drake.baselines.baseline import BASELINES, make_baseline
-from uvms_drake.baselines.gains import RobotGains, read_gains
-from uvms_drake.baselines.measured import PressTask
+from uvms_drake.baselines.baseline import BASELINES, Baseline, RobotGains, read_gains
+from uvms_drake.baselines.law import PressTask
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -45,7 +44,7 @@ def controller_with_gains(name: str, scenario: Scenario, model: ContactModel, ga
         return _mpc(scenario, model, _offset_free_law(gains, scenario.ancillary))
     task, direction = scenario.task, sensed_contact(scenario).direction
     pose = np.asarray(task.pose, dtype=float)
-    return make_baseline(model, PressTask(
+    return Baseline(model, PressTask(
         direction, place=pose[:3], attitude=pose[3:], posture=np.asarray(task.posture, dtype=float),
         force=task.force_along(direction)), BASELINES[name](gains), gains)
 

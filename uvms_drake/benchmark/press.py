@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
     System,
 )
 
-from uvms_drake.baselines.gains import read_gains
+from uvms_drake.baselines.baseline import read_gains
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.kinds import register
 from uvms_drake.common.wiring import added, output_of, release

@@ -115,8 +115,7 @@ def probability_fingerprint(scenario: Scenario) -> dict[str, Any]:
 
 def cache_key(scenario: Scenario) -> dict[str, Any]:
     """Returns the key in the cache of the certificate in probability of a scenario."""
-    declared = replace(scenario, name="", description="", seed=0)
-    return {"in probability": dump_scenario(declared), "files": fingerprint(scenario)["files"]}
+    return {"in probability": probability_fingerprint(scenario)}
 
 
 def stale_reason(certificate: AnyCertificate, scenario: Scenario) -> str | None:

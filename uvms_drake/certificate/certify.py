@@ -87,13 +87,13 @@ class Draft:
         certificate: The claims so far.
         basis: Data of the tube.
         found: Tube of the law, with the terms of a sensed contact.
-        carried: Estimated acceleration of a payload that a wrist sensor reads; None without one.
+        unproven: Estimates besides those of the tube, each with its second search.
         start: Start (𝔮, ζ) (2(6+n),).
     """
 
     basis: Basis
     found: LawTube
-    carried: Estimate | None = None
+    unproven: tuple[Estimate, ...] = ()
     start: np.ndarray
 
     def __init__(self, scenario: Scenario, model: ContactModel):
@@ -154,7 +154,7 @@ def tube(draft: Draft) -> None:
 def unknowns(draft: Draft) -> None:
     """Bounds the accelerations by declared unknowns, as a part of d."""
     if draft.scenario.unknowns.present:
-        effects, draft.carried, conditions = declared_effects(
+        effects, draft.unproven, conditions = declared_effects(
             draft.scenario, draft.basis, draft.found.radii)
         draft.claim(unknowns=effects)
         draft.require(*conditions)
@@ -171,13 +171,10 @@ def margins(draft: Draft) -> None:
 
 def second_search(draft: Draft) -> None:
     """Searches again for every number that is not proven."""
-    unknown = draft.certificate.unknowns
-    estimates = (
-        *draft.found.check(), *(Estimate(f"d by {each.name}", each.takes, each.second)
-                                for each in unknown),
-        *([draft.carried] if draft.carried else []))
+    factor, estimates = draft.scenario.certificate.safety_factor, (
+        *draft.found.check(), *draft.unproven)
     draft.claim(estimates=estimates)
-    draft.require(*(replace(each, advice=safer(draft.scenario.certificate.safety_factor, each.left))
+    draft.require(*(replace(each, advice=safer(factor, each.left))
                     for each in unrefuted(estimates)))
 
 
