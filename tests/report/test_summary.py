@@ -14,7 +14,7 @@ from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.mpc.planner import KEPT
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report import signals
 from uvms_drake.report.signals import settling_index
 from uvms_drake.report.summary import EVENT_LINES, format_summary, summarise, summarise_claim

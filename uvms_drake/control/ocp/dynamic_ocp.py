@@ -17,7 +17,7 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.convex.staged_program import StagedProgram
-from uvms_drake.control.costs.task_cost import TaskCost
+from uvms_drake.control.costs.costs import TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp.limit_stack import Inputs
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp, PlanPoints, Transitions, weight

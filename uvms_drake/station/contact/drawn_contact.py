@@ -19,7 +19,7 @@ from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
-from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.station.command_path import command_path_of
 from uvms_drake.station.contact.bounds import (
     largest_force,
