@@ -9,7 +9,7 @@ from support.robots import TEMPLATE, altered, without_an_arm
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model import uvms_model
-from uvms_drake.model.description.robot_folder import models_dir
+from uvms_drake.model.description.robot_files import models_dir
 from uvms_drake.model.links import read_links
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture, trim_of

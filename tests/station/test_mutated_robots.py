@@ -16,7 +16,7 @@ from support.robot_mutations import mutated
 from support.robot_reading import read_robot, words
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.robot import Robot
 from uvms_drake.plant.model_check import sound_robot
 

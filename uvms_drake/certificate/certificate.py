@@ -22,7 +22,7 @@ from uvms_drake.common.cache import source_digest
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import from_jsonable, jsonable
 from uvms_drake.common.program import FOLDER, VERSION
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.station.parts import uncovered
 from uvms_drake.station.scenario.modules import module_file
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario

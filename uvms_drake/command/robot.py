@@ -12,7 +12,7 @@ from uvms_drake.command.files import folder, new_at
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.common.errors import InvalidFile, require, vector
 from uvms_drake.common.output import output_folder
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 
 TEMPLATE = "box_uvms"
 PICTURE_FILE = "robot.png"

@@ -11,7 +11,7 @@ from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import read_yaml
 from uvms_drake.common.wiring import release
-from uvms_drake.model.description.robot_folder import shipped_robots
+from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.scenario.remarks import remarks
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario

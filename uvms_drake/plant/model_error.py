@@ -13,8 +13,7 @@ from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
 )
-from uvms_drake.model.description.robot_files import RobotFiles, read_robot_files
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import RobotFiles, model_dir, read_robot_files
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.plant.joint_friction import JointFriction

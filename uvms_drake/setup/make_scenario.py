@@ -11,7 +11,7 @@ from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.program import FOLDER
 from uvms_drake.common.schema import check_values, parse_yaml
 from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.model.description.robot_folder import model_dir, shipped_robots
+from uvms_drake.model.description.robot_files import model_dir, shipped_robots
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.signals.sensor_actuator import Sensor
 from uvms_drake.model.surface.law import Surface, check_surface

@@ -8,7 +8,7 @@ import pytest
 from support.robots import TEMPLATE, altered
 
 from uvms_drake.control.laws.outputs import POSE
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
