@@ -181,8 +181,6 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set", "none", not mpc.terminal_set),
-        ("mpc.input_reference", "not the equilibrium's input",
-         mpc.input_reference != "equilibrium"),
         *contact.assumed_settings()]
     conditions = [
         assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"

@@ -35,7 +35,7 @@ from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
 from uvms_drake.control.ocp.solvers import make_solver
-from uvms_drake.control.plan.plan import P, Plan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import NotOffered
@@ -348,7 +348,7 @@ def budget_margins(budget: Iterable[str], limits: Mapping[str, Limit], model: Uv
             if (known := [margin[label] for label in labels.get(name, ()) if label in margin])}
 
 
-def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition]]:
+def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
     Also that no angle and no depth of this plan leaves its limits between the knots. If the

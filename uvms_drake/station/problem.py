@@ -9,7 +9,7 @@ from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import Limit, TubeRadii, check_limits, make_limits, tighten
 from uvms_drake.control.limits.pose import ANGLES
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.robot import Robot
@@ -48,7 +48,7 @@ def load_model(scenario: "Scenario", robot: Robot | None = None) -> ContactModel
     return ContactModel(robot.uvms, controller_surface, frame)
 
 
-def make_ocp(scenario: "Scenario", model: ContactModel | None = None) -> DynamicOcp:
+def make_ocp(scenario: "Scenario", model: ContactModel | None = None) -> Ocp:
     """Returns the nominal MPC's problem.
 
     Args:
@@ -84,11 +84,11 @@ def shown_surface(scenario: "Scenario", model: ContactModel) -> Surface:
     return scenario.contact.shown_surface(model.surface, true_surface(scenario))
 
 
-def make_dynamic_ocp(scenario: "Scenario", model: ContactModel) -> DynamicOcp:
+def make_dynamic_ocp(scenario: "Scenario", model: ContactModel) -> Ocp:
     """Returns the problem of a scenario with a known surface; see `make_ocp`."""
     y_des, limits = posed_task(scenario, model)
     with within("mpc"):
-        ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
+        ocp = Ocp(model, scenario.mpc, y_des, limits)
     at = replace(_at(model, y_des), zeta=np.zeros(model.size), u=ocp.u_eq)
     require(bool(np.all(np.abs(ocp.u_eq) <= limits["u"].upper)), "limits.u", scenario.limits.u,
             f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, and "
@@ -99,7 +99,7 @@ def make_dynamic_ocp(scenario: "Scenario", model: ContactModel) -> DynamicOcp:
     return ocp
 
 
-def retargeted_ocp(scenario: "Scenario", model: ContactModel, force: np.ndarray) -> DynamicOcp:
+def retargeted_ocp(scenario: "Scenario", model: ContactModel, force: np.ndarray) -> Ocp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
     The tube stays the scenario's: it holds for all forces within `limits.static_force`.
@@ -145,7 +145,7 @@ def task_place(scenario: "Scenario") -> np.ndarray:
         return vector("pose", scenario.task.pose, 6)[:3]
 
 
-def start_state(scenario: "Scenario", ocp: DynamicOcp) -> np.ndarray:
+def start_state(scenario: "Scenario", ocp: Ocp) -> np.ndarray:
     """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
 
     Raises:

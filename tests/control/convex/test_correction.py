@@ -16,7 +16,7 @@ from uvms_drake.control.convex.correction import (
 from uvms_drake.control.convex.staged_solver import solve_staged
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
-from uvms_drake.control.plan.tracking_plan import TrackingPlan
+from uvms_drake.control.plan.plan import TrackingPlan
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.station.problem import load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario

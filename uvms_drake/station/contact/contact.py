@@ -11,7 +11,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from uvms_drake.common.errors import require, within
 from uvms_drake.control.limits import Limit, Limits, TubeRadii
 from uvms_drake.control.mpc.planner import Targets
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.tube_mpc import make_tube_mpc
@@ -80,11 +79,11 @@ class Contact(ABC):
 
     # The controller.
 
-    def make_ocp(self, scenario: "Scenario", model: ContactModel) -> DynamicOcp:
+    def make_ocp(self, scenario: "Scenario", model: ContactModel) -> Ocp:
         """Returns the nominal MPC's problem; see `problem.make_ocp`."""
         return make_dynamic_ocp(scenario, model)
 
-    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp
+    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: Ocp
                         ) -> Diagram:
         """Returns the tube-based NMPC that solves a problem of `make_ocp`; see `command_limits`."""
         targets = Targets(np.asarray(scenario.task.force, dtype=float),

@@ -13,9 +13,9 @@ import numpy as np
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
+from uvms_drake.control.mpc.planner import committed_intervals
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
-from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.unknown_contact import UnknownContact

@@ -18,11 +18,10 @@ from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.limits.pose import ToolAngle
 from uvms_drake.control.limits.speeds import ContactSpeed
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
-from uvms_drake.control.plan.between_knots import off_parabola, stopping_distance
+from uvms_drake.control.plan.plan import off_parabola, stopping_distance
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.contact_model import ContactModel
@@ -131,7 +130,7 @@ class SensedContact(UnknownContact, Contact):
             return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
                                contact.walls.facets)
 
-    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: DynamicOcp
+    def make_controller(self, scenario: "Scenario", model: ContactModel, ocp: Ocp
                         ) -> Diagram:
         """Returns the tube-based NMPC that presses by the measured force."""
         assert isinstance(ocp, TrackingOcp)

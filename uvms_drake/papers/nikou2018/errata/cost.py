@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import Surface, check_surface
@@ -39,14 +39,14 @@ class RestPoint(NamedTuple):
     """Remaining norm ‖ζ̄‖ [m/s, rad/s]."""
 
 
-def spring_ocp() -> tuple[DynamicOcp, Surface]:
+def spring_ocp() -> tuple[Ocp, Surface]:
     """Returns the nominal problem of the scenario with the paper's surface law, and its surface."""
     scenario = load_scenario("girona500_bilateral")
     model = ContactModel(uvms(), check_surface(scenario.surface))
     return make_dynamic_ocp(scenario, model), model.surface
 
 
-def rest_point(ocp: DynamicOcp, surface: Surface, u_ref: np.ndarray) -> RestPoint:
+def rest_point(ocp: Ocp, surface: Surface, u_ref: np.ndarray) -> RestPoint:
     """Returns the equilibrium of the nominal MPC that starts at the task and weighs ū − u_ref."""
     ocp = copy(ocp)
     ocp.task_cost = replace(ocp.task_cost, u_ref=u_ref)
