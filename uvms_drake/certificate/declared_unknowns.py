@@ -132,10 +132,8 @@ class UnmodelledBounds:
 
 
 def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
-                     ) -> tuple[tuple[UnknownEffect, ...], Estimate | None, list[Condition]]:
-    """Returns the effects of the declared unknowns, and the conditions that they need.
-
-    Also the acceleration of a payload that a wrist sensor reads; None without one.
+                     ) -> tuple[tuple[UnknownEffect, ...], tuple[Estimate, ...], list[Condition]]:
+    """Returns the effects of the declared unknowns, their estimates, and the conditions on them.
 
     Args:
         scenario: Scenario with unknowns.
@@ -145,10 +143,12 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
     bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.seed)
     effects = unknown_effects(scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
     conditions = [unknowns_condition(scenario.disturbance, scenario.unknowns, bounds, effects)]
+    estimates = [Estimate(f"d by {each.name}", each.takes, each.second) for each in effects]
     carried = payload_acceleration(scenario, bounds, effects)
     if carried is not None:
+        estimates.append(carried)
         conditions.append(payload_condition(scenario.model_error.payload.acceleration, carried))
-    return effects, carried, conditions
+    return effects, tuple(estimates), conditions
 
 
 def unknown_effects(unknowns: Unknowns, bounds: UnmodelledBounds, weights: np.ndarray, *,

@@ -13,8 +13,7 @@ from uvms_drake.common.schema import read_yaml
 from uvms_drake.common.wiring import release
 from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.scenario.remarks import remarks
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario, remarks
 from uvms_drake.station.scenario.scenario_file import (
     base_of,
     not_inherited,
