@@ -119,8 +119,8 @@ def test_e11_the_other_configuration_arrives_within_the_printed_limits():
 
 
 def test_e6_the_loop_rests_near_the_least_stage_cost_and_the_hold_input_is_not_flagged():
-    """A long horizon rests where the stage cost of a rest is least; this one is 3 s."""
-    errors, force, _, speed = simulation.rests(0.0)
+    """A long horizon settled where the stage cost of a rest is least; this one is 3 s."""
+    errors, force, _, speed = simulation.settled(0.0)
     assert speed < 1e-4
     ocp = make_ocp(load_scenario("girona500_bilateral"))
     model, size, y = ocp.model, 10, ocp.y_des.copy()

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.frames.euler import pose_difference
-from uvms_drake.papers.nikou2018.errata.simulation import rests
+from uvms_drake.papers.nikou2018.errata.simulation import settled
 from uvms_drake.papers.nikou2018.kinematics import Run, simulate
 from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION, legend_above, panels
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -46,7 +46,7 @@ def draw_choices(folder: Path, progress: Progress = silent, overrides: Sequence[
                     for each in CHOICES[name]]
             figure = draw(panels_of(runs), runs[0].time, [named(each) for each in CHOICES[name]])
         else:
-            errors = [np.linalg.norm(rests(u_ref)[0], axis=1) for u_ref in (1.0, 0.0)]
+            errors = [np.linalg.norm(settled(u_ref)[0], axis=1) for u_ref in (1.0, 0.0)]
             figure = draw({TASK_ERROR: errors}, np.arange(len(errors[0])), ["u_eq", "zero"])
         figure.savefig(folder / name)
 

@@ -51,7 +51,7 @@ SMALL, TINY = 0.01, 1e-4
 the horizon, to look for the smallest ε."""
 
 
-def rests(u_ref: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+def settled(u_ref: float) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Returns how the nominal MPC of `girona500_bilateral` settles, started at the task.
 
     Args:
@@ -84,7 +84,7 @@ def hold_input(fraction: float = 0.0) -> Erratum:
     Args:
         fraction: u_ref as a fraction of ū_eq; the printed one is zero.
     """
-    (errors, force, needed, _), (own_errors, own_force, *_) = rests(fraction), rests(1.0)
+    (errors, force, needed, _), (own_errors, own_force, *_) = settled(fraction), settled(1.0)
     tip, own_tip = (float(np.linalg.norm(each[-1, :3])) for each in (errors, own_errors))
     return Erratum(
         "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
