@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from uvms_drake.control import costs as costs
     from uvms_drake.control import laws as laws
     from uvms_drake.control import limits as limits
-    from uvms_drake.control.costs.term import CostTerm as CostTerm
+    from uvms_drake.control.costs.costs import CostTerm as CostTerm
     from uvms_drake.control.laws.law import AncillaryLaw as AncillaryLaw
     from uvms_drake.control.laws.law import Command as Command
     from uvms_drake.control.laws.law import Pair as Pair
@@ -98,7 +98,7 @@ _HOME = {
     "configuration_rate": "model.uvms_model",
     "Contact": "station.scenario.contact",
     "ContactModel": "model.contact_model",
-    "CostTerm": "control.costs.term",
+    "CostTerm": "control.costs.costs",
     "DirectedDisturbance": "plant.disturbance",
     "Disturbance": "plant.disturbance",
     "format_certificate": "certificate.text",

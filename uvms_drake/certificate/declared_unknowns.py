@@ -17,8 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.plant.model_error import FACTORS, ModelError, add_simulated_uvms
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import FACTORS, ModelError, Unknowns, add_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, rounded_up, setting
 from uvms_drake.tube.estimates import Estimate
