@@ -20,8 +20,8 @@ import uvms_drake as uv
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.wiring import release
 from uvms_drake.mission.steps import Mission
+from uvms_drake.model.surface.contact_laws import Bilinear, Linear
 from uvms_drake.model.surface.geometry import Plane
-from uvms_drake.model.surface.normal_law import Bilinear, Linear
 from uvms_drake.plant.disturbance import unit_vector
 from uvms_drake.report.contact_check import force_bands
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact

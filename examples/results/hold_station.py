@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 import uvms_drake as uv
 from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.model.surface.plane import dissipation_factor
+from uvms_drake.model.surface.contact_laws import dissipation_factor
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.report.contact_check import has_stood
 from uvms_drake.sensing.force_sensor import ForceSensor

@@ -12,6 +12,7 @@ from uvms_drake.station.plant import make_simulated_uvms
 from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
+from uvms_drake.station.tube_control import make_tube
 
 PERIOD, DELAY = 1.0 / 64.0, 1.0 / 128.0
 """Sums of them are exact, so that events that are meant to be of one instant are."""
@@ -33,7 +34,7 @@ def by_hand(scenario, steps: int) -> list[np.ndarray]:
     uvms = make_simulated_uvms(scenario, scenario.disturbance, scenario.start.config)
     robot = Simulator(uvms)
     ApplySimulatorConfig(scenario.simulator, robot)
-    controller = Simulator(scenario.contact.make_controller(scenario, model, ocp))
+    controller = Simulator(make_tube(scenario, model, ocp))
 
     def state():
         return uvms.GetOutputPort("state").Eval(robot.get_context()).copy()
@@ -88,15 +89,3 @@ def test_the_law_runs_once_a_period_and_its_command_stays(monkeypatch):
     assert np.all(np.any(np.diff(sampled[2::2], axis=0) != 0.0, axis=1))
     # The effect of the hold is no disturbance.
     np.testing.assert_allclose(record.effective_disturbance, record.disturbance, atol=1e-9)
-
-
-def test_at_the_logs_instants_alone_it_is_asked_once_a_period(monkeypatch):
-    asked, command = [], Resolved.command
-
-    def counted(self, *args):
-        asked.append(1)
-        return command(self, *args)
-
-    monkeypatch.setattr(Resolved, "command", counted)
-    simulate(scenario_of(0.18, part=SampledCommand(0.02, 0.01)))
-    assert len(asked) == 9 + 1

@@ -13,7 +13,6 @@ from support.thrusters import eight_thrusters
 from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
 from uvms_drake.actuation.thrusters import Thrusters, largest_error, with_errors
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
@@ -155,15 +154,6 @@ def test_a_cloned_context_goes_on_with_the_delayed_commands(model):
     assert first[0] < 0.0
 
 
-@pytest.mark.parametrize("dead_time", [0.0, 0.05])
-def test_what_the_thrusters_give_now_does_not_depend_on_the_command_now(model, dead_time):
-    """A law may ask for it: no algebraic loop."""
-    diagram = Bench(model, Thrusters(dead_time=dead_time), tau=None).diagram
-    feeds = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())
-             if diagram.HasDirectFeedthrough(i)}
-    assert feeds == {"thruster_command", "wrench_shortfall", "exerted"}
-
-
 def test_thrusters_of_several_lags_have_each_its_own():
     known, lags = ThrusterModel.of(eight_thrusters()), np.linspace(0.1, 0.4, 8)
     builder = DiagramBuilder()
@@ -212,12 +202,3 @@ def test_the_allocation_alone_commands_what_gives_the_wrench(other):
         np.testing.assert_allclose(
             thrusters.B @ thrusters.forces_of(command), wrench, atol=1e-9)
     np.testing.assert_allclose(system.GetOutputPort("shortfall").Eval(context), 0.0, atol=1e-9)
-
-
-def test_what_the_robot_does_not_have_is_named(model):
-    for thrusters, part, message in (
-            (None, Thrusters(), r"^thrusters = None: must be left out: the robot has no thrust"),
-            (model.thrusters, Thrusters(error=np.zeros(3)), r"^error = .*: must be 5 finite num"),
-            (model.thrusters, Thrusters(period=0.02), r"^dead_time = 0\.05: must be a multiple")):
-        with pytest.raises(InvalidParameter, match=message):
-            Bench(with_thrusters(model, thrusters), part)

@@ -5,7 +5,6 @@ import pickle
 import numpy as np
 import pytest
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.mission.law import (
     CONTACT_LOST,
     DONE,
@@ -177,16 +176,6 @@ def test_a_spot_is_tried_again_as_often_as_is_said():
     assert (run.state.failures, run.state.tries) == (4, 3)
 
 
-def test_an_approach_waits_for_a_force_that_is_lost():
-    run = Tip(JOB)
-
-    def gone(t, measured):
-        return measured._replace(lost=True, touched=False) if t < 20.0 else measured
-
-    assert run.go(np.inf, gone).outcome == DONE
-    assert all(step == 0 for t, step, *_ in run.asked if t < 20.0)
-
-
 def test_a_tip_that_cannot_get_back_ends_the_mission():
     run = Tip(JOB)
 
@@ -251,24 +240,3 @@ def test_random_missions_with_random_measurements_all_end_and_never_in_limbo():
         assert (state.outcome == DONE) == all(each == DONE for each in state.outcomes)
         ends.append(state.outcome)
     assert np.all(np.bincount(ends, minlength=4)[1:] > 20)
-
-
-@pytest.mark.parametrize(("steps", "message"), [
-    ([Hold(), Retreat()], r"steps\[0\] = 'Hold': must be an !Approach"),
-    ([Approach(), Approach(), Retreat()], r"steps\[1\] = 'Approach': must be !Hold"),
-    ([Approach(), Retreat(), Slide(), Retreat()], r"steps\[2\] = 'Slide': must be an !Approach"),
-    ([Approach(), Hold()], r"steps\[1\] = 'Hold': must be a !Retreat, as the last"),
-    ([Approach(timeout=-1.0), Retreat()], r"steps\[0\]\.timeout = -1.0: must be positive"),
-    ([Approach(on_failure="hope"), Retreat()], "on_failure = 'hope': must be one of skip, retry"),
-    ([Approach(), Hold(seconds=60.0), Retreat()], r"steps\[1\]\.timeout = 60.0"),
-    ([Approach(), Slide(speed=0.001), Retreat()], "more than the 200 s that it takes"),
-    ([Approach(), Slide(along=np.zeros(2)), Retreat()], r"steps\[1\]\.along"),
-    ([Approach(), Slide(amplitude=11.0), Retreat()], "less than the force, 10 N"),
-    ([Approach(), Retreat(distance=0.0)], r"steps\[1\]\.distance = 0.0: must be positive")])
-def test_a_mission_that_makes_no_sense_is_refused(steps, message):
-    with pytest.raises(InvalidParameter, match=message):
-        Mission(steps=steps).checked()
-
-
-def test_of_no_steps_there_is_no_mission():
-    assert Mission().checked().steps == []

@@ -9,8 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 from support.tiny_robots import drill
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.mission.law import DONE, RETREATED, STOPPED, Measured, advance, begin
+from uvms_drake.mission.law import DONE, Measured, advance, begin
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
 from uvms_drake.mission.system import PROGRESS, MissionControl
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -92,14 +91,6 @@ def test_it_asks_for_what_is_due_a_lead_later():
     assert np.ptp([due_place for *_, due_place in log], axis=0)[0] > 0.01
 
 
-def test_before_the_first_look_it_is_where_the_tip_is():
-    sim, system = simulator()
-    context = sim.get_context()
-    found = values(system, context)
-    assert found[:6] == pytest.approx(np.zeros(6))
-    assert found[9] == pytest.approx(tip(0.0)[1])
-
-
 def test_a_clone_goes_on_as_the_original_does():
     sim, system = simulator()
     sim.AdvanceTo(2.3)
@@ -112,23 +103,8 @@ def test_a_clone_goes_on_as_the_original_does():
             values(system, sim.get_context()), abs=0.0)
 
 
-def test_a_stop_takes_it_back_and_ends_it():
-    sim, system = simulator(stop=lambda time: [float(time > 1.0)])
-    sim.AdvanceTo(3.0)
-    assert values(system, sim.get_context())[:6] == pytest.approx(np.zeros(6))
-    assert values(system, sim.get_context())[9] == pytest.approx(tip(0.0)[1] - 0.05)
-    sim.AdvanceTo(5.0)
-    found = progress(system, sim.get_context())
-    assert (found["outcome"], found["reason"], found["failures"]) == (RETREATED, STOPPED, 1.0)
-
-
 def test_a_state_that_is_not_finite_is_not_seen():
     sim, system = simulator(state=lambda time: np.full(14, np.nan) if 0.5 < time < 0.9
                             else state(time))
     sim.AdvanceTo(6.0)
     assert progress(system, sim.get_context())["outcome"] == DONE
-
-
-def test_without_a_step_there_is_no_system():
-    with pytest.raises(InvalidParameter, match=r"steps = .*not empty"):
-        MissionControl(Mission(), drill(), SURFACE, ORIGIN)

@@ -72,13 +72,6 @@ def test_a_force_goes_into_the_axes_of_the_tip_and_back(chi):
 
 
 @pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])
-def test_the_power_of_the_force_is_the_same_in_both_coordinates(chi, surface):
-    law, A, V_E = check_surface(surface), matrix(chi), np.linspace(-0.2, 0.3, 6)
-    assert V_E @ tip_force(law, chi, A, V_E) == pytest.approx(
-        law.force(chi, A @ V_E) @ (A @ V_E), rel=1e-12)
-
-
-@pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])
 def test_the_gradients_are_those_of_differences(chi, surface, derivative):
     law, V_E = check_surface(surface), np.linspace(-0.2, 0.3, 6)
     by_velocity, by_motion = tip_force_gradients(law, chi, matrix(chi), V_E)

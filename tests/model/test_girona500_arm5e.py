@@ -7,7 +7,6 @@ from pydrake.multibody.plant import MultibodyPlant
 from support import dh
 
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 
@@ -55,28 +54,6 @@ def test_every_frame_is_where_the_papers_table_puts_it(uvms):
 def test_joint_limits_are_the_papers(uvms):
     assert [joint.position_lower_limit() for joint in uvms.joints] == list(dh.LOWER)
     assert [joint.position_upper_limit() for joint in uvms.joints] == list(dh.UPPER)
-
-
-@pytest.mark.parametrize(
-    ("eta", "q", "chi"),
-    [
-        ((-2.057, 1.017, -1.184, 0, 0, np.pi / 12), (0, 0.9, 0.278, 0),
-         (-1.0, 1.3, -1.0, 0, -np.pi / 8, np.pi / 12)),
-        ((-0.972, 0, 0.058, 0, 0, 0), (0, 1.2, 0.685, np.pi / 3),
-         (0, 0, 0, np.pi / 3, np.pi / 10, 0)),
-    ])
-def test_a_level_vehicle_reaches_the_papers_poses_of_the_end_effector(uvms, eta, q, chi):
-    """The paper's initial and desired χ, to the rounding of η and q."""
-    X_WT = uvms.tip.CalcPoseInWorld(_context(uvms, np.array(eta), np.array(q)))
-    np.testing.assert_allclose(X_WT.translation(), chi[:3], atol=1e-3)
-    np.testing.assert_allclose(RollPitchYaw(X_WT.rotation()).vector(), chi[3:], atol=1e-3)
-
-
-def test_the_end_effector_points_straight_down_at_q_zero(uvms):
-    """Pitch −π/2, the singularity of the Euler angles; x_E is z of the NED frame."""
-    X_WT = uvms.tip.CalcPoseInWorld(_context(uvms, np.zeros(6), np.zeros(4)))
-    assert RollPitchYaw(X_WT.rotation()).pitch_angle() == pytest.approx(-np.pi / 2, abs=1e-7)
-    np.testing.assert_allclose(X_WT.rotation().col(0), [0.0, 0.0, 1.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ARM)
@@ -139,30 +116,6 @@ def test_the_arm_weighs_what_its_datasheet_says(uvms):
     assert mass == pytest.approx(10.0, abs=1e-3)
     assert displaced == pytest.approx(7.24, abs=0.01)
     assert mass - displaced == pytest.approx(2.75, abs=0.01)
-
-
-def test_the_water_outweighs_the_vehicle_sideways(uvms):
-    """External flow and flood water together: M_A > M_RB in sway and heave, less in surge."""
-    M = added_mass_about_origin(uvms.hydrodynamics.bodies["vehicle"].added_mass)
-    np.testing.assert_allclose(np.diag(M)[:3], [158.13, 389.90, 396.99], rtol=1e-12)
-    # Flood water 0.03 m above the origin: 110·0.03 kg m couples surge and pitch.
-    assert M[0, 4] == pytest.approx(-6.58 - 110.0 * 0.03)
-    assert M[4, 4] == pytest.approx(34.12 + 38.0 + 110.0 * 0.03**2)
-
-
-def test_motors_add_their_reflected_inertia_to_the_joints(uvms):
-    plant = MultibodyPlant(time_step=0.0)
-    bare = add_uvms(plant, "girona500_arm5e")
-    for joint in bare.joints:
-        plant.GetJointActuatorByName(joint.name()).set_default_rotor_inertia(0.0)
-    plant.Finalize()
-    q = np.array([0.3, 0.7, -0.4, 1.0])
-    with_motors = uvms.plant.CalcMassMatrix(_context(uvms, np.zeros(6), q))
-    without = plant.CalcMassMatrix(_context(bare, np.zeros(6), q))
-    expected = np.zeros(10)
-    expected[6:] = 0.5, 0.5, 0.3, 0.1
-    np.testing.assert_allclose(with_motors - without, np.diag(expected), atol=1e-12)
-    assert without[9, 9] < 1e-3, "the wrist alone is nearly massless"
 
 
 def test_the_plants_pose_and_jacobian_of_the_tip_are_the_chains(uvms):

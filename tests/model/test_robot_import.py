@@ -10,8 +10,8 @@ from support.robot_files import FILES, FLIP, NAMES, PlainUrdf, turn
 from uvms_drake.command.robot import write_robot
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
-from uvms_drake.model.description.meshes import bounding_box, format_obj, mesh_volume
 from uvms_drake.model.description.thruster_file import thrust_map
+from uvms_drake.model.description.visuals import bounding_box, format_obj, mesh_volume
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.robot_import.importer import import_robot
 from uvms_drake.model.robot_import.notes import Notes
@@ -81,7 +81,8 @@ def test_the_tip_is_the_frame_of_the_file_with_x_along_the_tool(name, frame, R_F
     model = UvmsModel(robots[name].uvms)
     posture = np.random.default_rng(2).uniform(-1.0, 1.0, model.num_joints)
     at = model.kinematics(np.concatenate([np.zeros(6), posture]))
-    R, p = plain(name, robots[name], posture).in_frd(URDFS[name], frame)
+    X = plain(name, robots[name], posture).in_frd(URDFS[name], frame)
+    R, p = X[:3, :3], X[:3, 3]
     np.testing.assert_allclose(at.chi[:3], p, atol=1e-8)
     if R_FE is None:
         np.testing.assert_allclose(at.R_BL[-1][:, 0], R[:, 2], atol=1e-8)
@@ -94,8 +95,8 @@ def test_thrusters_push_as_the_frames_of_their_rotors(name, robots):
     tree, columns = PlainUrdf(FILES / name, {}), {}
     for link in tree.links:
         if (short := link.rsplit("/", 1)[-1]).startswith("thruster"):
-            R, p = tree.in_frd(URDFS[name], link)
-            columns[short] = np.concatenate([R[:, 0], np.cross(p, R[:, 0])])
+            X = tree.in_frd(URDFS[name], link)
+            columns[short] = np.concatenate([X[:3, 0], np.cross(X[:3, 3], X[:3, 0])])
     found = robots[name].uvms.thrusters
     assert list(found.thrusters) == list(columns)
     np.testing.assert_allclose(thrust_map(list(found.thrusters.values())),

@@ -7,7 +7,7 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.uvms import Uvms, add_uvms
 
 SHIPPED = "girona500_arm5e"

@@ -136,15 +136,6 @@ def test_a_propeller_accelerates_robot_and_water_together(model, eta):
     np.testing.assert_allclose(change, expected, rtol=1e-9, atol=1e-12)
 
 
-def test_several_forces_add_up(model):
-    eta, thrusts = POSES[1], [40.0, -25.0]
-    driven = Driven("propeller", "propeller")
-    change = driven.acceleration(eta, thrusts) - driven.acceleration(eta, [0.0, 0.0])
-    M = model.mass_matrix(model.kinematics(np.concatenate([eta, JOINTS])))
-    expected = np.linalg.solve(M, np.concatenate([wrench(15.0), np.zeros(4)]))
-    np.testing.assert_allclose(change, expected, rtol=1e-9, atol=1e-12)
-
-
 def test_a_wing_brakes_beside_a_propeller():
     """A plate that falls broadside feels ρ w² S upwards, at its place on the vehicle."""
     sinking = np.concatenate([[0.0, 0.0, 0.5], np.zeros(7)])
@@ -173,17 +164,6 @@ def submerged(builder):
     uvms = add_uvms(plant, MODEL)
     plant.Finalize()
     return plant, uvms
-
-
-@pytest.mark.parametrize("name", ["applied_spatial_force", "actuation"])
-def test_nobody_can_connect_to_a_port_that_moves_the_dry_mass_only(name):
-    builder = DiagramBuilder()
-    plant, uvms = submerged(builder)
-    port = plant.GetInputPort(name)
-    Hydrodynamics.AddToBuilder(builder, plant, uvms.hydrodynamics)
-    assert builder.IsConnectedOrExported(port)  # Drake's own visualization looks at that first.
-    with pytest.raises((RuntimeError, SystemExit)):  # In newer versions of Drake, the second.
-        builder.ExportInput(port)
 
 
 @pytest.mark.parametrize("name", ["applied_spatial_force", "actuation"])

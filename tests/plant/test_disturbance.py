@@ -4,18 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
     RandomDisturbance,
     SinusoidalDisturbance,
     ball_sample,
-    unit_vector,
 )
 
 SIZE, BOUND = 7, 0.3
@@ -68,21 +63,6 @@ def test_bound_and_weights_count_by_their_product():
         np.testing.assert_allclose(each.relative_weights(SIZE), WEIGHTS)
         np.testing.assert_allclose(each.axes(SIZE), BOUND * WEIGHTS)
     np.testing.assert_allclose(record(one, [0.0]), record(other, [0.0]))
-
-
-@pytest.mark.parametrize("config", KINDS)
-def test_equal_weights_are_the_ball_bit_for_bit(config):
-    times = np.linspace(0.0, 9.0, 50)
-    equal = replace(config, bound=0.5 * BOUND, weights=np.full(SIZE, 2.0))
-    assert equal.d_bound == config.d_bound
-    np.testing.assert_array_equal(record(equal, times), record(config, times))
-
-
-@pytest.mark.parametrize("size", range(1, 40))
-def test_no_direction_exceeds_a_unit_vector(size):
-    direction = np.random.default_rng(size).normal(size=size)
-    assert 1.0 - 1e-14 < np.linalg.norm(unit_vector(direction, size)) <= 1.0
-    assert 1.0 - 1e-14 < np.linalg.norm(unit_vector(np.zeros(0), size)) <= 1.0
 
 
 def test_the_constant_is_the_bound_along_the_direction():
@@ -138,20 +118,6 @@ def test_most_of_the_power_of_a_random_disturbance_is_below_the_bandwidth():
     assert np.sum(power[frequency <= 0.5 * bandwidth]) < 0.9 * np.sum(power)
 
 
-def test_the_seed_decides():
-    times = np.linspace(0.0, 5.0, 40)
-    config = RandomDisturbance(BOUND, 2.0)
-    np.testing.assert_array_equal(record(config, times, 3), record(config, times, 3))
-    assert not np.allclose(record(config, times, 3), record(config, times, 4))
-
-
-def test_the_steps_of_the_simulation_do_not_matter():
-    config = RandomDisturbance(BOUND, 2.0)
-    coarse = np.linspace(0.0, 5.0, 11)
-    fine = np.linspace(0.0, 5.0, 1001)
-    np.testing.assert_array_equal(record(config, coarse), record(config, fine)[::100])
-
-
 def test_a_simulation_may_start_at_any_time():
     config = RandomDisturbance(BOUND, 2.0)
     late = np.linspace(3.1, 5.0, 20)
@@ -171,80 +137,3 @@ def test_a_cloned_context_continues_identically():
             each.AdvanceTo(time)
             values.append(port.Eval(each.get_context()).copy())
         np.testing.assert_array_equal(*values)
-
-
-def test_what_the_output_interpolates_is_in_the_context():
-    system = RandomDisturbance(BOUND, 2.0).system(SIZE, 9)
-    context = system.CreateDefaultContext()
-    port = system.GetOutputPort("disturbance")
-    context.SetTime(12.5 / 4.0)
-    port.Eval(context)  # A new state at the same time is noticed.
-    start, end = np.linspace(0.0, 0.1, SIZE), np.linspace(0.1, -0.1, SIZE)
-    context.SetDiscreteState(np.concatenate([[12], start, end]))
-    np.testing.assert_allclose(port.Eval(context), 0.5 * (start + end), atol=1e-16)
-
-
-def test_the_output_draws_nothing():
-    """The same Context gives the same value after everything was computed anew."""
-    system = RandomDisturbance(BOUND, 2.0).system(SIZE, 1)
-    context = system.CreateDefaultContext()
-    port = system.GetOutputPort("disturbance")
-    context.SetTime(0.1)
-    first = port.Eval(context).copy()
-    context.SetTime(0.2)
-    assert not np.allclose(first, port.Eval(context))
-    context.SetTime(0.1)
-    np.testing.assert_array_equal(first, port.Eval(context))
-
-
-@pytest.mark.parametrize(("config", "states"), [
-    (KINDS[0], 0), (KINDS[1], 0), (KINDS[2], 1 + 2 * SIZE)])
-def test_only_the_random_kind_has_state(config, states):
-    context = config.system(SIZE).CreateDefaultContext()
-    assert context.num_total_states() == states
-
-
-def test_it_works_in_a_users_diagram():
-    builder = DiagramBuilder()
-    system = RandomDisturbance(BOUND).add_source(builder, 2, name="gusts")
-    logger = LogVectorOutput(system.GetOutputPort("disturbance"), builder, 0.25)
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(10.0)
-    log = logger.FindLog(simulator.get_context()).data()
-    assert log.shape == (2, 41)
-    assert 0.0 < np.max(np.linalg.norm(log, axis=0)) <= BOUND
-
-
-@pytest.mark.parametrize("config", [*KINDS, ConstantDisturbance(BOUND, weights=WEIGHTS)])
-def test_a_config_survives_a_round_trip_through_yaml(config):
-    text = yaml_dump_typed(config)
-    again = yaml_load_typed(schema=type(config), data=text)
-    assert yaml_dump_typed(again) == text
-
-
-@pytest.mark.parametrize(("config", "message"), [
-    (ConstantDisturbance(-0.1), r"^bound = -0\.1: must be zero or positive$"),
-    (SinusoidalDisturbance(float("inf")), r"^bound = inf: must be zero or positive$"),
-    (RandomDisturbance(float("nan")), r"^bound = nan: must be zero or positive$"),
-    (ConstantDisturbance(0.1, np.ones(3)),
-     r"^direction = \[1\., 1\., 1\.\]: must be 7 finite numbers$"),
-    (SinusoidalDisturbance(0.1, np.zeros(7)),
-     r"^direction = \[0\., 0\., 0\., 0\., 0\., 0\., 0\.\]: must be a vector that is not zero$"),
-    (SinusoidalDisturbance(0.1, frequency=float("nan")), r"^frequency = nan: must be finite$"),
-    (SinusoidalDisturbance(0.1, phase=float("inf")), r"^phase = inf: must be finite$"),
-    (RandomDisturbance(0.1, bandwidth=0.0),
-     r"^bandwidth = 0\.0: must be positive, and at most 10000 Hz$"),
-    (RandomDisturbance(0.1, weights=np.ones(3)),
-     r"^weights = \[1\., 1\., 1\.\]: must be 7 finite numbers$"),
-    (ConstantDisturbance(0.1, weights=np.zeros(7)), r"^weights = .*: must be 7 positive numbers$"),
-    (SinusoidalDisturbance(0.1, weights=np.array([np.inf, 1, 1, 1, 1, 1, 1])),
-     r"^weights = .*: must be 7 finite numbers$"),
-])
-def test_bad_parameters_are_named(config, message):
-    with pytest.raises(InvalidParameter, match=message):
-        config.system(SIZE)
-
-
-def test_a_negative_seed_is_named():
-    with pytest.raises(InvalidParameter, match=r"^seed = -1: must be zero or positive$"):
-        RandomDisturbance().system(SIZE, -1)

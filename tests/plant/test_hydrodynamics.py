@@ -12,7 +12,6 @@ from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     BodyHydrodynamics,
@@ -229,13 +228,6 @@ def test_a_buoyant_body_feels_its_buoyancy_at_the_centre_of_buoyancy(X_WI):
     np.testing.assert_allclose(tank.nu_dot(), [0.0, 0.0, 0.0, *expected], atol=1e-12)
 
 
-def test_a_neutral_body_with_balanced_centres_stays_at_rest(X_WI):
-    tank = Tank(X_WI, one_body(displaced_volume=MASS / DENSITY,
-                               added_mass=[AddedMass(random_added_mass(0))]))
-    tank.set(np.zeros(6), TILTED)
-    np.testing.assert_allclose(tank.nu_dot(), 0.0, atol=1e-13)
-
-
 def test_an_elongated_body_at_an_angle_feels_the_munk_moment(X_WI):
     X, Y, N = 0.8, 3.9, 0.6
     tank = Tank(X_WI, one_body(added_mass=[AddedMass(np.array([X, Y, Y, 0.1, 0.5, N]))]),
@@ -443,26 +435,6 @@ def test_a_robot_that_feels_no_water_moves_as_in_a_vacuum(X_WI):
 # The system --------------------------------------------------------------------------------------
 
 
-def test_the_system_has_no_state_and_its_workspace_is_not_one():
-    tank = Tank(RigidTransform(), robot_water(), robot())
-    water = tank.water
-    contexts = [water.CreateDefaultContext(), water.CreateDefaultContext()]
-    assert contexts[0].num_total_states() == 0
-    port = water.GetOutputPort("applied_generalized_force")
-    states = []
-    for q_dot in ([0.9, -1.1], [-0.2, 0.3]):
-        tank.set(**ROBOT_STATE | {"q_dot": q_dot})
-        states.append(tank.plant.GetPositionsAndVelocities(tank.plant_context))
-    fixed = [water.GetInputPort("plant_state").FixValue(c, x)
-             for c, x in zip(contexts, states, strict=True)]
-    first = [port.Eval(c).copy() for c in contexts]
-    assert not np.allclose(first[0], first[1])
-    for value in fixed:
-        value.GetMutableData()  # Marks the input as changed: everything is computed anew.
-    again = [port.Eval(c).copy() for c in reversed(contexts)][::-1]
-    np.testing.assert_array_equal(again, first)
-
-
 def test_a_quaternion_that_is_off_by_rounding_does_no_harm():
     tank = Tank(RigidTransform(), robot_water(), robot())
     tank.set(**ROBOT_STATE)
@@ -471,21 +443,3 @@ def test_a_quaternion_that_is_off_by_rounding_does_no_harm():
     q[:4] *= 1.0 + 1e-9
     tank.plant.SetPositions(tank.plant_context, q)
     np.testing.assert_allclose(tank.v_dot(), exact, rtol=1e-7)
-
-
-@pytest.mark.parametrize(("parameters", "message"), [
-    (HydrodynamicParameters(bodies={"gripper": BodyHydrodynamics()}),
-     r"^bodies = 'gripper': must be the name of one body of the plant: vehicle, upper, lower$"),
-    (HydrodynamicParameters(fluid_density=-1.0), r"^fluid_density = -1\.0: must be positive$"),
-    (one_body(added_mass=[AddedMass(np.triu(np.ones((6, 6))))]),
-     r"^bodies\.vehicle\.added_mass\[0\]\.matrix = 'row 1, column 2: 1 against 0 in row 2, "
-     r"column 1':"
-     r" must be symmetric, to 0\.1 % of an entry$"),
-    (one_body(added_mass=[AddedMass(np.array([1, 1, -2.0, 0, 0, 0]))]),
-     r"^bodies\.vehicle\.added_mass\[0\]\.matrix = .* \(its smallest eigenvalue is -2\)$"),
-    (one_body(drag=[Drag(linear=np.array([0, 0, 0, 0, 0, -1.0]))]),
-     r"^bodies\.vehicle\.drag\[0\]\.linear = .*: must be six numbers, none negative$"),
-])
-def test_bad_parameters_are_named(parameters, message):
-    with pytest.raises(InvalidParameter, match=message):
-        Tank(RigidTransform(), parameters, robot())

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.joint_friction import JointFriction, friction_torque
 from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.step_bounds import friction_rate
+from uvms_drake.station.step_size import friction_rate
 
 FRICTION = JointFriction(coulomb=np.array([0.5, 2.0]), static=np.array([0.8, 1.0]))
 CONFIG = np.array([-3.0, 0.0, 0.0, 0.1, -0.2, 0.3, 0.1, 0.9, 0.4, 0.2])
@@ -91,15 +90,3 @@ def test_its_rate_is_that_of_the_loops_own_acceleration_by_the_rates():
         friction, zeta[6:] + h * np.eye(4)[3]))) for h in (1e-7, -1e-7)]
     assert abs(slope[0] - slope[1])[9] / 2e-7 == pytest.approx(rate, rel=0.05)
     assert friction_rate(load_scenario("girona500_ideal"), model, CONFIG) == 0.0
-
-
-@pytest.mark.parametrize(("friction", "key"), [
-    (JointFriction(coulomb=np.array([-1.0])), "coulomb"),
-    (JointFriction(static=np.array([np.nan])), "static"),
-    (JointFriction(creep=0.0), "creep"), (JointFriction(stribeck=-1.0), "stribeck")])
-def test_friction_that_there_cannot_be_is_refused(friction, key):
-    with pytest.raises(InvalidParameter) as caught:
-        friction.check()
-    assert caught.value.key == key
-    with pytest.raises(InvalidParameter, match="one for each of the 3 joints"):
-        FRICTION.torques(3)

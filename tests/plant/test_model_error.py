@@ -9,15 +9,12 @@ from support.field import FIELD_CASES
 from support.true_model import model_with_error
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.model_error import (
     ModelError,
     add_simulated_uvms,
-    check_model_error,
-    scaled_inertias,
     scaled_urdf,
 )
 from uvms_drake.plant.payload import Payload
@@ -97,12 +94,6 @@ def test_a_payload_is_a_ball_of_its_mass_that_moves_with_the_tip(load):
     np.testing.assert_allclose(mass_matrix(held) - mass_matrix(known), extra, atol=1e-9)
 
 
-@pytest.mark.parametrize("ball", [Payload(mass=0.5), Payload(displaced=0.5)])
-def test_a_payload_may_be_all_mass_or_all_buoyancy(ball, load):
-    down = force_at_rest(load(ModelError(payload=ball))) - force_at_rest(load())
-    assert down[2] == pytest.approx((ball.displaced - ball.mass) * 9.81)
-
-
 def test_what_is_not_trimmed_floats_or_sinks_and_tilts(load):
     weight = force_at_rest(load())
     floated = force_at_rest(load(ModelError(buoyancy=1.02))) - weight
@@ -120,12 +111,6 @@ def test_what_is_not_trimmed_floats_or_sinks_and_tilts(load):
 def test_an_error_is_one_of_the_simulated_robot_alone(error, load):
     assert error.size > 0.0
     assert load(ModelError()).size == load(error).size == 10
-
-
-def test_the_files_of_the_robot_are_read_as_they_are():
-    text = (model_dir(ROBOT) / f"{ROBOT}.sdf").read_text(encoding="utf-8")
-    assert scaled_inertias(text, 1.1).count("<mass>198.0") == 1
-    assert "<ixx>1.0</ixx> <izz>0.004" in scaled_inertias("<ixx>0.5</ixx> <izz> 2e-3 </izz>", 2.0)
 
 
 def test_the_numbers_of_a_urdf_are_scaled_wherever_they_stand():
@@ -190,15 +175,3 @@ def test_a_mass_that_is_written_nowhere_is_not_scaled_by_halves(
     with pytest.raises(InvalidParameter,
                        match=rf"^model_error\.mass = 1\.1: must be 1 .* '{body}' by numbers"):
         add_simulated_uvms(MultibodyPlant(0.0), str(folder), ModelError(mass=1.1))
-
-
-@pytest.mark.parametrize(("error", "key"), [
-    (ModelError(mass=0.0), "mass"), (ModelError(drag=-1.0), "drag"),
-    (ModelError(added_mass=np.inf), "added_mass"), (ModelError(buoyancy_lever=np.nan), "buoyancy"),
-    (ModelError(share=1.0), "share"), (ModelError(buoyancy=0.0), "buoyancy"),
-    (ModelError(buoyancy_shift=np.zeros(2)), "buoyancy_shift"),
-    (ModelError(payload=Payload(mass=-1.0)), "payload.mass"),
-    (ModelError(joint_friction=JointFriction(creep=0.0)), "joint_friction.creep")])
-def test_what_no_robot_has_is_refused(error, key):
-    with pytest.raises(InvalidParameter, match=f"^{key}"):
-        check_model_error(error)

@@ -102,18 +102,3 @@ def test_an_acceleration_of_the_vehicle_is_that_of_its_body_less_the_turning_of_
     np.testing.assert_allclose(zeta_dot[3:6], R_WB.T @ A_WB.rotational(), atol=1e-13)
     joints = [plant.GetJointByName(name).velocity_start() for name in ("shoulder", "elbow")]
     np.testing.assert_array_equal(zeta_dot[6:], v_dot[joints])
-
-
-def test_nothing_connected_means_zero(robot):
-    coordinates, plant, _ = robot
-    system = ToDrakeOrder(coordinates)
-    context = system.CreateDefaultContext()
-    system.GetInputPort("plant_state").FixValue(context, random_state(plant)[0])
-    np.testing.assert_array_equal(
-        system.GetOutputPort("drake_order").Eval(context), np.zeros(plant.num_velocities()))
-
-
-def test_the_systems_have_no_state(robot):
-    coordinates, _, _ = robot
-    for system in (kind(coordinates) for kind in (ToPaperOrder, ToDrakeOrder)):
-        assert system.CreateDefaultContext().num_total_states() == 0

@@ -121,11 +121,6 @@ def test_the_hand_pays_for_what_it_holds():
         np.testing.assert_allclose(rest[:3], R_WE.T @ (-1.0 * G), atol=1e-9)
 
 
-def test_an_empty_hand_has_no_such_ports():
-    assert not plant_with(None).HasOutputPort(PAYLOAD)
-    assert not plant_with(Payload()).HasOutputPort(PAYLOAD)
-
-
 # The sensor --------------------------------------------------------------------------------------
 
 SENSOR = """
@@ -207,20 +202,3 @@ def test_a_tare_takes_off_the_weight_but_not_its_turning(lag, tmp_path):
                   for each in (tared, whole))
     assert np.max(left) < 3.0
     assert np.min(read) > 7.0
-
-
-def test_a_lag_begins_with_the_weight(tmp_path):
-    """Not with zero: x(0) is the wrench at rest, so that the first reading is near it."""
-    record = recorded(tmp_path / "run", payload="{mass: 1.5, displaced: 0.5}", lag=0.5)
-    assert np.linalg.norm(record.signals["force_raw"][1, :3]) == pytest.approx(9.81, rel=0.02)
-
-
-def test_an_empty_hand_changes_nothing(tmp_path):
-    """Bit for bit, and no signal more."""
-    one, other = (recorded(tmp_path / name, payload=payload) for name, payload in (
-        ("none", "{}"), ("empty", "{mass: 0, displaced: 0, centre: [0, 0, 0.3]}")))
-    assert set(one.signals) == set(other.signals)
-    assert PAYLOAD not in one.signals
-    for name, values in one.signals.items():
-        np.testing.assert_array_equal(values, other.signals[name])
-    assert np.max(np.abs(one.signals["force_raw"][:2])) < 1e-9

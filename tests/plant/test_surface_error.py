@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from pydrake.common.eigen_geometry import AngleAxis
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.frames.euler import euler_angles, rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.plant.surface_error import (
+from uvms_drake.plant.surface import (
     SurfaceError,
-    check_surface_error,
     displaced,
     rotation_by,
 )
@@ -44,14 +42,6 @@ def test_a_rotation_vector_is_an_axis_times_an_angle():
     np.testing.assert_array_equal(rotation_by(np.zeros(3)), np.eye(3))
 
 
-def test_no_error_is_the_same_surface(spring):
-    for config in (PLANE, spring):
-        assert displaced(config, SurfaceError()) is config
-    assert SurfaceError(stiffness=0.9).size == pytest.approx(0.1)
-    for key in ("shift", "turn"):
-        assert SurfaceError(**{key: np.array([0.0, 0.3, 0.4])}).size == 0.5
-
-
 def test_a_plane_pushes_a_tip_that_is_carried_along_as_before_but_for_its_stiffness():
     chi, speed = np.array([1.05, 0.9, -0.4, 0.0, 0.0, 0.0]), np.array([0.1, 0.2, -0.05])
     R = rotation_by(OFF.turn)
@@ -72,20 +62,3 @@ def test_a_spring_that_is_carried_along_with_the_tip_keeps_its_energy(spring):
         assert moved @ new.stiffness @ moved == pytest.approx(
             1.3 * stretch @ spring.stiffness @ stretch, rel=1e-3)
     check_surface(new)  # It is symmetric and positive definite.
-
-
-def test_a_spring_that_is_only_stiffer_or_shifted_has_the_same_axes(spring):
-    stiffer = displaced(spring, SurfaceError(stiffness=2.0))
-    np.testing.assert_allclose(stiffer.stiffness, 2.0 * spring.stiffness, rtol=1e-12)
-    shifted = displaced(spring, SurfaceError(shift=OFF.shift))
-    np.testing.assert_allclose(shifted.stiffness, spring.stiffness, rtol=1e-12)
-    np.testing.assert_allclose(shifted.equilibrium, spring.equilibrium + [*OFF.shift, 0, 0, 0])
-
-
-@pytest.mark.parametrize(("error", "key"), [
-    (SurfaceError(stiffness=0.0), "stiffness"), (SurfaceError(stiffness=np.nan), "stiffness"),
-    (SurfaceError(shift=np.zeros(2)), "shift"), (SurfaceError(turn=np.full(3, np.inf)), "turn"),
-    (SurfaceError(turn=np.array([0.0, 3.2, 0.0])), "turn")])
-def test_what_no_surface_has_is_refused(error, key):
-    with pytest.raises(InvalidParameter, match=f"^{key}"):
-        check_surface_error(error)

@@ -5,16 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from pydrake.geometry import (
-    Meshcat,
-    MeshcatParams,
-    MeshcatVisualizer,
-    MeshcatVisualizerParams,
-)
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
-from support.meshcat import packed_transform
 from support.surfaces import Sphere
 
 from uvms_drake.common.errors import InvalidParameter
@@ -24,7 +17,6 @@ from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
-    RandomDisturbance,
     SinusoidalDisturbance,
 )
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
@@ -32,7 +24,6 @@ from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.plant import make_plant
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.visual.stage import NED, turn_down
 
 MODEL = "girona500_arm5e"
 FAR_AWAY = UnilateralPlane(point=np.array([100.0, 0.0, 0.0]))
@@ -59,50 +50,6 @@ def simulator_of(uvms, context=None):
     ResetIntegratorFromFlags(simulator, "runge_kutta3", 0.01)
     simulator.get_mutable_integrator().set_fixed_step_mode(True)
     return simulator
-
-
-def test_the_ports_have_the_names_and_sizes_of_the_docstring():
-    uvms = make()
-    assert uvms.get_name() == "uvms"
-    inputs = [uvms.get_input_port(i) for i in range(uvms.num_input_ports())]
-    outputs = [uvms.get_output_port(i) for i in range(uvms.num_output_ports())]
-    assert {port.get_name(): port.size() for port in inputs} == {
-        "tau": 10, "current": 3, "current_acceleration": 3, "applied_spatial_force": 0,
-        "applied_generalized_force": 10}
-    assert {port.get_name(): port.size() for port in outputs} == {
-        "state": 20, "force": 6, "penetration": 1, "chi": 6, "disturbance": 10, "acceleration": 10,
-        "plant_state": 21, "body_poses": 0, "body_spatial_velocities": 0,
-        "query_object": 0}
-    for name in ("plant", "scene_graph", "hydrodynamics", "surface", "disturbance"):
-        assert uvms.HasSubsystemNamed(name)
-
-
-def test_the_state_that_is_set_comes_out():
-    uvms = make()
-    context = uvms.CreateDefaultContext()
-    set_state(uvms, context, moving_state())
-    np.testing.assert_allclose(
-        uvms.GetOutputPort("state").Eval(context), moving_state(), atol=1e-14)
-
-
-def test_a_default_context_is_at_rest_at_the_start():
-    at_rest = np.concatenate([moving_state()[:10], np.zeros(10)])
-    uvms = make(start=moving_state()[:10])
-    context = uvms.CreateDefaultContext()
-    np.testing.assert_allclose(uvms.GetOutputPort("state").Eval(context), at_rest, atol=1e-14)
-    default = uvms.GetOutputPort("plant_state").Eval(context).copy()
-    set_state(uvms, context, at_rest)
-    np.testing.assert_array_equal(uvms.GetOutputPort("plant_state").Eval(context), default)
-
-
-def test_the_state_can_be_set_inside_a_larger_diagram():
-    builder = DiagramBuilder()
-    uvms = builder.AddSystem(make())
-    station = builder.Build()
-    root = station.CreateDefaultContext()
-    set_state(uvms, uvms.GetMyMutableContextFromRoot(root), moving_state())
-    state = uvms.GetOutputPort("state").Eval(uvms.GetMyContextFromRoot(root))
-    np.testing.assert_allclose(state, moving_state(), atol=1e-14)
 
 
 def test_the_state_of_a_scenario_s_plant_can_be_set():
@@ -165,15 +112,6 @@ def test_a_disturbance_of_the_users_own_comes_in_through_a_port():
     np.testing.assert_allclose(*rates, rtol=1e-12, atol=1e-12)
 
 
-def test_open_water_without_a_disturbance_is_the_default():
-    rates = []
-    for uvms in (make_uvms_plant(MODEL), make(surface=None)):
-        context = uvms.CreateDefaultContext()
-        set_state(uvms, context, moving_state())
-        rates.append(uvms.EvalTimeDerivatives(context).CopyToVector())
-    np.testing.assert_array_equal(*rates)
-
-
 def test_the_disturbance_is_what_is_added_to_the_rate_of_zeta():
     """ζ̇ by central differences of the `state` port along the motion."""
     rates = []
@@ -226,16 +164,6 @@ def test_left_alone_it_floats_up_slowly_and_arm_and_water_bring_it_to_rest():
     assert np.linalg.norm(state[10:16]) < 0.3
 
 
-def test_it_drifts_with_a_current():
-    uvms = make()
-    simulator = simulator_of(uvms)
-    current = np.array([0.0, 0.25, 0.0])
-    uvms.GetInputPort("current").FixValue(simulator.get_mutable_context(), current)
-    simulator.AdvanceTo(15.0)
-    state = uvms.GetOutputPort("state").Eval(simulator.get_context())
-    assert state[1] > 1.0  # m
-
-
 def test_the_surface_is_where_the_scenario_puts_it():
     """At rest in the plane the force is stiffness times depth, and `penetration` is the depth."""
     uvms = make()
@@ -251,81 +179,6 @@ def test_the_surface_is_where_the_scenario_puts_it():
         atol=1e-9)
     np.testing.assert_allclose(uvms.GetOutputPort("penetration").Eval(context), [depth], atol=1e-12)
     np.testing.assert_allclose(uvms.GetOutputPort("chi").Eval(context), chi, atol=1e-12)
-
-
-def test_a_cloned_context_continues_identically():
-    uvms = make(disturbance=RandomDisturbance(0.2, 1.0), seed=3)
-    simulator = simulator_of(uvms)
-    set_state(uvms, simulator.get_mutable_context(), moving_state())
-    simulator.AdvanceTo(0.5)
-    twin = simulator_of(uvms, simulator.get_context().Clone())
-    twin.AdvanceTo(2.0)
-    simulator.AdvanceTo(2.0)
-    port = uvms.GetOutputPort("plant_state")
-    np.testing.assert_array_equal(
-        port.Eval(simulator.get_context()), port.Eval(twin.get_context()))
-
-
-def test_the_seed_decides_the_disturbance():
-    def values(seed):
-        uvms = make(disturbance=RandomDisturbance(0.2, 1.0), seed=seed)
-        context = uvms.CreateDefaultContext()
-        context.SetTime(0.3)
-        return uvms.GetOutputPort("disturbance").Eval(context)
-
-    np.testing.assert_array_equal(values(3), values(3))
-    assert not np.allclose(values(3), values(4))
-
-
-def test_joint_limits_raise_no_warning_and_can_be_read(caplog):
-    uvms = make()
-    simulator_of(uvms).AdvanceTo(0.02)
-    assert not caplog.records
-    plant, _ = parts_of(uvms)
-    assert np.all(np.isfinite(plant.GetPositionLowerLimits()[7:]))
-    assert np.all(plant.GetPositionLowerLimits()[7:] < plant.GetPositionUpperLimits()[7:])
-
-
-def test_drakes_visualizer_draws_the_robot_the_right_way_up_also_after_initialization():
-    meshcat = Meshcat(MeshcatParams(host="localhost"))
-    turn_down(meshcat)
-    builder = DiagramBuilder()
-    uvms = builder.AddSystem(make(start=moving_state()[:10]))
-    MeshcatVisualizer.AddToBuilder(builder, uvms.GetOutputPort("query_object"), meshcat,
-                                   MeshcatVisualizerParams(prefix=f"{NED}/uvms"))
-    Simulator(builder.Build()).Initialize()
-    np.testing.assert_allclose(
-        packed_transform(meshcat, NED), np.diag([1.0, -1.0, -1.0, 1.0]), atol=1e-15)
-    np.testing.assert_allclose(
-        packed_transform(meshcat, f"{NED}/uvms/{MODEL}/vehicle")[:3, 3], moving_state()[:3])
-
-
-@pytest.mark.parametrize(("kwargs", "message"), [
-    ({"surface": UnilateralPlane(stiffness=-1.0)},
-     r"^surface\.stiffness = -1\.0: must be positive$"),
-    ({"disturbance": ConstantDisturbance(-0.1)},
-     r"^disturbance\.bound = -0\.1: must be zero or positive$"),
-    ({"seed": -2}, r"^seed = -2: must be zero or positive$"),
-])
-def test_bad_parameters_are_named(kwargs, message):
-    with pytest.raises(InvalidParameter, match=message):
-        make(**kwargs)
-
-
-def test_an_unknown_model_is_named():
-    with pytest.raises(InvalidParameter, match=r"^model = 'nautilus': must be one of "):
-        make_uvms_plant("nautilus", surface=FAR_AWAY, disturbance=CALM)
-
-
-def test_a_state_of_the_wrong_size_is_named():
-    uvms = make()
-    with pytest.raises(InvalidParameter, match=r"^state = .*: must be 20 finite numbers$"):
-        set_state(uvms, uvms.CreateDefaultContext(), np.zeros(12))
-
-
-def test_a_start_of_the_wrong_size_is_named():
-    with pytest.raises(InvalidParameter, match=r"^start = .*: must be 10 finite numbers$"):
-        make(start=np.zeros(20))
 
 
 def test_open_water_is_the_plant_without_a_surface():

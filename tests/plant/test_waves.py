@@ -11,7 +11,6 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     BodyHydrodynamics,
@@ -22,7 +21,6 @@ from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.waves import (
     WaterMotion,
     Wave,
-    check_waves,
     largest_speed,
     water_motion,
 )
@@ -69,29 +67,11 @@ def test_waves_disperse():
     assert shallow.frequency / shallow.wavenumber == pytest.approx(np.sqrt(G * 8.0), rel=1e-3)
 
 
-def test_water_goes_round_in_deep_water_and_to_and_fro_on_the_floor():
-    along, down = DEEP.speeds
-    assert along == down == pytest.approx(0.2, abs=2e-3)
-    assert replace(DEEP, sea_depth=500.0).speeds == pytest.approx(DEEP.speeds, rel=1e-9)
-    along, down = replace(SLANTED, depth=8.0).speeds
-    assert down == 0.0 < along
-
-
 def test_no_water_is_faster_than_the_bound():
     waves = [SLANTED, DEEP, replace(DEEP, period=3.1, direction=-2.0, amplitude=0.1)]
     motions = [water_motion(np.zeros(3), waves, t) for t in np.linspace(0.0, 400.0, 4000)]
     fastest = np.max(np.linalg.norm(motions, axis=2), axis=0)[0]
     assert 0.75 * largest_speed(waves) < fastest <= largest_speed(waves)
-
-
-@pytest.mark.parametrize(("change", "key"), [
-    ({"period": 0.0}, "period"), ({"depth": 0.0}, "depth"), ({"sea_depth": 2.0}, "sea_depth"),
-    ({"amplitude": 3.1, "period": 20.0}, "amplitude"), ({"amplitude": -0.1}, "amplitude"),
-    ({"amplitude": 0.35, "period": 1.5}, "amplitude"), ({"phase": np.inf}, "phase")])
-def test_a_wave_that_there_cannot_be_is_refused(change, key):
-    with pytest.raises(InvalidParameter) as caught:
-        check_waves([SLANTED, replace(SLANTED, **change)])
-    assert caught.value.key == f"waves[1].{key}"
 
 
 # Bodies in them ----------------------------------------------------------------------------------
@@ -181,16 +161,6 @@ def sphere(mass, volume, drag=0.0):
 
 WAVES = [SLANTED, replace(DEEP, period=3.1, direction=-2.0, amplitude=0.1)]
 CURRENT = np.array([0.1, -0.2, 0.05])
-
-
-def test_a_neutral_sphere_moves_with_the_water():
-    """Whatever its drag; started with it."""
-    tank = Tank(link("vehicle", 4.0, (0, 0, 0), 0.1), sphere(4.0, 0.004, 9.0), WAVES, CURRENT)
-    tank.set(water_motion(CURRENT, WAVES, 0.0)[0])
-    times, v = tank.velocities(3.0)
-    np.testing.assert_allclose(v[:, :3], 0.0, atol=1e-9)
-    np.testing.assert_allclose(
-        v[:, 3:], [water_motion(CURRENT, WAVES, t)[0] for t in times], atol=1e-9)
 
 
 def test_a_neutral_arm_moves_with_the_water_and_does_not_bend():

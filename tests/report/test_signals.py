@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Cylinder, Plane
-from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.report.signals import surface_depth, surface_slope

@@ -9,7 +9,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.sensing.navigation import (
     CHANNELS,
@@ -131,28 +130,6 @@ def test_the_velocity_goes_on_from_the_last_fix_with_the_accelerometers_bias(mod
     assert np.max(np.abs(slopes)) <= 0.05
     assert np.min(np.abs(np.diff(error[:, 0], axis=0))) > 1e-5
     assert not np.any(run(settings, times, model, seed=4)[:, :SIZE])
-
-
-def test_a_seed_gives_one_navigation_and_another_seed_another(model):
-    times = np.linspace(0.0, 0.5, 23)
-    first, again, other = (run(Navigation(), times, model, rolling, seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert np.all(np.max(np.abs(first - other), axis=0) > 0.0)
-
-
-@pytest.mark.parametrize(("change", "key"), [
-    ({"position": Channel(rate=0.0)}, "position.rate"),
-    ({"joints": Channel(latency=-0.1)}, "joints.latency"),
-    ({"turning": Channel(noise=-0.1)}, "turning.noise"),
-    ({"noise_multiple": -1.0}, "noise_multiple"),
-    ({"drift": Drift(bound=-1.0)}, "drift.bound"),
-    ({"dvl": Dvl(gap=0.1)}, "dvl.gap"),
-    ({"dvl": Dvl(lost=1.1)}, "dvl.lost"),
-    ({"dvl": Dvl(noise=np.zeros(2))}, "dvl.noise")])
-def test_a_navigation_that_none_is_is_refused(change, key):
-    with pytest.raises(InvalidParameter) as caught:
-        replace(Navigation(), **change).check()
-    assert caught.value.key == key
 
 
 def test_the_loop_begins_at_the_measured_state():

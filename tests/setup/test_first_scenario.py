@@ -8,14 +8,14 @@ from support.arms import write_arm
 from support.field import copied
 from support.robots import TEMPLATE, altered, without_an_arm
 
-from uvms_drake.certificate.certify import certify, check_inputs
+from uvms_drake.certificate.certify import certify
 from uvms_drake.command.main import main
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.report.robot.robot_sheet import sheet_of
 from uvms_drake.setup import first_scenario as module
 from uvms_drake.setup.first_scenario import MARGIN, find_posture, first_scenario, strength_of
-from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.problem import check_inputs, make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.tube.row_gains import input_gain
 

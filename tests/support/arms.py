@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 
 TEMPLATE = "box_uvms"
 LENGTH = 0.6

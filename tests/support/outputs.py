@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 from uvms_drake.common.output import MANIFEST_FILE
-from uvms_drake.model.description.robot_folder import models_dir
+from uvms_drake.model.description.robot_files import models_dir
 
 DATA = {"scenario.yaml", "summary.json", "log.csv", "log.npz", "timing.npz"}
 DATA_ONLY = ["--no-figures", "--no-replay"]

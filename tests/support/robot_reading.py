@@ -45,7 +45,7 @@ class Reading:
             if slides:
                 step[:3, 3] = angle * axis
             else:
-                S = _skew(axis)
+                S = skew(axis)
                 step[:3, :3] += np.sin(angle) * S + (1.0 - np.cos(angle)) * S @ S
                 step[:3, 3] = point - step[:3, :3] @ point
             X = X @ step
@@ -139,27 +139,31 @@ def words(folder: Path) -> set[tuple[str, ...]]:
 def _added(item: dict) -> np.ndarray:
     M = np.array(item.get("matrix", np.zeros(6)), dtype=float)
     M, H = np.diag(M) if M.ndim == 1 else M, np.eye(6)
-    H[:3, 3:] = -_skew(np.array(item.get("point", np.zeros(3)), dtype=float))
+    H[:3, 3:] = -skew(np.array(item.get("point", np.zeros(3)), dtype=float))
     total = H.T @ M @ H
     return 0.5 * (total + total.T)
 
 
-def _skew(vector: np.ndarray) -> np.ndarray:
+def skew(vector: np.ndarray) -> np.ndarray:
+    """Returns S(v) (3, 3)."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _inertia(values: list[float], R: np.ndarray) -> np.ndarray:
+def inertia_of(values: list[float], R: np.ndarray) -> np.ndarray:
+    """Returns an inertia (3, 3) of its numbers by `NAMES`, in axes that R turns to."""
     xx, yy, zz, xy, xz, yz = values
     return R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
 
 
-def _read_urdf(root):
-    def origin(node):
-        place = None if node is None else node.find("origin")
-        given = {} if place is None else place.attrib
-        return pose(numbers(given.get("xyz"), 3, "0 0 0"), numbers(given.get("rpy"), 3, "0 0 0"))
+def origin(node) -> np.ndarray:
+    """Returns the pose (4, 4) of a URDF's element in its parent; None is at the parent's."""
+    place = None if node is None else node.find("origin")
+    given = {} if place is None else place.attrib
+    return pose(numbers(given.get("xyz"), 3, "0 0 0"), numbers(given.get("rpy"), 3, "0 0 0"))
 
+
+def _read_urdf(root):
     bodies, motors = {}, {}
     for link in root.findall("link"):
         inertial = link.find("inertial")
@@ -167,7 +171,7 @@ def _read_urdf(root):
         if inertial is not None:
             X, inertia = origin(inertial), inertial.find("inertia")
             (mass,), com = numbers(inertial.find("mass").get("value"), 1), X[:3, 3]
-            moments = _inertia([float(numbers(inertia.get(name), 1, "0")[0]) for name in NAMES],
+            moments = inertia_of([float(numbers(inertia.get(name), 1, "0")[0]) for name in NAMES],
                                X[:3, :3])
         bodies[link.get("name")] = (float(mass), com, moments)
     for transmission in root.findall("transmission"):
@@ -244,7 +248,7 @@ def _read_sdf(root):
         values = [float(numbers(text(inertial, "inertia", name), 1,
                                 "0" if name[1] != name[2] else "1")[0]) for name in NAMES]
         (mass,) = numbers(text(inertial, "mass"), 1, "1")
-        bodies[link.get("name")] = (float(mass), X[:3, 3], _inertia(values, X[:3, :3]))
+        bodies[link.get("name")] = (float(mass), X[:3, 3], inertia_of(values, X[:3, :3]))
     axes, rows, inboard = {}, [], {}
     for joint in model.findall("joint"):
         name, axis = joint.get("name"), joint.find("axis")

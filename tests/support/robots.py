@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 
 TEMPLATE = "box_uvms"
 

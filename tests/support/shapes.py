@@ -3,15 +3,16 @@
 import numpy as np
 
 from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
-from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
+from uvms_drake.model.surface.contact_laws import Bilinear, Hardening, Linear
+from uvms_drake.model.surface.geometry import Bead, Bumpy, Cylinder, Plane
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 
 R = rotation_matrix(np.array([0.7, -0.4, 2.1]))
 SHIFT = np.array([2.0, -0.3, 1.1])
 SHAPES = {
     "plane": Plane(), "pole": Cylinder(radius=0.3), "pipe": Cylinder(radius=0.45, inside=True),
-    "bumpy": Bumpy(amplitude=0.01, wavelength=0.15, seed=3)}
+    "bumpy": Bumpy(amplitude=0.01, wavelength=0.15, seed=3),
+    "bead": Bead(height=0.002, width=0.2)}
 LAWS = {
     "linear": Linear(830.0, 0.003), "bilinear": Bilinear(900.0, 0.002, 3.0, 0.008),
     "yielding": Bilinear(900.0, 0.002, 0.25, 0.008),

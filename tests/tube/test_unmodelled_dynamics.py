@@ -22,7 +22,6 @@ from uvms_drake.tube.unmodelled_dynamics import (
     by_forces,
     by_robot,
     by_water,
-    by_wrench,
     largest,
     motions,
     sizes,
@@ -135,23 +134,6 @@ def test_no_motion_is_beyond_the_claim_and_some_come_close(name, model):
         assert np.all(found <= claim)
         near = points[np.argmax(found[:, -1])]
     assert np.max(found[:, -1]) > 0.9 * claim[-1] / FACTOR
-
-
-def test_a_wrench_that_is_off_is_in_no_axis_more_than_its_share(model):
-    """By the plant's mass matrix of its own: what Mζ̇_c + b + Jᵀ𝔉 is at random, times the share."""
-    at, _ = some(50, model, 2)
-    share, force, rng = 0.1, 30.0, np.random.default_rng(3)
-    c, A = by_wrench(model, share, rate_at, force)(at)
-    assert not np.any(c)
-    forces = rng.normal(size=(50, 3))
-    forces *= force / np.linalg.norm(forces, axis=1, keepdims=True)
-    J = at.kinematics.J_links[:, -1, :3, :6]
-    asked = model.inverse_dynamics(at.kinematics, at.zeta, RATE * rng.uniform(-1, 1, (50, 10)),
-                                   np.zeros((50, 6)))[:, :6]
-    asked += np.einsum("mij,mi->mj", J, forces)
-    M = model.mass_matrix(at.kinematics)
-    allowed = np.linalg.norm((M @ A)[:, :6], axis=1)
-    assert np.all(share * np.abs(asked) <= allowed + 1e-9)
 
 
 def test_no_point_about_the_tip_accelerates_by_more_than_is_said(model):

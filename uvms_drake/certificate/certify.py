@@ -9,6 +9,7 @@ has no certificate.
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -21,13 +22,11 @@ from uvms_drake.certificate.declared_unknowns import declared_effects
 from uvms_drake.common.cache import cached
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import (
     HoldRadii,
     Limit,
     Limits,
     TubeRadii,
-    check_limits,
     joint_limits,
     resolved_radii,
 )
@@ -36,25 +35,27 @@ from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
 from uvms_drake.control.ocp.solvers import make_solver
-from uvms_drake.control.plan.plan import P, Plan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.command_path import command_path_of
+from uvms_drake.station.contact.mission_legs import legs_of
+from uvms_drake.station.contact.tube_in_contact import force_bounds, in_contact
 from uvms_drake.station.problem import (
+    check_inputs,
     disturbance_weights,
+    first_problem,
     limits_of,
-    load_model,
     make_ocp,
     start_state,
 )
+from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption, setting
-from uvms_drake.tube.constants import Constant, estimate_constants
-from uvms_drake.tube.covering import prove_constants
-from uvms_drake.tube.estimates import CertificateSettings, Estimate, unrefuted
-from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimates import Estimate, unrefuted
+from uvms_drake.tube.law_tube import Basis, LawTube, constants_of
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.terminal_set import largest_radius
@@ -86,13 +87,13 @@ class Draft:
         certificate: The claims so far.
         basis: Data of the tube.
         found: Tube of the law, with the terms of a sensed contact.
-        carried: Estimated acceleration of a payload that a wrist sensor reads; None without one.
+        unproven: Estimates besides those of the tube, each with its second search.
         start: Start (𝔮, ζ) (2(6+n),).
     """
 
     basis: Basis
     found: LawTube
-    carried: Estimate | None = None
+    unproven: tuple[Estimate, ...] = ()
     start: np.ndarray
 
     def __init__(self, scenario: Scenario, model: ContactModel):
@@ -108,17 +109,13 @@ class Draft:
         """Puts fields of the certificate in."""
         self.certificate = replace(self.certificate, **claims)
 
-    def add(self, *conditions: Condition) -> None:
-        """Adds conditions that were checked."""
-        self.claim(conditions=(*self.certificate.conditions, *conditions))
-
     def require(self, *conditions: Condition) -> None:
         """Adds conditions without which there is nothing to compute any more.
 
         Raises:
             NotCertified: One of them does not hold.
         """
-        self.add(*conditions)
+        self.claim(conditions=(*self.certificate.conditions, *conditions))
         if not all(condition.holds for condition in conditions):
             raise NotCertified
 
@@ -141,11 +138,12 @@ def tube(draft: Draft) -> None:
     scenario, law = draft.scenario, draft.scenario.ancillary
     found = TUBES[type(law)].tube(law, draft.basis)
     if all(condition.holds for condition in found.conditions):
-        found = scenario.contact.in_contact(found, scenario, draft.basis)
+        found = in_contact(found, scenario, draft.basis)
     draft.found = found
     conditions = (*found.conditions, *assumed_conditions(scenario, draft.model))
-    legs = (scenario.contact.legs(scenario.mission, found.radii, conditions)
-            if scenario.mission.steps and np.size(found.radii.u) else ())
+    wall = scenario.contact.declared_wall()
+    legs = (legs_of(scenario.mission.checked(), wall, found.radii, conditions)
+            if wall is not None and scenario.mission.steps and np.size(found.radii.u) else ())
     # These belong to the file even if the tube leaves nothing of a limit.
     draft.claim(constants=tuple(draft.basis.constants.values()), tube=found.radii, legs=tuple(legs),
                 budget={name: dict(parts) for name, parts in found.budget.items()},
@@ -156,7 +154,7 @@ def tube(draft: Draft) -> None:
 def unknowns(draft: Draft) -> None:
     """Bounds the accelerations by declared unknowns, as a part of d."""
     if draft.scenario.unknowns.present:
-        effects, draft.carried, conditions = declared_effects(
+        effects, draft.unproven, conditions = declared_effects(
             draft.scenario, draft.basis, draft.found.radii)
         draft.claim(unknowns=effects)
         draft.require(*conditions)
@@ -164,19 +162,19 @@ def unknowns(draft: Draft) -> None:
 
 def margins(draft: Draft) -> None:
     """Compares the tube with every limit, before the second search, which takes long."""
-    limits = limits_of(draft.scenario, draft.model)
-    draft.require(*advised(tightening_margins(draft.found, limits), draft.scenario))
+    scenario = draft.scenario
+    found = tightening_margins(draft.found, limits_of(scenario, draft.model))
+    share = min((each.right / each.left for each in found if each.left > 0.0), default=1.0)
+    advice = roomier(scenario.disturbance.bound, scenario.model_error.share, share)
+    draft.require(*(each if each.holds else replace(each, advice=advice) for each in found))
 
 
 def second_search(draft: Draft) -> None:
     """Searches again for every number that is not proven."""
-    unknown = draft.certificate.unknowns
-    estimates = (
-        *draft.found.check(), *(Estimate(f"d by {each.name}", each.takes, each.second)
-                                for each in unknown),
-        *([draft.carried] if draft.carried else []))
+    factor, estimates = draft.scenario.certificate.safety_factor, (
+        *draft.found.check(), *draft.unproven)
     draft.claim(estimates=estimates)
-    draft.require(*(replace(each, advice=safer(draft.scenario.certificate.safety_factor, each.left))
+    draft.require(*(replace(each, advice=safer(factor, each.left))
                     for each in unrefuted(estimates)))
 
 
@@ -204,8 +202,7 @@ def terminal_set(draft: Draft) -> None:
 def plan_from_start(draft: Draft) -> None:
     """Solves for the first plan, with the terminal set."""
     scenario = draft.with_claims()
-    problem = scenario.contact.first_problem(
-        scenario, draft.model, make_ocp(scenario, draft.model), draft.start)
+    problem = first_problem(scenario, make_ocp(scenario, draft.model), draft.start)
     draft.require(*first_plan(problem, draft.start)[1])
 
 
@@ -228,36 +225,16 @@ def certify(scenario: Scenario, progress: Progress = silent,
         InvalidParameter: A value of the scenario has no meaning.
     """
     draft = Draft(scenario, check_inputs(scenario, model))
-    try:
-        for i, (name, stage) in enumerate(STAGES.items()):
-            progress(f"{i + 1} of {len(STAGES)}: {name}", i / len(STAGES))
-            stage(draft)
-    except NotCertified:
-        pass
-    except NotOffered as error:
-        draft.add(assumption(f"certificate of the surface {error.value}",
-                             f"it must be {error.allowed}", topic="surface", theorem=GUARANTEE))
+    with suppress(NotCertified):
+        try:
+            for i, (name, stage) in enumerate(STAGES.items()):
+                progress(f"{i + 1} of {len(STAGES)}: {name}", i / len(STAGES))
+                stage(draft)
+        except NotOffered as error:
+            draft.require(assumption(
+                f"certificate of the surface {error.value}", f"it must be {error.allowed}",
+                topic="surface", theorem=GUARANTEE))
     return draft.certificate
-
-
-def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
-    """Returns the controller's model, if the scenario would have a meaning without any tube.
-
-    Args:
-        scenario: The scenario.
-        model: The model, if it is loaded already.
-
-    Raises:
-        InvalidParameter: It would not.
-    """
-    model = model or load_model(scenario)
-    check_values(scenario)
-    check_limits(scenario.limits, model.num_joints)
-    disturbance_weights(scenario, model)
-    none = np.zeros(model.size)
-    without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
-    start_state(without_tube, make_ocp(without_tube, model))
-    return model
 
 
 def certified_once(scenario: Scenario, progress: Progress = silent,
@@ -304,7 +281,7 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
                          "one that has `static_force_rows`, for limits.static_force")
     require(limited, "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
-    declared, contact = declared_set(limits, model), scenario.contact.force_bounds(scenario)
+    declared, contact = declared_set(limits, model), force_bounds(scenario)
     weights = disturbance_weights(scenario, model)
     if names is None:
         names = TUBES[type(law)].constants(law, weights)
@@ -335,30 +312,6 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         command_path=command_path_of(actuation, model))
 
 
-def constants_of(names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
-                 weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
-    """Returns constants by name; those that decide the tube of `resolved` are proven.
-
-    Args:
-        names: Names of the constants.
-        model: The prediction model.
-        declared: Set of the suprema.
-        weights: Diagonal of Ŵ, see `Basis`.
-        settings: Effort of the searches.
-    """
-    ball = bool(np.all(weights == 1.0))
-    norms = {name if ball else WEIGHTED[name]: name for name in PROVEN.values()}
-    proven = prove_constants(
-        model, declared, tuple(norms[name] for name in names if name in norms),
-        seed=settings.seed, weights=weights)
-    estimated = estimate_constants(
-        model, declared, tuple(name for name in names if name not in norms),
-        samples=settings.constant_samples, safety_factor=settings.safety_factor,
-        seed=settings.seed)
-    return estimated | {name: replace(proven[plain], name=name)
-                        for name, plain in norms.items() if plain in proven}
-
-
 def tightening_margins(found: LawTube, limits: Mapping[str, Limit]) -> list[Condition]:
     """Returns a condition for every limit: the tube must leave something of it.
 
@@ -384,13 +337,6 @@ def tightening_margins(found: LawTube, limits: Mapping[str, Limit]) -> list[Cond
     return conditions
 
 
-def advised(margins: list[Condition], scenario: Scenario) -> list[Condition]:
-    """Returns `tightening_margins` with an advice on those that fail, see `roomier`."""
-    share = min((each.right / each.left for each in margins if each.left > 0.0), default=1.0)
-    advice = roomier(scenario.disturbance.bound, scenario.model_error.share, share)
-    return [each if each.holds else replace(each, advice=advice) for each in margins]
-
-
 def budget_margins(budget: Iterable[str], limits: Mapping[str, Limit], model: UvmsModel
                    ) -> dict[str, float]:
     """Returns the smallest limit of each radius of a budget that has one."""
@@ -402,7 +348,7 @@ def budget_margins(budget: Iterable[str], limits: Mapping[str, Limit], model: Uv
             if (known := [margin[label] for label in labels.get(name, ()) if label in margin])}
 
 
-def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition]]:
+def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
     Also that no angle and no depth of this plan leaves its limits between the knots. If the

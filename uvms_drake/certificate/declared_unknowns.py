@@ -17,9 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.plant.model_error import FACTORS, ModelError, add_simulated_uvms
-from uvms_drake.plant.payload import Payload
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import FACTORS, ModelError, Unknowns, add_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, rounded_up, setting
 from uvms_drake.tube.estimates import Estimate
@@ -89,7 +87,6 @@ class UnmodelledBounds:
         self.rate = commanded_rate(
             self.model, basis.u_limit, basis.largest_rate + np.asarray(radii.u) + change,
             force=basis.declared.force_max if basis.contact is None else 0.0)
-        self.force = basis.declared.force_max if basis.contact is None else basis.contact.size
 
     def true(self, **error: Any) -> UvmsModel:
         """Returns the robot with a model error."""
@@ -134,10 +131,8 @@ class UnmodelledBounds:
 
 
 def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
-                     ) -> tuple[tuple[UnknownEffect, ...], Estimate | None, list[Condition]]:
-    """Returns the effects of the declared unknowns, and the conditions that they need.
-
-    Also the acceleration of a payload that a wrist sensor reads; None without one.
+                     ) -> tuple[tuple[UnknownEffect, ...], tuple[Estimate, ...], list[Condition]]:
+    """Returns the effects of the declared unknowns, their estimates, and the conditions on them.
 
     Args:
         scenario: Scenario with unknowns.
@@ -145,12 +140,14 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
         radii: Its tube.
     """
     bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.seed)
-    effects = unknown_effects(
-        scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
-    carried = payload_acceleration(scenario.model_error, scenario.disturbance, bounds, effects)
-    return effects, carried, [
-        unknowns_condition(scenario.disturbance, scenario.unknowns, bounds, effects),
-        *payload_condition(scenario.model_error.payload, carried)]
+    effects = unknown_effects(scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
+    conditions = [unknowns_condition(scenario.disturbance, scenario.unknowns, bounds, effects)]
+    estimates = [Estimate(f"d by {each.name}", each.takes, each.second) for each in effects]
+    carried = payload_acceleration(scenario, bounds, effects)
+    if carried is not None:
+        estimates.append(carried)
+        conditions.append(payload_condition(scenario.model_error.payload.acceleration, carried))
+    return effects, tuple(estimates), conditions
 
 
 def unknown_effects(unknowns: Unknowns, bounds: UnmodelledBounds, weights: np.ndarray, *,
@@ -229,27 +226,25 @@ def unknowns_condition(disturbance: Disturbance, unknowns: Unknowns, bounds: Unm
         model_error__share=RESERVED))
 
 
-def payload_acceleration(error: ModelError, disturbance: Disturbance, bounds: UnmodelledBounds,
+def payload_acceleration(scenario: Scenario, bounds: UnmodelledBounds,
                          effects: Sequence[UnknownEffect]) -> Estimate | None:
     """Returns the largest acceleration of a payload that a wrist sensor reads; None without one."""
-    payload = error.payload
-    if not payload.present or bounds.basis.contact is None:
+    error = scenario.model_error
+    if not error.payload.present or bounds.basis.contact is None:
         return None
-    left = (1.0 - error.share) * disturbance.axes(bounds.model.size)
+    left = (1.0 - error.share) * scenario.disturbance.axes(bounds.model.size)
     density = read_uvms(bounds.robot).hydrodynamics.fluid_density
-    reach = float(np.linalg.norm(payload.centre)) + payload.radius(density)
+    reach = float(np.linalg.norm(error.payload.centre)) + error.payload.radius(density)
     return bounds.hand(reach, left + np.sum([each.each for each in effects], axis=0))
 
 
-def payload_condition(payload: Payload, found: Estimate | None) -> list[Condition]:
+def payload_condition(declared: float, found: Estimate) -> Condition:
     """Returns the condition that a payload accelerates no more than its reading allows for."""
-    if found is None:
-        return []
-    return [Condition(
+    return Condition(
         "model_error.payload.acceleration, not less than that of the payload [m/s²]",
-        payload.acceleration, ">=", found.claim,
+        declared, ">=", found.claim,
         setting(model_error__payload__acceleration=rounded_up(1.02 * found.claim, 2)),
-        theorem=READING, topic="model_error")]
+        theorem=READING, topic="model_error")
 
 
 def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[UnknownEffect]

@@ -63,8 +63,9 @@ def certify_scenario(args: argparse.Namespace) -> int:
         _require_default(args, ("output", "full"), "with --largest")
         return find_largest(args)
     _require_default(args, ("within",), "without --largest")
-    from uvms_drake.certificate.certify import certified_once, check_inputs
+    from uvms_drake.certificate.certify import certified_once
     from uvms_drake.certificate.text import format_overview
+    from uvms_drake.station.problem import check_inputs
 
     # Bad input of any kind is refused before anything is computed.
     scenario = load_scenario(args.scenario, args.overrides)

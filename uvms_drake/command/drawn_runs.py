@@ -37,7 +37,7 @@ from uvms_drake.certificate.certificate import (
     to_data,
     write_certificate,
 )
-from uvms_drake.certificate.certify import certified_once, check_inputs
+from uvms_drake.certificate.certify import certified_once
 from uvms_drake.certificate.text import format_probability
 from uvms_drake.command.certificates import note, sound
 from uvms_drake.command.files import BROKEN, DATA_FILES, picture_files, write_data, write_pictures
@@ -46,6 +46,7 @@ from uvms_drake.common.cache import store
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_summary
+from uvms_drake.station.problem import check_inputs
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
@@ -160,7 +161,7 @@ def complete(args: argparse.Namespace, campaign: Campaign, number: int, output: 
             (own.folder / name).write_text(text + "\n", encoding="utf-8")
         if certificate is not None:
             write_certificate(certificate, own.folder)
-        make_campaign_figures(summary, times, own.folder)
+        make_campaign_figures(summary, own.folder)
     return summary, format_campaign(summary, times, str(output)), own.kept
 
 

@@ -109,7 +109,8 @@ def find_largest(args: argparse.Namespace) -> int:
 
 def _verdict(args: argparse.Namespace, override: str) -> tuple[bool, str]:
     """Returns whether a scenario certifies with one more override, and the verdict in words."""
-    from uvms_drake.certificate.certify import certified_once, check_inputs
+    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.station.problem import check_inputs
 
     scenario = load_scenario(args.scenario, [*args.overrides, override])
     with (reported_in(scenario_source(args.scenario)),

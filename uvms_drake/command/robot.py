@@ -12,7 +12,7 @@ from uvms_drake.command.files import folder, new_at
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.common.errors import InvalidFile, require, vector
 from uvms_drake.common.output import output_folder
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import model_dir
 
 TEMPLATE = "box_uvms"
 PICTURE_FILE = "robot.png"
@@ -60,7 +60,7 @@ def show_robot(args: argparse.Namespace) -> int:
         write_template(args.new)
         print(f"written to {args.new}; '{PROGRAM} robot {args.new}' shows it")
         return 0
-    from uvms_drake.plant.robot_loading import sound_robot
+    from uvms_drake.plant.model_check import sound_robot
 
     try:
         robot = sound_robot(args.model)

@@ -102,8 +102,7 @@ def add_plot(commands: argparse._SubParsersAction) -> None:
 
 def run_scenario(args: argparse.Namespace) -> int:
     """Simulates a scenario, prints the summary and writes the files."""
-    from uvms_drake.certificate.certify import check_inputs
-    from uvms_drake.station.problem import load_model
+    from uvms_drake.station.problem import check_inputs, load_model
     from uvms_drake.station.step_size import with_step
 
     require(args.meshcat or args.host is None, "--host", args.host, "left out without --meshcat")

@@ -7,8 +7,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.common.errors import InvalidFile
-from uvms_drake.model.description.robot_files import RobotFiles, read_robot_files
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import RobotFiles, model_dir, read_robot_files
 from uvms_drake.model.uvms import Uvms, add_uvms
 
 

@@ -22,8 +22,12 @@ from pydrake.multibody.tree import (
 from uvms_drake.common.errors import InvalidFile
 from uvms_drake.common.schema import line_of, suggestion
 from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
-from uvms_drake.model.description.robot_files import RobotFiles, parse_robot, read_robot_files
-from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.description.robot_files import (
+    RobotFiles,
+    model_dir,
+    parse_robot,
+    read_robot_files,
+)
 from uvms_drake.model.description.thruster_file import ThrusterParameters
 
 MOVING = ("revolute", "prismatic")

@@ -5,7 +5,7 @@ The friction on a joint that turns at q̇ is
     τ = −F(|q̇|) ρ(|q̇|/v_s) sign q̇,     F(v) = F_C + (F_S − F_C) exp(−((v − v_s)₊/v_b)²),       (1)
 
 Coulomb's torque F_C, and at break-away the static one F_S (Stribeck). ρ is that of the friction of
-a contact, `model.surface.friction`: a sticking joint creeps at up to v_s.
+a contact, `model.surface.contact_laws`: a sticking joint creeps at up to v_s.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.surface.friction import STEEPEST, slip_factor
+from uvms_drake.model.surface.contact_laws import STEEPEST, slip_factor
 from uvms_drake.model.uvms import Uvms
 
 

@@ -6,22 +6,21 @@ from numbers import Real
 
 import numpy as np
 
-from uvms_drake.certificate.certify import check_inputs
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.program import FOLDER
 from uvms_drake.common.schema import check_values, parse_yaml
 from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.model.description.robot_folder import model_dir, shipped_robots
+from uvms_drake.model.description.robot_files import model_dir, shipped_robots
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.signals.sensor_actuator import Sensor
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
-from uvms_drake.plant.robot_loading import sound_robot
+from uvms_drake.plant.model_check import sound_robot
 from uvms_drake.setup.first_scenario import Choices, first_scenario, format_first_scenario
-from uvms_drake.station.contact import Contact
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import check_inputs, load_model
+from uvms_drake.station.scenario.contact import Contact
 from uvms_drake.station.scenario.scenario import Scenario, typed_scenario
 from uvms_drake.station.scenario.scenario_file import with_base
 from uvms_drake.station.step_size import with_step

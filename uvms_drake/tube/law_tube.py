@@ -1,7 +1,7 @@
 """Tube of an ancillary law, and the data that it is computed from."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
@@ -12,10 +12,11 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.constants import Constant, estimate_constants
 from uvms_drake.tube.contact.hold import HoldLaw
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.contact.tip_motion import TipAcceleration
+from uvms_drake.tube.covering import prove_constants
 from uvms_drake.tube.estimates import CertificateSettings, Check, no_estimates
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
@@ -62,6 +63,30 @@ class Basis:
         """Returns the bound of ‖J_bŴ‖ of a block of rows, a key of `PROVEN`."""
         name = PROVEN[block]
         return self.value(name if np.all(self.weights == 1.0) else WEIGHTED[name])
+
+
+def constants_of(names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
+                 weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
+    """Returns constants by name; those that decide the tube of `resolved` are proven.
+
+    Args:
+        names: Names of the constants.
+        model: The prediction model.
+        declared: Set of the suprema.
+        weights: Diagonal of Ŵ, see `Basis`.
+        settings: Effort of the searches.
+    """
+    ball = bool(np.all(weights == 1.0))
+    norms = {name if ball else WEIGHTED[name]: name for name in PROVEN.values()}
+    proven = prove_constants(
+        model, declared, tuple(norms[name] for name in names if name in norms),
+        seed=settings.seed, weights=weights)
+    estimated = estimate_constants(
+        model, declared, tuple(name for name in names if name not in norms),
+        samples=settings.constant_samples, safety_factor=settings.safety_factor,
+        seed=settings.seed)
+    return estimated | {name: replace(proven[plain], name=name)
+                        for name, plain in norms.items() if plain in proven}
 
 
 class LawTube(NamedTuple):

@@ -131,25 +131,6 @@ def by_forces(model: UvmsModel, forces: np.ndarray) -> UnmodelledTerm:
     return error
 
 
-def by_wrench(model: UvmsModel, share: float, rate: Rate, force: float) -> UnmodelledTerm:
-    """Returns M⁻¹τ_f of a vehicle whose wrench is off by a share, on each axis of either sign.
-
-    Args:
-        model: The robot.
-        share: Relative error of the wrench.
-        rate: Bounds of |ζ̇_c|.
-        force: Bound of ‖𝔉‖ on the tip [N].
-    """
-    def error(at: Motions) -> Affine:
-        M = model.mass_matrix(at.kinematics)
-        pressed = np.linalg.norm(at.kinematics.J_links[:, -1, :3, :6], axis=1)
-        asked = (np.abs(_bias(model, at.kinematics, at.zeta)[:, :6]) + force * pressed
-                 + times(np.abs(M[:, :6]), rate(at)))
-        return np.zeros_like(at.zeta), np.linalg.inv(M)[..., :6] * (share * asked[:, None])
-
-    return error
-
-
 def by_water(model: UvmsModel, current: tuple[float, float],
              waves: Sequence[tuple[float, float, float]] = ()) -> UnmodelledTerm:
     """Returns (2) of a current with waves, as of `plant.waves`, along one heading and in phase.

@@ -1,10 +1,8 @@
 """Tests of `uvms_drake.control.convex.dual_active_set`: conditions of an optimum, and Clarabel."""
 
 import numpy as np
-import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from uvms_drake.control.convex import dual_active_set
 from uvms_drake.control.convex.dual_active_set import BROKEN, NO_ROWS, Multipliers, multipliers
 
 
@@ -85,39 +83,11 @@ def test_rows_added_later_lead_to_the_same():
         np.testing.assert_allclose(found[0], r, atol=1e-7)
 
 
-@pytest.mark.parametrize("distance", [1.0, 1e-3])
-def test_the_corner_of_two_walls(distance):
-    """The closed form: r to the corner, and no row that does not matter has a price."""
-    r, (multipliers, active) = least_norm_point(
-        np.array([[-2.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
-        distance * np.array([-2.0, -3.0, 1.0]))
-    np.testing.assert_allclose(r, distance * np.array([1.0, 3.0, 0.0]), rtol=1e-12)
-    np.testing.assert_allclose(multipliers, distance * np.array([0.5, 3.0, 0.0]), rtol=1e-12)
-    assert set(active) == {0, 1}
-
-
-def test_dependent_equalities_have_no_answer():
-    assert least_norm_point(
-        np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([1.0, 2.0]), 2) is None
-
-
 def test_of_equal_rows_the_first_is_active():
     rows = np.array([[1.0, 0.0], [2.0, 0.0], [1.0, 0.0]])
     _, (multipliers, active) = least_norm_point(rows, np.array([-1.0, -2.0, -1.0]))
     np.testing.assert_allclose(multipliers, [1.0, 0.0, 0.0], atol=1e-12)
     assert list(active) == [0]
-
-
-def test_rows_one_by_one_lead_to_the_same(monkeypatch):
-    """The method that takes over where exchanges of many rows do not end."""
-    for seed in (7, 8, 16):
-        E, e, G, b = random_polyhedron(seed)
-        G, b = np.vstack([E, G]), np.append(e, b)
-        usual, _ = least_norm_point(G, b, len(e))
-        with monkeypatch.context() as patch:
-            patch.setattr(dual_active_set, "EXCHANGES", 0)
-            r, _ = least_norm_point(G, b, len(e))
-        np.testing.assert_allclose(r, usual, atol=1e-7)
 
 
 def test_what_is_returned_is_an_optimum_even_of_rows_that_are_nearly_equal():
@@ -136,9 +106,3 @@ def test_what_is_returned_is_an_optimum_even_of_rows_that_are_nearly_equal():
             assert np.min(found[1].value) >= -1e-8 * np.max(found[1].value)
             assert np.max(G @ found[0] - b) < 1e-6
     assert answers > 80
-
-
-@pytest.mark.parametrize(("row", "bound"), [([1.0, 0.0], np.nan), ([np.nan, 0.0], 1.0)])
-def test_what_is_no_number_has_no_answer(row, bound):
-    with np.errstate(invalid="ignore"):
-        assert least_norm_point(np.array([row, [0.0, 1.0]]), np.array([bound, -1.0])) is None

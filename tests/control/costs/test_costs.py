@@ -8,12 +8,10 @@ import pytest
 from pydrake.solvers import SnoptSolver
 
 from uvms_drake.certificate.assumptions import assumed_conditions
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.costs.level_vehicle import LevelVehicle
-from uvms_drake.control.costs.term import CostTerm
-from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
+from uvms_drake.control.costs.costs import CostTerm, LevelVehicle
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points, Slopes
 from uvms_drake.station.problem import make_ocp, start_state
@@ -40,13 +38,6 @@ class Slow(CostTerm):
 
     def residual(self, at: Points) -> np.ndarray:
         return 3.0 * (at.model.kinematics(at.config).J_chi[..., :3, :] @ at.zeta[..., None])[..., 0]
-
-
-class Unsigned(CostTerm):
-    """Functions for which complex steps fail."""
-
-    def residual(self, at: Points) -> np.ndarray:
-        return np.abs(at.config[..., :3])
 
 
 def with_terms(name: str, *terms: CostTerm) -> tuple[Scenario, Ocp, Plan]:
@@ -135,13 +126,6 @@ def test_a_scenario_with_a_term_runs_and_is_the_same_after_yaml(tmp_path):
     path.write_text(dump_scenario(scenario))
     assert load_scenario(str(path)).mpc.terms == [LevelVehicle(200.0)]
     assert np.all(simulate(scenario).mpc_status == 0.0)
-
-
-def test_a_term_that_cannot_be_differentiated_is_named():
-    with pytest.raises(TypeError, match=r"mpc\.terms\[0\].*complex"):
-        with_terms("girona500_ideal", Unsigned())
-    with pytest.raises(InvalidParameter, match=r"mpc\.terms\[1\]\.weight"):
-        with_terms("girona500_ideal", LevelVehicle(), LevelVehicle(-1.0))
 
 
 @pytest.mark.parametrize(("about", "residual", "why"), [

@@ -1,10 +1,9 @@
-"""Tests of `uvms_drake.control.costs.offset_cost`."""
+"""Tests of `uvms_drake.control.costs.costs`."""
 
 import numpy as np
 import pytest
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.costs.offset_cost import OffsetCost
+from uvms_drake.control.costs.costs import OffsetCost
 
 COST = OffsetCost(slope=60.0, width=0.01)
 
@@ -37,10 +36,3 @@ def test_against_a_gradient_its_minimum_moves_as_derived():
             e = e + np.linalg.solve(H, f - g)
         assert np.linalg.norm(e) == pytest.approx(
             COST.width * pull / np.sqrt(COST.slope**2 - pull**2), rel=1e-6)
-
-
-@pytest.mark.parametrize("key", ["slope", "width"])
-@pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
-def test_parameters_without_a_meaning_are_refused(key, value):
-    with pytest.raises(InvalidParameter, match=key):
-        OffsetCost(**{key: value}).check()

@@ -88,31 +88,6 @@ def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(
         np.testing.assert_allclose(gained, expected, rtol=1e-9, atol=1e-9)
 
 
-def test_the_pair_is_the_measured_and_the_nominal_motion(model, states):
-    real, nominal = states["free"][:2]
-    feedback = AncillaryFeedback(model, Resolved())
-    context = feedback.CreateDefaultContext()
-    for name, value in (("state", real), ("nominal_state", nominal)):
-        feedback.GetInputPort(name).FixValue(context, value)
-    now = feedback.GetOutputPort("pair").Eval(context)
-    y, J_x, J_x_dot = model.task_motion(real[:10], real[10:])
-    for value, expected in ((now.y[0], y), (now.J_x[0], J_x), (now.J_x_dot[0], J_x_dot),
-                            (now.inverse @ J_x, np.eye(10)), (now.zeta[0], real[10:]),
-                            (now.y[1], model.task_pose(nominal[:10]))):
-        np.testing.assert_allclose(value, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize(("config", "needed"), [
-    (Resolved(), "nominal_acceleration"), (Transpose(), "nominal_input")])
-def test_a_law_asks_only_for_the_ports_that_it_reads(model, states, config, needed):
-    feedback = AncillaryFeedback(model, config)
-    context = feedback.CreateDefaultContext()
-    for name in ("state", "nominal_state"):
-        feedback.GetInputPort(name).FixValue(context, states["free"][0])
-    feedback.GetInputPort(needed).FixValue(context, np.zeros(10))
-    assert np.all(np.isfinite(feedback.GetOutputPort("u").Eval(context)))
-
-
 @pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_without_a_measurement_the_command_is_the_plans_own(model, states, config, value):
@@ -195,15 +170,6 @@ def test_each_force_is_cut_to_its_limit_and_the_acceleration_follows(model, stat
         np.testing.assert_allclose(M @ cut_u, cut_tau, rtol=1e-9, atol=1e-9)
 
 
-def test_a_command_within_the_limits_is_passed_on_bit_for_bit(model, states):
-    for M, u, tau in commands(model, states, 0.9):
-        for tau_limit in (None, 1.001 * np.abs(tau)):
-            cut_u, cut_tau, limited = limited_input(u, tau, M, U_LIMIT, tau_limit)
-            assert cut_u is u
-            assert cut_tau is tau
-            assert not limited
-
-
 @pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
 def test_the_system_says_whether_a_limit_cuts_its_command(model, states, config):
     """With limits on either side of what the law commands, of u and of τ."""
@@ -234,24 +200,6 @@ def test_the_system_says_whether_a_limit_cuts_its_command(model, states, config)
     assert limited == 1.0
     np.testing.assert_allclose(cut_u, 0.5 * u, rtol=1e-9)
     np.testing.assert_allclose(cut_tau, 0.5 * tau, rtol=1e-12)
-
-
-@pytest.mark.parametrize(("limits", "key"), [
-    (Limits(u=U_LIMIT[:6]), "limits.u"), (Limits(u=-U_LIMIT), "limits.u"),
-    (Limits(u=U_LIMIT, tau=np.zeros(10)), "limits.tau")])
-def test_a_limit_that_has_no_meaning_is_named(model, limits, key):
-    with pytest.raises(InvalidParameter) as caught:
-        AncillaryFeedback(model, Resolved(), limits)
-    assert caught.value.key == key
-
-
-@pytest.mark.parametrize("law", [Resolved, Transpose])
-@pytest.mark.parametrize(("key", "value"), [
-    ("k", 0.0), ("k", -1.0), ("k", np.inf), ("sigma", 0.0), ("sigma", np.nan)])
-def test_a_gain_that_is_not_positive_is_named(model, law, key, value):
-    with pytest.raises(InvalidParameter) as caught:
-        AncillaryFeedback(model, law(**{key: value}))
-    assert caught.value.key == key
 
 
 def test_where_the_thrusters_say_what_they_give_only_the_joints_are_cut_here(model, states):

@@ -10,7 +10,7 @@ from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.control.feedback.disturbance_observer import estimate
-from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.limits import Limits
@@ -37,12 +37,6 @@ def test_it_is_a_filter_of_the_mean_of_the_disturbance():
     for _ in range(10):
         value = estimate(value, np.array([1.0, -2.0]), np.array([3.0, 0.0]), 0.05)
     np.testing.assert_allclose(value, [1.0 - np.exp(-1.5), 0.0], rtol=1e-12)
-
-
-def test_only_a_law_with_a_rate_has_one(model):
-    assert Resolved().observed(model) is None
-    assert TipFirst().observed(model) is None
-    np.testing.assert_array_equal(LAW.observed(model).rates, RATES)
 
 
 @pytest.mark.parametrize("actuation", [

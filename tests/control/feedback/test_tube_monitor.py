@@ -4,19 +4,16 @@ import logging
 
 import numpy as np
 import pytest
-from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script, report_of, use_fixed_steps
 from support.tube_bounds import resolved_preimage_tube, rise
 
 from uvms_drake.common.alarm import LOGGER
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.feedback.tube_monitor import (
     ALARMS,
     FIELDS,
     SAID,
-    TUBE_REPORT,
     TubeMonitor,
 )
 from uvms_drake.control.laws import Resolved
@@ -133,28 +130,6 @@ def test_the_bounds_are_those_of_the_certificate_where_j_stands_still(model, pai
         assert bound["z"] == pytest.approx(R + LAW.sigma * W + offset, abs=1e-7)
 
 
-def test_under_transpose_there_is_no_bound_along_a_run_of_the_dynamics(model, pair):
-    monitor = TubeMonitor(model, Transpose(k=40.0, sigma=3.0), D_BOUND, {})
-    context = monitor.CreateDefaultContext()
-    assert context.num_continuous_states() == 0
-    for port, state in zip(("state", "nominal_state"), pair, strict=True):
-        monitor.GetInputPort(port).FixValue(context, state)
-    np.testing.assert_array_equal(monitor.GetOutputPort("bound").Eval(context), np.inf)
-    np.testing.assert_array_equal(monitor.GetOutputPort("ratio").Eval(context), 0.0)
-
-
-def test_a_connected_pair_is_not_computed_again(model, pair):
-    """It is taken as it is, although it is not that of the states."""
-    monitor = TubeMonitor(model, LAW, D_BOUND, {})
-    context = monitor.CreateDefaultContext()
-    for port in ("state", "nominal_state"):
-        monitor.GetInputPort(port).FixValue(context, pair[1])
-    assert np.max(monitor.GetOutputPort("deviation").Eval(context)) < 1e-12
-    monitor.GetInputPort("pair").FixValue(context, Value(pair_of(model, *pair)))
-    np.testing.assert_array_equal(monitor.GetOutputPort("deviation").Eval(context),
-                                  deviation(model, LAW, *pair).norms)
-
-
 @pytest.mark.parametrize("period", [0.01, 0.0])
 def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, period, caplog):
     """Out of the set-wise tube twice, and of the disturbance's bound three times."""
@@ -213,17 +188,6 @@ def test_what_is_before_it_begins_is_not_looked_at(model, states):
         assert report["worst_set_position"] == pytest.approx(worst)
 
 
-def test_a_disturbance_counts_before_it_begins(model, states):
-    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
-    simulator, monitor, context = scripted(
-        model, radii={"position": 0.001}, state=lambda t: at_rest, nominal=lambda t: at_rest,
-        begin=0.3, disturbance=lambda t: 0.2 * np.eye(10)[0] * (t < 0.1))
-    simulator.AdvanceTo(0.5)
-    report = report_of(monitor, context)
-    assert report["disturbance_exits"] == 1.0
-    assert report["worst_disturbance"] == pytest.approx(2.0)
-
-
 def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states):
     """0.03 m/s² is 3 times what a hull of 0.01 m/s² is bounded by, and nothing to a joint."""
     at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
@@ -249,17 +213,6 @@ def test_samples_at_the_steps_leave_the_steps_as_they_are(model, states):
     assert steps[1] >= 100
 
 
-def test_without_a_disturbance_port_nothing_is_said_about_it(model, pair):
-    simulator, monitor, context = scripted(
-        model, state=lambda t: pair[0], nominal=lambda t: pair[1])
-    simulator.AdvanceTo(0.1)
-    report = report_of(monitor, context)
-    assert (report["disturbance_exits"], report["worst_disturbance"]) == (0.0, 0.0)
-    ratio = monitor.GetOutputPort("ratio").Eval(context)
-    np.testing.assert_array_equal(ratio[:6], 0.0)  # no set-wise bound was given
-    assert np.all(ratio[6:] > 0.0)
-
-
 def test_a_cloned_context_goes_on_identically(model, pair):
     simulator, monitor, _ = scripted(
         model, radii={"task": 1e-3}, state=lambda t: pair[0] * np.cos(t),
@@ -274,25 +227,3 @@ def test_a_cloned_context_goes_on_identically(model, pair):
         reports.append([*report_of(monitor, context).values(),
                         *monitor.GetOutputPort("bound").Eval(context)])
     np.testing.assert_allclose(*reports, rtol=1e-11)
-
-
-def test_its_ports_are_the_documented_ones_and_the_disturbance_feeds_none_through(model):
-    monitor = TubeMonitor(model, LAW, D_BOUND, {})
-    outputs = [monitor.get_output_port(i) for i in range(monitor.num_output_ports())]
-    assert {port.get_name(): port.size() for port in outputs} == {
-        "deviation": 6, "bound": 6, "ratio": 12, "report": 19, "alarm": 3, "e_y": 10,
-        "r": 10}
-    disturbance = monitor.GetInputPort("disturbance").get_index()
-    for port in outputs:
-        assert not monitor.HasDirectFeedthrough(disturbance, port.get_index())
-    assert len(TUBE_REPORT) == 3 * 2 + 2 * len(FIELDS) + 1
-    assert len(ALARMS) == 3
-
-
-@pytest.mark.parametrize(("arguments", "options", "message"), [
-    ((-0.1, {}), {}, "d_bound = -0.1"), ((0.1, {"tip": 1.0}), {}, r"radii = \['tip'\]: .*task"),
-    ((0.1, {"z": -1.0}), {}, "radii = "), ((0.1, {}), {"period": -1.0}, "period = -1"),
-    ((0.1, {}), {"slack": np.nan}, "slack = nan")])
-def test_bad_parameters_are_named(model, arguments, options, message):
-    with pytest.raises(InvalidParameter, match=message):
-        TubeMonitor(model, LAW, *arguments, **options)

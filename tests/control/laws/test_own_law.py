@@ -11,7 +11,7 @@ from uvms_drake.control.laws.law import AncillaryLaw, pair_of
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.report.figures import deviation_drawing
 from uvms_drake.report.summary import format_summary, summarise
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
 
@@ -60,11 +60,6 @@ def test_it_runs_and_its_deviation_is_watched_without_a_bound_along_the_run(reco
     assert "law sloppy; |y - y_nominal|" in text
     assert "of the bound along the run" not in text
     deviation_drawing(record)
-
-
-def test_its_scenario_is_written_with_its_name_and_its_gains():
-    assert "ancillary: !Sloppy\n  gain: 3.0\n" in dump_scenario(
-        with_law("girona500_ideal", Sloppy(3.0)))
 
 
 def test_its_errors_are_those_of_the_extended_task(model, states):

@@ -8,15 +8,12 @@ from support import dh
 from support.laws import not_asked, pairs
 from support.tiny_robots import tiny_robot, turret
 
-from uvms_drake.certificate.certify import certify
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.control.laws.outputs import outputs_of
+from uvms_drake.control.laws.outputs import outputs_of, tip_rows
 from uvms_drake.control.laws.tip_first import BlockGains
-from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.station.scenario.scenario import load_scenario
 
 LAW = TipFirst(BlockGains(1.5, 0.4), BlockGains(20.0, 10.0))
 ROWS = np.array([0, 1, 2, 9])  # x, y, z, q4
@@ -167,20 +164,3 @@ def test_the_rows_are_the_position_and_what_the_arm_holds_best(model):
         rows = tip_rows(tiny_robot(axes[:n], [[0.3, 0.0, 0.0]] * n, (0.3, 0.0, 0.1)))
         np.testing.assert_array_equal(rows[:count], np.arange(count))
         assert len(set(rows)) == n
-
-
-@pytest.mark.parametrize(("rows", "message"), [
-    (("x", "y", "z"), "4 different ones, for 4 joints, of x, y, z, roll, pitch, yaw, q1, q2"),
-    (("x", "y", "z", "z"), "4 different ones"), (("x", "y", "z", "q5"), "4 different ones")])
-def test_rows_that_are_none_are_refused(model, rows, message):
-    with pytest.raises(InvalidParameter, match=f"^ancillary.rows = .*must be {message}"):
-        tip_rows(model, rows)
-
-
-@pytest.mark.parametrize(("settings", "message"), [
-    ("tip: {k: 0}", "ancillary.tip.k = 0.0: must be positive"),
-    ("undriven: [surge]", "ancillary.undriven = .*: must be of roll, pitch")])
-def test_settings_without_a_meaning_are_refused(settings, message):
-    scenario = load_scenario("girona500_ideal", [f"ancillary=!TipFirst {{{settings}}}"])
-    with pytest.raises((InvalidParameter, ScenarioError), match=message):
-        certify(scenario)

@@ -6,7 +6,7 @@ import pytest
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.limits.pose import ToolAngle
 from uvms_drake.control.limits.speeds import ContactSpeed, SafeDepth, SafeDepthBetweenKnots
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -41,11 +41,6 @@ def test_the_cosine_is_that_of_the_tools_axis(points):
     np.testing.assert_allclose(TOOL.values(points)[:, 0], axis @ DIRECTION, atol=1e-12)
 
 
-def test_the_speeds_lose_their_own_radii_and_are_unknown_without():
-    assert SPEEDS.tube_takes(TUBE) == pytest.approx([0.03, 0.04, 0.04])
-    assert SPEEDS.tube_takes(resolved_radii(TubeRadii())) is None
-
-
 def test_the_cosine_changes_by_no_more_than_the_tube_takes_of_it(model):
     """Attitudes at the bound, and Euler angles that are off by the radius, to first order."""
     limit, rng = TOOL, np.random.default_rng(0)
@@ -73,20 +68,12 @@ def test_values_are_depths_now_and_half_an_interval_later(model, points):
     between = SafeDepthBetweenKnots(FACETS, DEPTHS, H).values(points)
     still = np.zeros((1, 10))
     for k in range(len(depth)):
-        plans = [DynamicPlan.from_accelerations(
+        plans = [Plan.from_accelerations(
             0.0, 1e-6, points.config[k], sign * points.zeta[k], still) for sign in (1, -1)]
         after, before = (model.task_pose(plan.config[1])[:3] for plan in plans)
         velocity = (after - before) / 2e-6
         assert between[k] == pytest.approx(depth[k] + 0.5 * H * FACETS @ velocity, abs=1e-8)
     np.testing.assert_allclose(depth, points.y[:, :3] @ FACETS.T, atol=1e-15)
-
-
-def test_they_are_one_sided(points):
-    assert np.all(SafeDepth(FACETS, NONE).excess(points) < 0.0)
-    far = points.y - np.pad(100.0 * DIRECTION, (0, 7))
-    deep = Points(points.model, points.config, far, points.zeta)
-    assert np.all(SafeDepth(FACETS, DEPTHS).excess(deep) < 0.0)
-    assert np.all(SafeDepthBetweenKnots(FACETS, NONE, H).excess(points) < 0.0)
 
 
 def test_a_parabola_lies_below_the_largest_of_its_control_points():

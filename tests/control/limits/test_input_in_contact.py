@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import Accelerations, Forces
 from uvms_drake.control.limits.radii import TubeRadii
@@ -123,8 +122,3 @@ def test_the_cone_of_a_surface_is_the_smallest_that_has_all_its_forces(tilt, fri
     angle = np.arctan2(np.linalg.norm(forces - along[:, None] * CONE.direction, axis=1), along)
     assert cone.largest * 0.98 < np.max(along) <= cone.largest * (1.0 + 1e-12)
     assert cone.spread * 0.95 < np.max(angle) <= cone.spread + 1e-9
-
-
-def test_a_surface_that_might_pull_is_refused():
-    with pytest.raises(InvalidParameter, match=r"angle = 1\.2"):
-        ForceCone.of_surface(SurfaceClass(CONE.direction, angle=1.2, friction=0.5), 20.0)

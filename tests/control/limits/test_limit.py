@@ -129,11 +129,6 @@ def test_what_turns_with_the_vehicle_has_the_rates_of_complex_steps(model, at):
 # A limit of one's own ----------------------------------------------------------------------------
 
 
-def test_without_a_word_about_the_tube_nothing_is_known_to_be_left(model):
-    tube = TubeRadii(u=np.zeros(10), tau=np.zeros(10))
-    assert ALL["power"].margins(tube)[0] == ("power[0]", np.inf, 5.0)
-
-
 def test_without_a_word_about_the_tube_a_plan_keeps_the_whole_limit():
     tube = TubeRadii(e=0.01, z=0.01, roll=0.01, pitch=0.01, u=np.full(10, 0.1),
                      tau=np.full(10, 0.1))

@@ -12,8 +12,8 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits
 from uvms_drake.control.limits.pose import TipBox
 from uvms_drake.control.limits.speeds import TipVelocity
-from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.report.signals import constraint_signals
@@ -95,12 +95,6 @@ def test_a_further_limit_without_meaning_is_refused(own, key):
     assert caught.value.key == key
 
 
-def test_a_name_that_is_there_already_is_refused():
-    twice = Limits(u=np.ones(10), more=[Elbow(), Elbow(2.0)])
-    with pytest.raises(InvalidParameter, match="elbow"):
-        make_limits(twice, np.full(4, -1.0), np.ones(4), PLANE)
-
-
 @pytest.mark.slow
 def test_fast_solver_and_reference_agree_where_they_are_active(scenario):
     """With 7/10 of the speed, the way and the turn that a plan without them takes."""
@@ -155,11 +149,6 @@ def test_only_a_known_tightening_leaves_a_margin(scenario):
         "tube in limits.tip_y": True, "tube in limits.tip_z": True,
         unknown.format("tip_velocity"): False, unknown.format("elbow"): False,
         "tube in limits.elbow": True}
-
-
-def test_a_task_that_breaks_it_is_refused(scenario):
-    with pytest.raises(InvalidParameter, match=r"task\.pose .* elbow"):
-        make_ocp(with_own(scenario, Elbow(0.1)))
 
 
 def test_a_run_with_them_has_their_signals_and_their_bars(scenario):

@@ -71,22 +71,6 @@ def test_the_worst_deviation_in_the_tube_reaches_the_limit_and_does_not_exceed_i
     assert np.all(real <= getattr(LIMITS, key) + 1e-12)
 
 
-def test_without_a_tube_the_limits_stay():
-    remaining = less(LIMITS, TubeRadii(u=np.zeros(8), tau=np.zeros(8)))
-    for key in ("nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"):
-        assert remaining[key].upper[0] == getattr(LIMITS, key)
-    np.testing.assert_array_equal(remaining["u"].upper, LIMITS.u)
-    np.testing.assert_array_equal(remaining["tau"].upper, LIMITS.tau)
-    np.testing.assert_array_equal(remaining["q"].lower, Q_LOWER)
-    np.testing.assert_array_equal(remaining["q"].upper, Q_UPPER)
-
-
-@pytest.mark.parametrize("tau", [None, TUBE.tau, np.full(3, -1.0)])
-def test_without_limits_on_forces_none_are_left_whatever_the_tube_says(tau):
-    remaining = less(replace(LIMITS, tau=None), replace(TUBE, tau=tau))
-    assert "tau" not in remaining
-
-
 BLOCKS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2": "z", "qdot": "z"}
 
 
@@ -106,12 +90,6 @@ def test_a_block_without_a_radius_of_its_own_takes_the_total():
     assert remaining["roll"].upper[0] == pytest.approx(0.27)
 
 
-@pytest.mark.parametrize("block", BLOCKS)
-def test_a_radius_of_its_own_counts_even_if_it_is_zero(block):
-    assert getattr(resolved_radii(replace(TUBE, **{block: 0.0})), block) == 0.0
-    assert vars(resolved_radii(TUBE)) == vars(TUBE)
-
-
 # Joints ------------------------------------------------------------------------------------------
 
 
@@ -126,12 +104,6 @@ def test_joint_limits_are_the_robots_or_the_narrower_ones_asked_for():
     lower, upper = joint_limits(replace(asked, q_upper=[0.1, 0.2]), Q_LOWER, Q_UPPER)
     np.testing.assert_array_equal(lower, [-0.4, -1.3])
     np.testing.assert_array_equal(upper, [0.1, 0.2])
-
-
-def test_joints_without_limits_stay_so():
-    remaining = less(LIMITS, TUBE, np.array([-np.inf, -1.3]), np.array([np.inf, 0.7]))
-    np.testing.assert_allclose(remaining["q"].lower, [-np.inf, -1.288])
-    np.testing.assert_allclose(remaining["q"].upper, [np.inf, 0.688])
 
 
 @pytest.mark.parametrize(("radius", "limit"), [
@@ -181,12 +153,3 @@ def test_what_is_of_a_joint_that_slides_is_in_metres(slides, length):
     assert limits["qdot"].unit_of("qdot") == ("rad/s", "rad/s, m/s", "m/s")[len(length)]
     assert limits["u"].unit_of("u_sway") == "m/s²"
     assert limits["tau"].unit_of("tau_yaw") == "N m"
-
-
-def test_a_joint_that_cannot_move_is_named_with_what_to_do():
-    for lower, upper, named in (([0.0, -0.2], [0.0, 0.4], "q1"), ([-1.0, 0.3], [1.0, 0.3], "q2"),
-                                ([0.0, 0.0], [0.0, 0.0], "q1, q2")):
-        with pytest.raises(InvalidParameter, match=(
-                f"must be below q_upper = .*: {named} of the robot cannot move, and its joint is "
-                "to be of type fixed")):
-            joint_limits(Limits(), np.array(lower), np.array(upper))

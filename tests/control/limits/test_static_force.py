@@ -4,12 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.surfaces import Sphere
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii, tighten
 from uvms_drake.control.limits.static_force import StaticForce
-from uvms_drake.model.surface.law import NotOffered, check_surface
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
 
@@ -52,12 +50,6 @@ def test_what_the_tube_leaves_of_the_force_keeps_its_limit_and_no_less_would_do(
     assert bound + 0.8 * (limit - bound) < worst <= limit + 1e-9
 
 
-def test_a_tube_as_wide_as_the_force_is_refused():
-    assert tightened(2.0, PLANE).upper[0] == pytest.approx(2.0 - 830.0 * 0.002)
-    with pytest.raises(InvalidParameter, match=r"limits\.static_force = 2\.0"):
-        tightened(2.0, PLANE, TubeRadii(position=0.003))
-
-
 @pytest.mark.parametrize(("surface", "stiffness"), [
     (PLANE, 830.0), (SPRING, np.linalg.norm(SPRING.stiffness[:3, :3], 2))], ids=["plane", "spring"])
 def test_an_excess_is_a_depth(surface, stiffness):
@@ -89,8 +81,3 @@ def test_the_convex_program_has_the_same_limit_as_an_evaluation(surface):
             value[1] - value[0], slopes.y @ (y[1] - y[0]), atol=1e-12)
     np.testing.assert_array_equal(broken, limit.values(at)[:, 0] > 20.0)
     assert 50 < np.sum(broken) < 450
-
-
-def test_the_force_on_a_surface_of_another_kind_cannot_be_limited():
-    with pytest.raises(NotOffered, match=r"^surface = 'Sphere': must be one that has "):
-        StaticForce(20.0, Sphere())

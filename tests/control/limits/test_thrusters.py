@@ -105,17 +105,6 @@ class Free:
     contact = None
 
 
-@pytest.mark.parametrize(("allowance", "known", "message"), [
-    ([], True, r"^limits\.thrusters = \[\]: must be 1 finite numbers$"),
-    ([0.0], True, r"^limits\.thrusters = \[0\.0\]: must be positive numbers$"),
-    ([5.0], False, r"^limits\.thrusters = \[5\.0\]: must be left out: the robot has no thrust"),
-])
-def test_an_allowance_without_a_meaning_is_refused(girona, allowance, known, message):
-    with pytest.raises(InvalidParameter, match=message):
-        make_limits(Limits(u=np.ones(10), thrusters=allowance), np.full(4, -1.0), np.ones(4),
-                    Free(), thrusters=girona.thrusters if known else None)
-
-
 def test_the_tube_needs_the_radii_of_the_forces(girona):
     limits = make_limits(Limits(u=np.ones(10), thrusters=np.array([5.0])), np.full(4, -1.0),
                          np.ones(4), Free(), thrusters=girona.thrusters)

@@ -82,16 +82,6 @@ def test_added_mass_about_the_origin_has_the_energy_of_the_motion_of_its_point()
         np.testing.assert_allclose(0.5 * V @ M @ V, energy, rtol=1e-12)
 
 
-def test_parallel_axes_of_a_point_mass():
-    """A mass m at p has the inertia m (pᵀp 1 − p pᵀ) and the momentum m ω × p."""
-    m, p = 2.5, np.array([0.3, -0.7, 0.2])
-    M = added_mass_about_origin([AddedMass(matrix=np.array([m, m, m, 0, 0, 0]), point=p)])
-    np.testing.assert_allclose(M[:3, :3], m * np.eye(3), atol=1e-15)
-    np.testing.assert_allclose(M[3:, 3:], m * (p @ p * np.eye(3) - np.outer(p, p)), atol=1e-15)
-    omega = np.array([0.4, 1.1, -0.9])
-    np.testing.assert_allclose(M[:3, 3:] @ omega, m * np.cross(omega, p), atol=1e-15)
-
-
 def _write(folder: Path, text: str) -> Path:
     path = folder / "hydrodynamics.yaml"
     path.write_text(text)

@@ -7,7 +7,7 @@ import pytest
 from support.surfaces import TRANSITION, Sphere, moving, plane, spring, tip_at
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.law import NotOffered, check_surface
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
 
@@ -56,42 +56,6 @@ def test_a_stack_of_poses_gives_a_stack_of_forces(law):
         np.testing.assert_allclose(depths[index], law.penetration(chi[index]), rtol=1e-12)
 
 
-def test_a_force_does_not_change_its_arguments():
-    for law in (spring(), plane()):
-        chi, chi_dot = tip_at(plane(), 0.02), moving(plane(), 0.1)
-        copies = chi.copy(), chi_dot.copy()
-        law.force(chi, chi_dot)
-        np.testing.assert_array_equal((chi, chi_dot), copies)
-
-
-def test_penetration_is_the_depth_in_a_plane_and_the_stretch_of_a_spring():
-    law = plane()
-    assert law.penetration(tip_at(law, 0.013)) == pytest.approx(0.013)
-    assert law.penetration(tip_at(law, -0.5)) == 0.0
-    law = spring()
-    assert law.penetration(law.equilibrium + [0.3, 0.0, -0.4, 1, 1, 1]) == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize(("config", "message"), [
-    (BilateralSpring(stiffness=np.triu(np.ones((6, 6)))),
-     r"^stiffness = .*: must be a symmetric positive definite 6×6 matrix \(it is not symmetric\)$"),
-    (BilateralSpring(stiffness=np.diag([1, 1, 1, 1, 1, -3.0])),
-     r"^stiffness = .* \(its smallest eigenvalue is -3\)$"),
-    (BilateralSpring(stiffness=np.eye(3)), r"^stiffness = .*: must be a symmetric positive def"),
-    (BilateralSpring(equilibrium=np.zeros(5)),
-     r"^equilibrium = \[0\., 0\., 0\., 0\., 0\.\]: must be 6 finite numbers$"),
-    (UnilateralPlane(normal=np.array([1.0, 1.0, 0.0])),
-     r"^normal = \[1\., 1\., 0\.\]: must be a unit vector$"),
-    (UnilateralPlane(point=np.array([np.nan, 0, 0])), r"^point = .*: must be 3 finite numbers$"),
-    (UnilateralPlane(stiffness=0.0), r"^stiffness = 0\.0: must be positive$"),
-    (UnilateralPlane(transition=-0.1), r"^transition = -0\.1: must be positive$"),
-    (UnilateralPlane(dissipation=float("nan")), r"^dissipation = nan: must be zero or positive$"),
-])
-def test_bad_parameters_are_named(config, message):
-    with pytest.raises(InvalidParameter, match=message):
-        check_surface(config)
-
-
 def test_a_surface_of_ones_own_passes():
     sphere = Sphere()
     assert check_surface(sphere) is sphere
@@ -118,12 +82,6 @@ def test_a_force_of_another_shape_is_refused():
 
     with pytest.raises(InvalidParameter, match=r"^force = 'Flat': must be \(\.\.\., 6\) for "):
         check_surface(Flat())
-
-
-def test_what_a_surface_does_not_offer_is_named():
-    with pytest.raises(
-            NotOffered, match=r"^surface = 'Sphere': must be one that has `static_force_rows`$"):
-        Sphere().static_force_rows(np.zeros((1, 6)), 10.0)
 
 
 @pytest.mark.parametrize("law", [

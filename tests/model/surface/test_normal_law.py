@@ -4,10 +4,6 @@ import numpy as np
 import pytest
 from support.shapes import LAWS
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
-from uvms_drake.model.surface.plane import plane_load
-
 every_law = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 depths = np.linspace(-0.01, 0.1, 20001)
 
@@ -35,11 +31,6 @@ def test_the_slope_is_that_of_the_force_continuous_and_within_its_bounds(law):
     assert np.min(past) < 1.1 * least
 
 
-def test_the_linear_law_is_that_of_the_plane():
-    law = LAWS["linear"]
-    np.testing.assert_array_equal(law.force(depths), 830.0 * plane_load(depths, 0.003))
-
-
 def test_two_straight_lines():
     """The area under the slope: k up to the knee, ratio k after it, both with half a transition."""
     law = LAWS["bilinear"]
@@ -60,21 +51,3 @@ def test_it_hardens_all_the_way_down_and_is_straight_from_there_on():
 @pytest.mark.parametrize("force", [0.0, 0.01, 3.0, 20.0, 500.0])
 def test_the_depth_for_a_force_gives_that_force(law, force):
     assert law.force(np.array(law.depth_for(force))) == pytest.approx(force, rel=1e-12, abs=1e-12)
-
-
-@every_law
-def test_a_stiffer_law_pushes_more(law):
-    forces = law.stiffened(2.5).force(depths)
-    np.testing.assert_allclose(forces, 2.5 * law.force(depths), rtol=1e-12)
-
-
-@pytest.mark.parametrize(("law", "message"), [
-    (Linear(stiffness=0.0), r"^stiffness = 0\.0: must be positive$"),
-    (Linear(transition=-1.0), r"^transition = -1\.0: must be positive$"),
-    (Bilinear(ratio=0.0), r"^ratio = 0\.0: must be positive$"),
-    (Bilinear(knee=0.001), r"^knee = 0\.001: must be at least the transition, 0\.002 m$"),
-    (Hardening(ratio=0.5), r"^ratio = 0\.5: must be at least 1$"),
-    (Hardening(depth=0.001), r"^depth = 0\.001: must be at least the transition, 0\.002 m$")])
-def test_bad_parameters_are_named(law, message):
-    with pytest.raises(InvalidParameter, match=message):
-        law.checked()

@@ -15,7 +15,7 @@ from support.surfaces import (
 )
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.plane import dissipation_factor, plane_load
+from uvms_drake.model.surface.contact_laws import dissipation_factor, plane_load
 
 
 @pytest.mark.parametrize(("rate", "factor"), [
@@ -24,11 +24,6 @@ def test_the_plane_is_harder_on_the_way_in_and_softer_on_the_way_out(rate, facto
     law, chi = plane(), tip_at(plane(), 0.02)
     np.testing.assert_allclose(
         law.force(chi, moving(law, rate)), factor * law.force(chi, AT_REST), rtol=1e-12)
-
-
-def test_outside_the_plane_there_is_no_force():
-    law = plane()
-    np.testing.assert_array_equal(law.force(tip_at(law, -1e-9), moving(law, 3.0)), np.zeros(6))
 
 
 def test_the_plane_never_pulls_whatever_the_pose_and_speed():

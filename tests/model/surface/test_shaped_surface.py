@@ -5,9 +5,9 @@ import pytest
 from support.shapes import LAWS, SHAPES, SHIFT, R, in_ball_of, near, surfaces
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Cylinder, Plane
-from uvms_drake.model.surface.law import NotOffered, check_surface
-from uvms_drake.model.surface.normal_law import Linear
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 
@@ -119,17 +119,6 @@ def test_neither_damping_nor_friction_ever_gives_power(surface):
     assert np.all(np.sum((surface.force(chi, chi_dot) - static) * chi_dot, axis=1) >= 0.0)
 
 
-@pytest.mark.parametrize("radius", [1e3, 1e5])
-@pytest.mark.parametrize("inside", [False, True])
-def test_a_huge_cylinder_is_a_plane(radius, inside):
-    plane = ShapedSurface(Plane(), friction=0.3)
-    huge = ShapedSurface(Cylinder(radius=radius, inside=inside), friction=0.3)
-    chi, chi_dot = states(plane, 500, np.random.default_rng(6))
-    difference = huge.force(chi, chi_dot) - plane.force(chi, chi_dot)
-    assert np.max(np.abs(difference)) < 40.0 / radius
-    assert np.max(np.abs(difference)) > 1.0 / radius
-
-
 @every_surface
 @pytest.mark.parametrize("reach", [0.01, 0.06])
 def test_pairs_of_points_keep_the_inequality_of_the_class(surface, reach):
@@ -231,37 +220,7 @@ def test_a_force_that_it_cannot_give_is_named(name, force, message):
         ALL[name].pose_for(np.array(force, dtype=float), np.zeros(6))
 
 
-def test_without_a_pose_there_is_no_answer():
-    with pytest.raises(InvalidParameter, match=r"^pose = None: must be given: "):
-        ALL["plane linear"].pose_for(np.ones(6), None)
-
-
-@pytest.mark.parametrize(("settings", "message"), [
-    ({"geometry": Cylinder(radius=-1.0)}, r"^geometry\.radius = -1\.0: must be positive$"),
-    ({"law": Linear(stiffness=0.0)}, r"^law\.stiffness = 0\.0: must be positive$"),
-    ({"friction": -0.1}, r"^friction = -0\.1: must be from 0 to 2$"),
-    ({"dissipation": 1e9}, r"^dissipation = 1000000000\.0: must be from 0 to 1000$"),
-    ({"creep": 0.0}, r"^creep = 0\.0: must be positive$")])
-def test_bad_parameters_are_named(settings, message):
-    with pytest.raises(InvalidParameter, match=message):
-        check_surface(ShapedSurface(**settings))
-
-
-def test_what_it_does_not_offer_is_named():
-    for method in ("force_jacobian", "contact_reach"):
-        with pytest.raises(NotOffered, match=f"^surface = 'ShapedSurface': .*`{method}`"):
-            arguments = (20.0,) if method == "contact_reach" else ()
-            getattr(ALL["pole linear"], method)(*arguments)
-
-
 def test_only_a_flat_one_has_a_normal_and_only_an_even_one_a_depth_for_a_force():
     assert ALL["pole linear"].normal is None
     assert ALL["bumpy linear"].penetration_for(20.0) is None
     assert ALL["pipe linear"].penetration_for(20.0) == pytest.approx(20.0 / 830.0 + 0.0015)
-
-
-def test_a_stiffer_one_pushes_more():
-    surface = ALL["pipe hardening"]
-    chi, chi_dot = states(surface, 100, np.random.default_rng(11))
-    np.testing.assert_allclose(surface.stiffened(1.7).force(chi, chi_dot),
-                               1.7 * surface.force(chi, chi_dot), rtol=1e-12)

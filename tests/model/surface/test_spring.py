@@ -14,7 +14,6 @@ from support.surfaces import (
     work,
 )
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
 
@@ -26,11 +25,6 @@ def test_the_spring_pulls_and_pushes_by_k_times_its_stretch():
         np.testing.assert_allclose(
             law.force(law.equilibrium + sign * stretch, AT_REST),
             sign * stiffness_matrix() @ stretch, rtol=1e-12)
-
-
-def test_the_spring_does_not_depend_on_velocity():
-    law, chi = spring(), np.arange(6.0)
-    np.testing.assert_array_equal(law.force(chi, AT_REST), law.force(chi, np.ones(6)))
 
 
 def test_the_spring_does_no_work_around_a_closed_path():
@@ -58,8 +52,3 @@ def test_past_the_transition_the_plane_is_a_spring(normal):
     np.testing.assert_allclose(
         law.force(tip_at(law, depth), AT_REST), np.append(-magnitude * normal, np.zeros(3)),
         atol=1e-11)
-
-
-def test_a_spring_says_that_a_force_fixes_the_pose():
-    with pytest.raises(InvalidParameter, match=r"^pose = .*: must be left out: "):
-        spring().pose_for(np.zeros(6), np.zeros(6))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from support.walls import random_direction, random_walls, rotated_from_x
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.plane import dissipation_factor
+from uvms_drake.model.surface.contact_laws import dissipation_factor
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
@@ -79,11 +78,3 @@ def test_damping_hides_no_more_force_than_that(factor):
 def test_a_fast_retreat_says_nothing():
     surface = SurfaceClass(dissipation=2.0)
     assert surface.static_force_bound(np.zeros(3), np.array([-0.5, 0.0, 0.0]), 0.1) == np.inf
-
-
-@pytest.mark.parametrize("bad", [
-    {"direction": [1.0, 1.0, 0.0]}, {"stiffness": 0.0}, {"angle": 1.6}, {"dissipation": -1.0},
-    {"friction": np.nan}])
-def test_what_has_no_meaning_is_refused(bad):
-    with pytest.raises(InvalidParameter, match=next(iter(bad))):
-        SurfaceClass(**bad)

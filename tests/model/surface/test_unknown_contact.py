@@ -7,7 +7,6 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface import UnilateralPlane
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
-from uvms_drake.station.contact import KnownSurface
 
 CONTACT = UnknownContact(direction=np.array([0.0, 0.6, 0.8]), angle=0.2, stiffness=800.0,
                         force=40.0, dissipation=3.0, friction=0.4)
@@ -71,11 +70,6 @@ def test_a_model_of_it_is_free_water_and_passes_the_check_of_surfaces():
     assert surface.stiffness_bound == CONTACT.slope
 
 
-def test_a_known_surface_is_told_as_it_is():
-    plane = UnilateralPlane()
-    assert KnownSurface().controller_surface(plane) is plane
-
-
 def test_a_task_presses_along_the_direction_and_less_than_the_largest_force():
     controller_surface, pose = UnknownSurface(CONTACT), np.arange(6.0)
     assert controller_surface.pose_for(CONTACT.wrench(20.0), pose) == pytest.approx(pose)
@@ -84,12 +78,3 @@ def test_a_task_presses_along_the_direction_and_less_than_the_largest_force():
             controller_surface.pose_for(force, pose)
     with pytest.raises(InvalidParameter, match="pose"):
         controller_surface.pose_for(CONTACT.wrench(20.0), None)
-
-
-@pytest.mark.parametrize(("key", "value"), [
-    ("direction", np.array([1.0, 1.0, 0.0])), ("angle", 0.6), ("angle", -0.1), ("stiffness", 0.0),
-    ("force", np.inf), ("dissipation", -1.0), ("friction", np.nan)])
-def test_a_value_without_a_meaning_is_named(key: str, value: object):
-    settings = UnknownContact(**{key: value})
-    with pytest.raises(InvalidParameter, match=key):
-        UnknownSurface(settings)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from support.shapes import in_ball_of
 
+from uvms_drake.model.surface.contact_laws import Bilinear, Hardening, Linear
 from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
-from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.station.contact.drawn_surfaces import (
     BELOW,

@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.common.errors import vector
 from uvms_drake.control.limits.limit import AbsoluteLimit, Cone, Limit
-from uvms_drake.control.plan.between_knots import between_knots
+from uvms_drake.control.plan.plan import between_knots
 from uvms_drake.control.plan.points import About, Points, Slopes
 
 BLOCKS = {"nu1": (slice(0, 3), "vehicle speed", "m/s"),
@@ -82,7 +82,7 @@ class ContactSpeed(Limit):
     name = "contact_speed"
     about: ClassVar[About] = "speed"
     unit = "m/s"
-    titles = ("tip along n", "tip across n, first axis", "tip across n, second axis")
+    titles = ("tip along n", "tip across n, t₁", "tip across n, t₂")
     radius = ("depth_speed", "tip_speed", "tip_speed")
 
     axes: np.ndarray

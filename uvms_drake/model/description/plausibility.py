@@ -19,6 +19,7 @@ from uvms_drake.model.description.elements import (
     URDF,
     Element,
     Value,
+    kind_of,
     spec_of,
 )
 from uvms_drake.model.description.hydrodynamics_file import FARTHEST
@@ -138,11 +139,11 @@ def _check(node: Node, table: dict[str, Element], spec: Element, owner: str, pat
 
 def _check_attributes(node: Node, spec: Element, owner: str, path: str, found: Findings) -> None:
     """Checks the attributes of an element and takes away those that are not read."""
-    kept = {}
+    kept, known = {}, spec.attributes.split()
     for name, text in node.attributes.items():
         key = f"{path}.{name}".strip(".")
-        if name in spec.attributes:
-            _check_value(node, text, spec.attributes[name], owner, key, found)
+        if name in known:
+            _check_value(node, text, kind_of(node.tag, name), owner, key, found)
         elif name.split(":")[0] != "xmlns":
             _leave_out(node, name, spec, owner, path, found)
             continue
@@ -155,7 +156,7 @@ def _leave_out(node: Node, name: str, spec: Element, owner: str, path: str, foun
                ) -> None:
     """Reports an element or attribute that is not read, or refuses one that is mistyped."""
     key = f"{path}.{name}".strip(".")
-    known = [*spec.attributes, *spec.once.split(), *spec.many.split(), *spec.unread.split()]
+    known = " ".join([spec.attributes, spec.once, spec.many, spec.unread]).split()
     others = [*known, *spec.quiet.split(), *REFUSED] if found.foreign else spec.unread.split()
     close = difflib.get_close_matches(name, known, 1, LIKE[found.foreign])
     if name in others:

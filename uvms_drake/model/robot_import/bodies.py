@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
+from uvms_drake.model.description.hydrodynamics_file import AddedMass, Drag
 from uvms_drake.model.robot_import.chain import Chain
 from uvms_drake.model.robot_import.notes import Notes
 from uvms_drake.model.robot_import.thrust import Thruster
@@ -19,15 +20,6 @@ FRD_FROM_FLU = RigidTransform(RotationMatrix(np.diag([1.0, -1.0, -1.0])))
 """Turn from z up to z down: half a turn about x."""
 BUOYANT = 1e-3
 """Height of buoyancy over mass that tells which way is up [m]."""
-
-
-@dataclass
-class Strip:
-    """Drag at a point, by axis of the body."""
-
-    linear: np.ndarray
-    quadratic: np.ndarray
-    point: np.ndarray
 
 
 @dataclass
@@ -52,9 +44,8 @@ class Body:
     collisions: list[tuple[Link, Shape]] = field(default_factory=list)
     volume: float | None = None
     center: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    added_mass: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
-    """Matrices (6, 6) and the points about which they are."""
-    drag: list[Strip] = field(default_factory=list)
+    added_mass: list[AddedMass] = field(default_factory=list)
+    drag: list[Drag] = field(default_factory=list)
 
     def of(self, link: Link) -> RigidTransform:
         """Returns the pose of a link in the body's frame."""
@@ -182,24 +173,19 @@ def _add_water(body: Body, link: Link, water: Water, notes: Notes) -> None:
     if water.added_mass is not None:
         T = np.kron(np.eye(2), R)
         M = T @ water.added_mass @ T.T
-        body.added_mass.append((0.5 * (M + M.T), origin))
+        body.added_mass.append(AddedMass(0.5 * (M + M.T), origin))
     if water.linear is not None and water.quadratic is not None:
         squares = np.kron(np.eye(2), R**2)
         if not np.allclose(np.max(R**2, axis=0), 1.0, atol=1e-6):
             notes.changed.append(f"{link.name}: its drag is by axes that are aslant in "
                                  f"'{body.name}': weighted by the squares of the cosines")
-        body.drag.append(Strip(squares @ water.linear, squares @ water.quadratic, origin))
+        body.drag.append(Drag(squares @ water.linear, squares @ water.quadratic, origin))
 
 
-def place_thrusters(bodies: list[Body], thrusters: list[Thruster], notes: Notes
-                    ) -> list[tuple[Thruster, np.ndarray, np.ndarray]]:
-    """Returns those of the vehicle with their positions [m] and axes in its frame."""
-    vehicle = bodies[0]
-    found = []
-    for thruster in thrusters:
-        if thruster.link not in vehicle.links:
-            notes.changed.append(f"thruster {thruster.name} is not on the vehicle: left out")
-            continue
-        X = vehicle.of(thruster.link)
-        found.append((thruster, X.translation(), X.rotation() @ thruster.axis))
-    return found
+def place_thrusters(vehicle: Body, thrusters: list[Thruster], notes: Notes) -> list[Thruster]:
+    """Returns those of the vehicle, with positions [m] and axes in its frame."""
+    notes.changed += [f"thruster {thruster.name} is not on the vehicle: left out"
+                      for thruster in thrusters if thruster.link not in vehicle.links]
+    return [replace(thruster, position=X.translation(), axis=X.rotation() @ thruster.axis)
+            for thruster in thrusters if thruster.link in vehicle.links
+            for X in [vehicle.of(thruster.link)]]

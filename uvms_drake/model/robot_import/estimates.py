@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 from pydrake.math import RigidTransform
 
-from uvms_drake.model.robot_import.bodies import Body, Strip
+from uvms_drake.model.description.hydrodynamics_file import AddedMass, Drag
+from uvms_drake.model.robot_import.bodies import Body
 from uvms_drake.model.robot_import.notes import Notes, listed
 from uvms_drake.model.robot_import.shapes import box_of, volume_of
 from uvms_drake.model.robot_import.water import Waters
@@ -173,20 +174,19 @@ def _rod(body: Body, end: np.ndarray) -> tuple[np.ndarray, float]:
     return end / length, length
 
 
-def _added_mass(body: Body, end: np.ndarray | None, density: float
-                ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns an added mass (6, 6) and its point: of a box, or of a cylinder across."""
+def _added_mass(body: Body, end: np.ndarray | None, density: float) -> AddedMass:
+    """Returns an added mass: of a box, or of a cylinder across."""
     water = density * (body.volume or 0.0)
     if end is None:
-        return np.diag([*[water] * 3, *np.diag(body.inertia)]), body.center
+        return AddedMass(np.diag([*[water] * 3, *np.diag(body.inertia)]), body.center)
     direction, length = _rod(body, end)
     across = np.eye(3) - np.outer(direction, direction)
     M = np.zeros((6, 6))
     M[:3, :3], M[3:, 3:] = water * across, water * length**2 / 12.0 * across
-    return M, body.center
+    return AddedMass(M, body.center)
 
 
-def _box_drag(body: Body, density: float) -> list[Strip]:
+def _box_drag(body: Body, density: float) -> list[Drag]:
     """Returns the drag of a box: across its faces, and of faces that turn about its middle."""
     box = box_of(body)
     edge = np.full(3, (body.volume or 1e-3) ** (1.0 / 3.0)) if box is None else box[1] - box[0]
@@ -194,15 +194,15 @@ def _box_drag(body: Body, density: float) -> list[Strip]:
     areas = np.array([edge[1] * edge[2], edge[2] * edge[0], edge[0] * edge[1]])
     turning = np.array([areas[1] * edge[2] ** 3, areas[2] * edge[0] ** 3, areas[1] * edge[0] ** 3])
     quadratic = 0.5 * density * DRAG * np.concatenate([areas, turning / 32.0])
-    return [Strip(0.1 * quadratic, quadratic, middle)]
+    return [Drag(0.1 * quadratic, quadratic, middle)]
 
 
-def _rod_drag(body: Body, end: np.ndarray, density: float) -> list[Strip]:
+def _rod_drag(body: Body, end: np.ndarray, density: float) -> list[Drag]:
     """Returns the drag of a cylinder across its axis, in three strips."""
     direction, length = _rod(body, end)
     radius = np.sqrt((body.volume or 0.0) / (np.pi * length))
     across = 1.0 - direction**2
     strip = 0.5 * density * DRAG * 2.0 * radius * length / 3.0 * across
     quadratic = np.concatenate([strip, np.zeros(3)])
-    return [Strip(np.zeros(6), quadratic, share * length * direction)
+    return [Drag(np.zeros(6), quadratic, share * length * direction)
             for share in (1.0 / 6.0, 0.5, 5.0 / 6.0)]

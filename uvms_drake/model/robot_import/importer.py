@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import undriven_axes
 from uvms_drake.model.robot_import.bodies import (
@@ -37,8 +35,6 @@ from uvms_drake.model.robot_import.write import (
     format_thrusters,
     format_water,
 )
-
-Placed = list[tuple[Thruster, np.ndarray, np.ndarray]]
 
 
 @dataclass
@@ -87,7 +83,7 @@ def import_robot(file: Path, name: str) -> Imported:
     estimate_water(bodies, tip, waters, notes)
     ask_for_trim(bodies, density, notes)
     estimate_motors(bodies, notes)
-    placed = place_thrusters(bodies, thrusters, notes)
+    placed = place_thrusters(bodies[0], thrusters, notes)
     # Pictures are spoken of last: the list begins with physics.
     pictures = drawn(bodies, name, notes)
     # The files.
@@ -115,15 +111,15 @@ def _tell_unread(tree: Tree, notes: Notes) -> None:
         notes.changed.append(f"plugins without a meaning here, left out: {listed(plugins)}")
 
 
-def _undriven(placed: Placed, limit: float, notes: Notes) -> list[str]:
+def _undriven(placed: list[Thruster], limit: float, notes: Notes) -> list[str]:
     """Returns the axes that no thruster drives, and asks for the unknown numbers of thrusters."""
-    unknown = [thruster.name for thruster, _, _ in placed if thruster.force.size < 2]
+    unknown = [thruster.name for thruster in placed if thruster.force.size < 2]
     if unknown:
         notes.ask("thrusters.yaml", "kinds.*.curves", f"no limit of {listed(unknown)} in the file. "
                   f"ESTIMATE: ±{limit:g} N, with which one alone moves the vehicle at 1 m/s")
-    if any(thruster.lag is None for thruster, _, _ in placed):
+    if any(thruster.lag is None for thruster in placed):
         notes.ask("thrusters.yaml", "kinds.*.lag", f"the file has none. ESTIMATE: {LAG:g} s")
-    axes = undriven_axes([(position, axis) for _, position, axis in placed])
+    axes = undriven_axes([(thruster.position, thruster.axis) for thruster in placed])
     if axes:
         notes.taken.append(f"axes that the thrusters do not drive: {', '.join(axes)}")
     return axes

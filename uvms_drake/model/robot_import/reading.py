@@ -46,25 +46,20 @@ def read_robot(file: Path, notes: Notes) -> Tree:
         InvalidParameter: The file cannot be read, or is no robot.
     """
     root, lost = _read_file(file), list[str]()
-    sources = []
-    for model in _models(root, lost, 0):
-        sources.append(source := _Source(Notes(notes.sdf)))
-        source.text = source.take(model, "", 0)
-    require(bool(sources), "--from", str(file), "a file with a <model>")
-    best = max(sources, key=lambda source: len(source.tree.joints))
-    lost += best.unread + [f"model {next(iter(source.tree.links), '')}, beside the robot"
-                           for source in sources if source is not best]
-    best.tree.plugins += [("", node) for node in root.all("world/plugin")]
-    require(bool(best.tree.links), "--from", str(file), "a robot with links")
-    best.parse(file)
-    for mine, found in ((notes.taken, best.notes.taken), (notes.changed, best.notes.changed),
-                        (notes.asked, best.notes.asked)):
-        mine += found
-    if best.names:
-        notes.taken.append(f"included models: {listed(best.names)}")
-    if lost:
+    models = sorted(_models(root, lost, 0), key=_joints, reverse=True)
+    require(bool(models), "--from", str(file), "a file with a <model>")
+    lost += [f"model {node.name()}, beside the robot" for each in models[1:]
+             for node in ([each] if each.tag == "robot" else each.all("model"))]
+    source = _Source(notes)
+    text = source.take(models[0], "", 0)
+    source.tree.plugins += [("", node) for node in root.all("world/plugin")]
+    require(bool(source.tree.links), "--from", str(file), "a robot with links")
+    source.parse(models[0], text)
+    if source.names:
+        notes.taken.append(f"included models: {listed(source.names)}")
+    if lost := [*lost, *source.unread]:
         notes.changed.append(f"left out: {listed(lost)}")
-    return best.tree
+    return source.tree
 
 
 def _read_file(file: Path) -> Node:
@@ -99,6 +94,14 @@ def _models(root: Node, lost: list[str], depth: int) -> Iterator[Node]:
             yield from _models(_read_file(file), lost, depth + 1)
 
 
+def _joints(root: Node, depth: int = 0) -> int:
+    """Returns the number of joints in a file and in those that it includes."""
+    files = [] if depth > DEEPEST else [
+        file for node in root.walk() if node.tag == "include" and (file := _model_file(node))]
+    return sum(node.tag == "joint" for node in root.walk()) + sum(
+        _joints(_read_file(file), depth + 1) for file in files)
+
+
 class _Source:
     """A robot on its way from XML into a tree, with the text that Drake reads of it."""
 
@@ -108,7 +111,7 @@ class _Source:
         """Elements that have no meaning here."""
         self.names: list[str] = []
         """Included models."""
-        self.text, self.included = "", dict[str, str]()
+        self.included: dict[str, str] = {}
 
     def take(self, root: Node, scope: str, depth: int) -> str:
         """Takes the model of a file, in a scope of names, and returns the text for Drake."""
@@ -142,8 +145,8 @@ class _Source:
         self.tree.plugins += [(scope, node) for path in ("plugin", "gazebo/plugin")
                               for node in model.all(path)]
 
-    def parse(self, file: Path) -> None:
-        """Has Drake read the text, and completes the tree by that.
+    def parse(self, root: Node, text: str) -> None:
+        """Has Drake read the text of a file, and completes the tree by that.
 
         Raises:
             InvalidFile: Drake cannot read it.
@@ -151,12 +154,12 @@ class _Source:
         tree = self.tree
         for name in [name for name in tree.links if name.rpartition("::")[2] == "world"]:
             del tree.links[name]  # Of a URDF: to Drake it is the world.
-        kind = "urdf" if self.text.lstrip().startswith("<robot") else "sdf"
-        (robot, *_), _ = parse(tree.plant, file, kind, self.text, self.included)
+        kind = "urdf" if root.tag == "robot" else "sdf"
+        (robot, *_), _ = parse(tree.plant, root.file, kind, text, self.included)
         try:
             tree.plant.Finalize()
         except RuntimeError as error:
-            raise InvalidFile([f"{file}: must be a readable robot: "
+            raise InvalidFile([f"{root.file}: must be a readable robot: "
                                f"{' '.join(str(error).split())}"]) from None
         tree.complete(robot)
 
@@ -254,7 +257,7 @@ class _Source:
 def _kept(node: Node, table: dict[str, Element]) -> Node:
     """Returns an element with the parts that are left to Drake."""
     given = {key: text for key, text in node.attributes.items()
-             if key in table[node.tag].attributes and key != "auto"}
+             if key in table[node.tag].attributes.split() and key != "auto"}
     return replace(node, attributes=given, children=[
         _kept(child, table) for child in node.children if child.tag in table and (
             node.tag not in KEPT or child.tag in KEPT[node.tag].split())])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform
 
-from uvms_drake.model.description.meshes import (
+from uvms_drake.model.description.visuals import (
     bounding_box,
     format_obj,
     mesh_volume,

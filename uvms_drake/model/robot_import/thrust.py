@@ -21,12 +21,13 @@ GZ_MOST = 1000.0
 
 @dataclass
 class Thruster:
-    """A thruster, in axes of its link."""
+    """A thruster, in axes of its link, or of the vehicle once it is placed."""
 
     name: str
     link: Link
     axis: np.ndarray
-    """In axes of the link, where a positive force pushes."""
+    """Direction of a positive force."""
+    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     command: np.ndarray = field(default_factory=lambda: np.zeros(0))
     force: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """The curve [N]; empty if it is not known."""

@@ -132,11 +132,12 @@ def format_water(name: str, density: float, bodies: list[Body]) -> str:
     for body in bodies:
         lines += [f"  {body.name}:", f"    displaced_volume: {_yaml(body.volume or 0.0)}  # [m³]",
                   f"    center_of_buoyancy: {listing(body.center)}  # [m]", "    added_mass:"]
-        for M, point in body.added_mass:
+        for item in body.added_mass:
+            M = np.asarray(item.matrix)
             off = np.max(np.abs(M - np.diag(np.diag(M))))
             rows = [listing(np.diag(M))] if off <= 1e-12 * np.max(np.abs(M)) else [
                 "[" + ",\n               ".join(listing(values) for values in M) + "]"]
-            lines += [f"      - matrix: {rows[0]}", f"        point: {listing(point)}"]
+            lines += [f"      - matrix: {rows[0]}", f"        point: {listing(item.point)}"]
         lines.append("    drag:")
         for strip in body.drag:
             lines += [f"      - linear: {listing(strip.linear)}",
@@ -145,7 +146,7 @@ def format_water(name: str, density: float, bodies: list[Body]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def format_thrusters(name: str, placed: list[tuple[Thruster, np.ndarray, np.ndarray]],
+def format_thrusters(name: str, placed: list[Thruster],
                      undriven: list[str], force: float) -> str:
     """Returns thrusters.yaml; thrusters with the same curve and lag are of one kind.
 
@@ -161,7 +162,7 @@ def format_thrusters(name: str, placed: list[tuple[Thruster, np.ndarray, np.ndar
              "# the vehicle's frame (FRD). An axis points to where a positive force pushes.", "",
              f"undriven: [{', '.join(undriven)}]", "", "kinds:"]
     rows = []
-    for thruster, position, axis in placed:
+    for thruster in placed:
         known = thruster.force.size >= 2
         command = thruster.command if known else np.array([-force, 0.0, force])
         values = thruster.force if known else command
@@ -173,16 +174,12 @@ def format_thrusters(name: str, placed: list[tuple[Thruster, np.ndarray, np.ndar
                       "    curves:  # command, and the force at it [N]"
                       + ("" if known else " ESTIMATE"),
                       f"      - command: {listing(command)}", f"        force: {listing(values)}"]
-        rows.append(f"{{kind: {kinds[key]}, position: {listing(position)}, "
-                    f"axis: {listing(axis)}}}")
-    return "\n".join([*lines, "", "thrusters:"]) + "\n" + "".join(
-        f"  {thruster_name}: {text}\n" for thruster_name, text in zip(
-            _names(placed), rows, strict=True))
-
-
-def _names(placed: list[tuple[Thruster, np.ndarray, np.ndarray]]) -> list[str]:
-    return [f"thruster_{name}" if name[0].isdigit() else name
-            for name in unique([thruster.name for thruster, _, _ in placed])]
+        rows.append(f"{{kind: {kinds[key]}, position: {listing(thruster.position)}, "
+                    f"axis: {listing(thruster.axis)}}}")
+    names = [f"thruster_{name}" if name[0].isdigit() else name
+             for name in unique([thruster.name for thruster in placed])]
+    return "\n".join([*lines, "", "thrusters:", *(
+        f"  {each}: {text}" for each, text in zip(names, rows, strict=True))]) + "\n"
 
 
 def format_package(name: str, source: str) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, unit_vector, vector
+from uvms_drake.model.surface.contact_laws import dissipation_factor, plane_load
 from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
 OUTSIDE = 0.01
@@ -13,33 +14,6 @@ BOUND_SHARE = 0.2
 """Probability with which a sampled depth is one of the two bounds."""
 LARGEST_DISSIPATION = 1000.0
 """Largest dissipation a that is accepted [s/m]; materials have less than 10."""
-
-
-def plane_load(depth: np.ndarray, transition: float) -> np.ndarray:
-    """Returns s(δ) [m], a twice continuously differentiable max(δ, 0).
-
-    With x = δ/w: s = 0 for x ≤ 0, w(x³ − x⁴/2) for 0 < x < 1, δ − w/2 for x ≥ 1, so that the
-    stiffness s'(δ) rises from 0 to 1 as the smooth step 3x² − 2x³.
-    """
-    x = depth / transition
-    if isinstance(depth, float):  # One depth.
-        return np.float64(0.0 if x <= 0.0 else depth - 0.5 * transition if x >= 1.0 else
-                          transition * x**3 * (1.0 - 0.5 * x))
-    return np.where(x.real <= 0.0, 0.0,
-                    np.where(x.real < 1.0, transition * x**3 * (1.0 - 0.5 * x),
-                             depth - 0.5 * transition))
-
-
-def dissipation_factor(z: np.ndarray) -> np.ndarray:
-    """Returns ψ(z) = 1 + z for z ≥ 0, 1/(1 − z) for z < 0: positive, continuously differentiable.
-
-    Hunt and Crossley's factor 1 + aδ̇ goes negative on fast withdrawal (the surface would pull)
-    and clipping it at zero, as is usual, has a kink; ψ agrees with it to first order at rest.
-    """
-    if isinstance(z, float):  # One rate.
-        return np.float64(1.0 / (1.0 - z) if z < 0.0 else 1.0 + z)
-    retreat = np.where(z.real < 0.0, z, 0.0)
-    return np.where(z.real < 0.0, 1.0 / (1.0 - retreat), 1.0 + z)
 
 
 @dataclass

@@ -6,12 +6,16 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.model.frames.euler import COMPLEX_STEP
-from uvms_drake.model.surface.class_membership import class_of
-from uvms_drake.model.surface.friction import STEEPEST, coulomb
+from uvms_drake.model.surface.contact_laws import (
+    STEEPEST,
+    AnyNormalLaw,
+    Linear,
+    coulomb,
+    dissipation_factor,
+)
 from uvms_drake.model.surface.geometry import Geometry, Plane
 from uvms_drake.model.surface.law import Surface
-from uvms_drake.model.surface.normal_law import AnyNormalLaw, Linear
-from uvms_drake.model.surface.plane import LARGEST_DISSIPATION, OUTSIDE, dissipation_factor
+from uvms_drake.model.surface.plane import LARGEST_DISSIPATION, OUTSIDE
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 NEARBY = 0.1
@@ -150,7 +154,21 @@ class ShapedSurface(Surface):
     def membership(self, direction: np.ndarray, center: np.ndarray, reach: float) -> SurfaceClass:
         """Returns the class of the surface about a unit vector (3,) into it.
 
-        It holds within `reach` [m] of a point (3,).
+        It holds within `reach` [m] of a point (3,). Its bounds are (3) of
+        `model/surface/theory.md#class-of-a-shaped-surface`.
+
+        Raises:
+            InvalidParameter: The normal turns away from `direction` by π/2 or more.
         """
-        return class_of(self.geometry, self.law, self.dissipation, self.friction,
-                        direction, center, reach)
+        law, spread = self.law, self.geometry.spread(direction, center, reach)
+        deepest = self.geometry.depth(center) + spread.stretch * reach
+        force, (least, most) = float(law.force(deepest)), law.slopes
+        turn = spread.bend * max(float(deepest), 0.0) * law.stiffness / least
+        angle = spread.angle + float(np.arcsin(min(turn, 1.0)))
+        require(angle < 0.5 * np.pi, "reach", reach,
+                "so short that the surface's normal stays within 90° of the direction")
+        return SurfaceClass(
+            direction=direction,
+            stiffness=most * spread.stretch**2 + force * spread.bend,
+            least_stiffness=max(least - force * spread.bend, 0.0) * float(np.cos(angle)),
+            angle=angle, dissipation=self.dissipation * spread.stretch, friction=self.friction)

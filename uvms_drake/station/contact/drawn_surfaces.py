@@ -13,8 +13,8 @@ import numpy as np
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.model.surface.contact_laws import AnyNormalLaw, Bilinear, Hardening, Linear
 from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
-from uvms_drake.model.surface.normal_law import AnyNormalLaw, Bilinear, Hardening, Linear
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 

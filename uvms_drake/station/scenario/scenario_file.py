@@ -18,13 +18,14 @@ from uvms_drake.common.errors import (
 )
 from uvms_drake.common.program import FOLDER
 from uvms_drake.common.schema import parse_yaml, read_yaml
-from uvms_drake.model.description.robot_folder import shipped_robots
+from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.scenario.modules import from_folder
 
 _DRAWN = "left out: drawn runs certify a loop that is not ideal (certify --runs)"
 GONE_KEYS = {
     "certificate.plans": _DRAWN,
     "certificate.linear": _DRAWN,
+    "mpc.input_reference": "left out: the cost is about the input that holds the task",
     "motion": "left out: forces move the robot; a simulation of its own is named by `simulation`",
 }
 """Allowed in place of each key that scenarios once had, as the end of "must be ..."."""

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from support.shapes import SHAPES, R, in_ball_of, near, turned
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
+from uvms_drake.model.surface.geometry.relief import Relief
 
 every_shape = pytest.mark.parametrize("shape", list(map(turned, SHAPES.values())), ids=SHAPES)
 
@@ -24,7 +23,7 @@ def test_the_first_length_is_along_the_tangent_and_the_point_is_where_all_are_ze
     np.testing.assert_allclose(shape.axes @ shape.axes.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(shape.axes) == pytest.approx(1.0)
     np.testing.assert_array_equal(shape.axes[2], -shape.normal)
-    if not isinstance(shape, Bumpy):
+    if not isinstance(shape, Relief):
         np.testing.assert_array_equal(shape.point_at(np.zeros(2), 0.0), shape.point)
 
 
@@ -50,7 +49,7 @@ def test_a_step_in_along_the_normal_is_the_depth_where_it_is_a_distance(shape):
     if shape.is_distance:
         np.testing.assert_allclose(shape.depth(points + 0.02 * gradient), 0.02, atol=1e-15)
     else:
-        assert np.max(size) > 1.002
+        assert np.max(size) > 1.0005
 
 
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
@@ -74,13 +73,6 @@ def test_a_patch_lies_on_the_surface_about_the_place_below_a_point(shape):
         np.testing.assert_allclose(steps, 0.02, rtol=0.03)
 
 
-def test_a_patch_goes_around_a_thin_pole_once():
-    shape = turned(Cylinder(radius=0.05))
-    points = shape.patch(shape.point, 1.0, 41)
-    np.testing.assert_allclose(points[:, 0], points[:, -1], atol=1e-15)
-    assert np.linalg.norm(points[0, 0] - points[-1, 0]) == pytest.approx(1.0)
-
-
 @every_shape
 @pytest.mark.parametrize("reach", [0.02, 0.15])
 def test_within_a_reach_the_normal_turns_and_stretches_by_no_more_than_is_said(shape, reach):
@@ -97,33 +89,3 @@ def test_within_a_reach_the_normal_turns_and_stretches_by_no_more_than_is_said(s
         assert np.max(size) <= spread.stretch + 1e-12
         if shape.is_distance:
             assert np.max(angle) >= 0.97 * spread.angle
-
-
-def test_along_the_axis_of_a_cylinder_no_normal_turns():
-    shape = turned(SHAPES["pole"])
-    spread = shape.spread(shape.axis, shape.point, 0.1)
-    assert spread == (pytest.approx(0.5 * np.pi), 1.0, 0.0)
-
-
-@pytest.mark.parametrize(("shape", "message"), [
-    (Plane(normal=np.array([1.0, 1.0, 0.0])), r"^normal = .*: must be a unit vector$"),
-    (Plane(point=np.zeros(2)), r"^point = .*: must be 3 finite numbers$"),
-    (Cylinder(axis=np.array([0.0, 0.0, 2.0])), r"^axis = .*: must be a unit vector$"),
-    (Cylinder(axis=np.array([0.6, 0.0, 0.8])), r"^axis = .*: must be perpendicular to the normal$"),
-    (Cylinder(radius=0.0), r"^radius = 0\.0: must be positive$"),
-    (Bumpy(amplitude=-1.0), r"^amplitude = -1\.0: must be positive$"),
-    (Bumpy(wavelength=np.inf), r"^wavelength = inf: must be from 0\.001 to 1000 m$"),
-    (Bumpy(seed=-1), r"^seed = -1: must be zero or positive$"),
-    (Bumpy(amplitude=0.2, wavelength=0.1),
-     r"^amplitude = 0\.2: must be at most 0\.0\d+ m, a slope of 1 with wavelengths from 0\.1 m")])
-def test_bad_parameters_are_named(shape, message):
-    with pytest.raises(InvalidParameter, match=message):
-        shape.checked()
-
-
-@every_shape
-def test_what_is_right_stays_as_it_is(shape):
-    checked = shape.checked()
-    assert type(checked) is type(shape)
-    points = near(shape, 20, np.random.default_rng(6))
-    np.testing.assert_array_equal(checked.depth(points), shape.depth(points))

@@ -1,0 +1,315 @@
+"""Errata of the model, of the feedback law and of (lemma:tube): E1 to E5 and E12 to E14.
+
+A function has the robot's or the printed numbers as defaults; with others it can be wrong itself.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.papers.nikou2018.errata.paper import (
+    CHI_DES,
+    CHI_START,
+    NUM_JOINTS,
+    Q_DES,
+    Q_START,
+    Q_START_OTHER,
+    SAME,
+    Erratum,
+    configuration,
+    numbers,
+    robot,
+)
+from uvms_drake.papers.nikou2018.transpose import LemmaConstants
+
+DIRECTIONS = 4000
+"""Number of random (𝔢, 𝔯) at which V̇ is evaluated."""
+D_BOUND = 0.1
+"""d̃ of the tube in `invariant_sets`; it only scales the tube."""
+
+
+def acceleration_input(model: ContactModel | None = None, tolerance: float = 1e-10) -> Erratum:
+    """E1: (eq:dynamics) has f with M⁻¹ inside and 𝔲 without, so 𝔲 is no force.
+
+    The inverse dynamics, which does not use M, gives the τ at which ζ̇ = f + u. The acceleration of
+    τ = u is f + M⁻¹u.
+    """
+    model = model or robot()
+    config, zeta, u = np.random.default_rng(1).uniform(-0.3, 0.3, (3, model.size))
+    kinematics = model.kinematics(config)
+    M = model.mass_matrix(kinematics)
+    tau = model.inverse_dynamics(kinematics, zeta, model.drift(config, zeta) + u)
+    as_acceleration = float(np.linalg.norm(tau - M @ u) / np.linalg.norm(tau))
+    as_force = float(np.linalg.norm(np.linalg.solve(M, u) - u) / np.linalg.norm(u))
+    takes = "takes" if as_acceleration < tolerance else "does not take"
+    diagonal = np.diag(M)
+    return Erratum(
+        "E1", "𝔲 is an acceleration", "eq:dynamics",
+        "ζ̇ = f + 𝔲 with f = −M⁻¹{...}; 𝔲 is the vector of forces and torques",
+        f"ζ̇ = f + u {takes} τ = M u (M with added mass, diagonal from {np.min(diagonal):.2g} to "
+        f"{np.max(diagonal):.3g} kg, kg m²); τ = u gives an acceleration that is {as_force:.0%} of "
+        "‖u‖ off",
+        "The command of thrusters and joints is τ = M(𝔮)𝔲, and limits of τ are limits of "
+        "M(𝔮̄)ū.",
+        wrong=as_acceleration < tolerance < as_force)
+
+
+def product_error(rows: int, columns: int, factor: int) -> str:
+    """Returns the mismatch of shapes in a matrix-vector product; empty if there is none."""
+    return "" if columns == factor else f"{rows}×{columns} times {factor}"
+
+
+def law_shapes(num_joints: int = NUM_JOINTS) -> Erratum:
+    """E2: the shapes of −k(e − ē) − kσJᵀ(ζ − ζ̄), of −k(𝔷 + σJᵀ𝔢) and of Λ∘Ω̄, for any n."""
+    size = 6 + num_joints
+    J, e, z = np.ones((6, size)), np.ones(6), np.ones(size)
+    product = product_error(*J.T.shape, len(z))
+    faults = [product and f"Jᵀ(ζ − ζ̄) is {product}",
+              "" if e.shape == z.shape else f"k(e − ē) has {len(e)} rows, the input {size}",
+              f"Λ∘Ω̄ lies in R^{6 + size}, U in R^{size}"]
+    rows = len(z + J.T @ e)
+    return Erratum(
+        "E2", "The feedback law does not type-check", "eq:kappa_law, sec:optimal_contol",
+        "κ = −k(e − ē) − kσJᵀ(ζ − ζ̄) and Ū = U ⊖ [Λ∘Ω̄]",
+        f"n = {num_joints}: {'; '.join(filter(None, faults))}; −k𝔯 with 𝔯 = 𝔷 + σJᵀ𝔢 has {rows} "
+        "rows",
+        "The law that the proof needs is κ = −k(ζ − ζ̄) − kσJ(𝔮̄)ᵀ(e − ē), here `transpose`; "
+        "inputs are tightened by k‖𝔯‖.",
+        wrong=bool(faults[0] or faults[1]) and rows == size)
+
+
+class QuadraticForm(NamedTuple):
+    """Bound V̇ ≤ −σ̲‖𝔢‖² + Λ₁‖𝔢‖‖𝔯‖ − (k − Λ₂)‖𝔯‖² + d̃‖𝔯‖ of the Lemma.
+
+    Proof: papers/nikou2018/theory.md#lemma-of-the-paper.
+    """
+
+    sigma_lower: float
+    Lambda_1: float
+    """Λ₁ as printed."""
+    corrected: float
+    """Λ₁ with the terms that the proof loses."""
+    Lambda_2: float
+
+    def radius(self, k: float, d_bound: float, Lambda_1: float | None = None) -> float:
+        """Returns d̃ over the smaller eigenvalue of the form, the radius of the ball; or inf.
+
+        It is d̃/min(α₁, α₂) at the best ρ. Λ₁ is the corrected one if it is left out.
+        """
+        half = -0.5 * (self.corrected if Lambda_1 is None else Lambda_1)
+        least = np.linalg.eigvalsh([[self.sigma_lower, half], [half, k - self.Lambda_2]])[0]
+        return d_bound / float(least) if least > 0.0 else math.inf
+
+
+def quadratic_form(c: LemmaConstants, sigma: float) -> QuadraticForm:
+    """Returns the bound of V̇ by constants of the robot and a gain σ."""
+    L, J = max(c.L_1, c.L_2), c.J_max
+    return QuadraticForm(
+        sigma * c.J_min - c.L_c, L + J + sigma * (c.L_c + c.J_dot),
+        L * (1.0 + sigma * J) + J + sigma * (c.L_c * J + c.J_dot) + sigma**2 * J**3,
+        L + sigma * J**2)
+
+
+def needed_lambda(constants: LemmaConstants, J: np.ndarray, sigma: float, seed: int = 0) -> float:
+    """Returns the largest Λ₁ that some admissible state needs in (eq:lyap3).
+
+    V̇ comes from the error dynamics themselves, 𝔢̇ = 𝔟 + J𝔷 and 𝔷̇ = 𝔩; both sides have the same
+    terms in k and d, which are left out. 𝔟, 𝔩 and J̇ maximise V̇ within the constants; 𝔢 and 𝔯,
+    about the leading singular directions of J, and ‖𝔯‖/‖𝔢‖ are random.
+    """
+    c, L, form = constants, max(constants.L_1, constants.L_2), quadratic_form(constants, sigma)
+    rng = np.random.default_rng(seed)
+    U, _, Vh = np.linalg.svd(J)
+    sign = rng.choice([-1.0, 1.0], (2, DIRECTIONS, 1))
+    spread = 10.0 ** rng.uniform(-2.0, 1.0, (DIRECTIONS, 1))
+    e = _unit(sign[0] * U[:, 0] + spread * rng.normal(size=(DIRECTIONS, len(U))))
+    r = _unit(sign[1] * Vh[0] + spread * rng.normal(size=(DIRECTIONS, len(Vh))))
+    along, R = r, 10.0 ** rng.uniform(-1.0, 4.0, DIRECTIONS)
+    r = R[:, None] * along
+    z = r - sigma * e @ J
+    e_dot = c.L_c * _unit(e + sigma * r @ J.T) + z @ J.T
+    drift = L * (1.0 + np.linalg.norm(z, axis=1))[:, None] * along
+    r_dot = drift + sigma * c.J_dot * along + sigma * e_dot @ J
+    growth = np.sum(e * e_dot, axis=1) + np.sum(r * r_dot, axis=1)
+    return float(np.max((growth + form.sigma_lower - form.Lambda_2 * R**2) / R))
+
+
+def lost_terms(constants: LemmaConstants, J: np.ndarray, sigma: float,
+               claimed: float | None = None) -> Erratum:
+    """E3: Λ₁ as printed, and with the terms that the proof loses, against the Λ₁ of states.
+
+    Args:
+        constants: Constants of the robot.
+        J: A Jacobian (6, 6+n) with ‖J‖ = J̄.
+        sigma: σ.
+        claimed: The Λ₁ to check; the printed one if None.
+    """
+    form = quadratic_form(constants, sigma)
+    printed, corrected = form.Lambda_1 if claimed is None else claimed, form.corrected
+    needed = needed_lambda(constants, J, sigma)
+    return Erratum(
+        "E3", "The proof of the Lemma loses terms", "lemma:tube, eq:Lambda_1",
+        f"Λ₁ = L + J̄ + σ(L_𝔠 + J̃), which is {printed:.4g} for the robot (sampled constants, "
+        f"σ = {sigma:.3g})",
+        f"Λ₁ = L(1 + σJ̄) + J̄ + σ(L_𝔠J̄ + J̃) + σ²J̄³ = {corrected:.4g}; of {DIRECTIONS} random "
+        f"states, one needs {needed:.4g}, {needed / printed:.2f} times the printed and "
+        f"{needed / corrected:.4f} times the corrected Λ₁",
+        "Gains that satisfy the printed conditions are not covered by the proof; the corrected "
+        "conditions ask for much larger ones.",
+        wrong=printed < needed <= corrected * (1.0 + 1e-9))
+
+
+def attained_velocity(J: np.ndarray, sigma: float) -> float:
+    """Returns ‖𝔷‖ at a state with ‖(𝔢, 𝔯)‖ = 1: leading directions of J, 𝔢 against 𝔯."""
+    U, s, Vh = np.linalg.svd(J)
+    length = math.hypot(1.0, sigma * s[0])
+    e, r = sigma * s[0] / length * U[:, 0], -Vh[0] / length
+    return float(np.linalg.norm(r - sigma * J.T @ e))
+
+
+def velocity_tube(J: np.ndarray, sigma: float) -> Erratum:
+    """E4: the radius of Ω₂ in units of that of Ω₁, against a state of the ball of the proof."""
+    largest = float(np.linalg.norm(J, 2))
+    printed, corrected = 2.0 / largest, math.hypot(1.0, sigma * largest)
+    attained = attained_velocity(J, sigma)
+    return Erratum(
+        "E4", "Ω₂ does not follow from the proof", "eq:omega_2, eq:theom_ineq_2",
+        f"‖𝔷‖ ≤ 2ρ/J̄ where ‖(𝔢, 𝔯)‖ ≤ ρ, which is {printed:.3g} ρ for the robot "
+        f"(J̄ = {largest:.3g}, σ = {sigma:.3g})",
+        f"a state of that ball has ‖𝔷‖ = {attained:.4g} ρ, {attained / printed:.3g} times the "
+        f"printed radius; the bound is √(1 + σ²J̄²) ρ = {corrected:.4g} ρ",
+        "Velocities are tightened by too little, and the bound on ‖ζ‖ in Theorem 1 lacks the "
+        "same factor.",
+        wrong=printed < attained <= corrected * (1.0 + 1e-9))
+
+
+def self_motion(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:
+    """E5: two configurations with the same χ, and the differences of J and f between them."""
+    model, config = robot(), configuration(CHI_START, np.array([q_a, q_b]))
+    geometry = model.kinematics(config)
+    apart = float(np.linalg.norm(pose_difference(*geometry.chi)))
+    J_gap = float(np.linalg.norm(geometry.J_chi[0] - geometry.J_chi[1], 2))
+    f = model.drift(config, np.zeros_like(config))
+    f_gap = float(np.linalg.norm(f[0] - f[1]))
+    small = f"< {SAME:g}" if apart < SAME else f"= {apart:.3g}"
+    return Erratum(
+        "E5", "𝔮 is not a function of χ", "eq:frak_e, eq:frak_z",
+        "J(𝔮)ζ and f have Lipschitz constants L_𝔠 and L₁ in χ",
+        f"q = {numbers(q_a)} and {numbers(q_b)} have ‖Δχ‖ {small}, ‖ΔJ‖ = {J_gap:.3g} and "
+        f"‖Δf‖ = {f_gap:.3g} at rest, at χ(0)",
+        "There are no such constants: the arm can drift at 𝔢 = 0 and its limits are not "
+        "protected. The law `resolved` acts on y = (χ, q).",
+        wrong=apart < SAME and max(J_gap, f_gap) > 1e-6)
+
+
+def corner_motion(s: float, k: float, sigma: float, z: float) -> tuple[float, float]:
+    """Returns the rate of ‖𝔢‖ at the start [1/s], and its peak, from ‖𝔢‖ = 1 and ‖𝔷‖ = z.
+
+    J is constant, f = 0 and d = 0; 𝔢 and 𝔷 start along the leading directions of J, ‖J‖ = s:
+
+        d/dt (𝔢, 𝔷) = [0 s; −kσs −k] (𝔢, 𝔷).
+
+    ‖𝔢‖ is largest when 𝔷 = 0.
+    """
+    values, vectors = np.linalg.eig(np.array([[0.0, s], [-k * sigma * s, -k]]).astype(complex))
+    parts = vectors * np.linalg.solve(vectors, np.array([1.0, z], dtype=complex))  # Σ parts e^{λt}
+    peak_time = (np.log(-parts[1, 1] / parts[1, 0]) / (values[0] - values[1])).real
+    return s * z, float(np.sum(parts[0] * np.exp(values * peak_time)).real)
+
+
+def ball_rate(J: np.ndarray, k: float, sigma: float) -> float:
+    """Returns sup V̇/‖(𝔢, 𝔯)‖² of that loop: the largest eigenvalue of a symmetric matrix."""
+    A = np.block([[-sigma * J @ J.T, J],
+                  [-sigma**2 * J.T @ J @ J.T, sigma * J.T @ J - k * np.eye(J.shape[1])]])
+    return float(np.linalg.eigvalsh(0.5 * (A + A.T))[-1])
+
+
+def invariant_sets(J: np.ndarray, sigma: float = 1.0, z_radius: float | None = None) -> Erratum:
+    """E12: a corner of Ω₁ × Ω₂ is left even with the corrected terms; the ball of (𝔢, 𝔯) is not.
+
+    The loop is the simplest, J(𝔮) constant and f = 0, so L = L_𝔠 = J̃ = 0, and k is twice the
+    value of the corrected conditions.
+
+    Args:
+        J: A Jacobian (6, 6+n).
+        sigma: σ.
+        z_radius: Radius of Ω₂; that of the corrected Lemma if None.
+    """
+    singular = np.linalg.svd(J, compute_uv=False)
+    constants = LemmaConstants(
+        float(singular[-1]) ** 2, float(singular[0]), J_dot=0.0, L_c=0.0, L_1=0.0, L_2=0.0)
+    form = quadratic_form(constants, sigma)
+    k = 2.0 * (form.corrected**2 / (4.0 * form.sigma_lower) + form.Lambda_2)
+    e = form.radius(k, D_BOUND)
+    z = math.hypot(1.0, sigma * constants.J_max) * e if z_radius is None else z_radius
+    rate, peak = corner_motion(constants.J_max, k, sigma, z / e)
+    decay = -ball_rate(J, k, sigma)
+    ball_is_kept = decay * e >= D_BOUND  # V̇ ≤ −decay ρ² + d̃ρ on its boundary
+    return Erratum(
+        "E12", "Ω₁ and Ω₂ are not invariant", "lemma:tube, eq:omega_1, eq:omega_2",
+        "the law renders Ω₁ and Ω₂ RCI sets, and the tube is Ω₁ × Ω₂",
+        f"with the corrected radii, J constant, f = 0, d = 0 and k = {k:.0f} 1/s, ‖𝔢‖ grows at a "
+        f"corner by {rate:.2g} of its radius per second, whatever the input, to {peak:.3f} of it; "
+        f"the ball of (𝔢, 𝔯) is kept: V̇ ≤ −{decay:.3g}‖(𝔢, 𝔯)‖² + d̃‖(𝔢, 𝔯)‖, radius "
+        f"{e / D_BOUND:.3g} d̃",
+        "𝔢̇ has no input in it. Both radii hold for a start in the ball, as from 𝔢 = 𝔷 = 0; a "
+        "state is not safe because 𝔢 and 𝔷 are within them.",
+        wrong=peak > 1.0 + 1e-9 and ball_is_kept)
+
+
+def terminal_shapes(num_joints: int = NUM_JOINTS, gain_columns: int | None = None,
+                    quadratic: bool = False) -> Erratum:
+    """E13: the shapes of u_loc = 𝔎ξ̄ and of Q̃ = Q + 𝔎ᵀR, for any n.
+
+    Args:
+        num_joints: n.
+        gain_columns: Number of columns of 𝔎; the printed 6 + n if None.
+        quadratic: Whether Q̃ is Q + 𝔎ᵀR𝔎 instead.
+    """
+    size, state = 6 + num_joints, 12 + num_joints  # of u and of ξ = (e, ζ)
+    columns = gain_columns or size
+    product = product_error(size, columns, state)
+    term = (columns, columns if quadratic else size)
+    faults = [product and f"𝔎ξ̄ is {product}",
+              "" if term == (state, state)
+              else f"Q̃ is {state}×{state} plus {term[0]}×{term[1]}"]
+    return Erratum(
+        "E13", "The terminal controller does not type-check", "eq:terminal_set_F",
+        "u_loc = 𝔎ξ̄ with 𝔎 ∈ R^{(6+n)×(6+n)} and 𝔎 > 0, Q̃ = Q + 𝔎ᵀR",
+        f"n = {num_joints}: {'; '.join(filter(None, faults)) or 'all shapes agree'}",
+        f"𝔎 is {size}×{state}, so not positive definite either, and Q̃ = Q + 𝔎ᵀR𝔎.",
+        wrong=any(faults))
+
+
+def configuration_set(config: np.ndarray | None = None) -> Erratum:
+    """E14: ‖J‖ on the way to a member of Q, and ‖J̇‖ at one 𝔮 for several ζ.
+
+    Args:
+        config: The member (10,); the origin, which the paper counts in, if None.
+    """
+    model = robot()
+    config = np.zeros(model.size) if config is None else config
+    gaps = (1e-2, 1e-4)  # of the vehicle's pitch [rad]
+    near = config + np.outer(gaps, np.eye(model.size)[4])
+    steep = np.linalg.norm(model.kinematics(near).J_chi, 2, axis=(-2, -1))
+    zeta = np.random.default_rng(0).normal(size=model.size)
+    zeta /= np.linalg.norm(zeta)
+    still = configuration(CHI_DES, Q_DES)
+    J_dot = [float(np.linalg.norm(model.task_motion(still, speed * zeta)[2][:6], 2))
+             for speed in (0.0, 1.0, 2.0)]
+    return Erratum(
+        "E14", "Q excludes the origin and depends on speeds", "eq:set_Q",
+        "Q contains 𝔮 = 0; in it ‖J(𝔮)‖ ≤ J̄ and ‖J̇(𝔮)‖ ≤ J̃",
+        f"‖J‖ = {steep[0]:.3g} and {steep[1]:.3g} at a vehicle pitch {gaps[0]:g} and {gaps[1]:g} "
+        f"from 𝔮 = 0; ‖J̇‖ = {J_dot[0]:.2g}, {J_dot[1]:.2g} and {J_dot[2]:.2g} 1/s at one 𝔮 with "
+        "‖ζ‖ = 0, 1 and 2",
+        "J̃ is a supremum over configurations and speeds; the declared set here limits the pitch "
+        "of the end-effector, which leaves 𝔮 = 0 out.",
+        wrong=bool(steep[1] > 10.0 * steep[0] and J_dot[2] > 1.5 * J_dot[1] > 0.0))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
