@@ -89,7 +89,8 @@ def _input_remainder(contact: UnknownContact, radii: TubeRadii, basis: Basis
     """Returns the contact's part of the tube of u and τ (2(6+n),), and its second search."""
     assert radii.joints is not None and radii.orientation is not None  # They are filled in.
     return contact_input_remainder(
-        basis.model, basis.declared, np.hypot(1.0, contact.friction) * largest_normal_force(contact),
+        basis.model, basis.declared,
+        np.hypot(1.0, contact.friction) * largest_normal_force(contact),
         radii.joints, radii.orientation, basis.settings)
 
 
