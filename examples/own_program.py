@@ -1,6 +1,6 @@
 """The MPC's own `MathematicalProgram`: a cost and a constraint are added with Drake's calls.
 
-`ocp.mathematical_program(start)` is the whole nonlinear problem, with variables `y[k]`, `zeta[k]`
+`uv.OcpProgram.at(ocp, start)` is the whole nonlinear problem, with variables `y[k]`, `zeta[k]`
 and `zeta_dot[k]` of every stage k. It is solved with SNOPT, once by hand and then at every sample
 of the closed loop, which takes SNOPT a second each; the structured solver, which cannot know what
 is added, takes milliseconds.
@@ -36,7 +36,7 @@ def main() -> None:
     ocp = uv.make_ocp(scenario)
 
     # One program, by hand.
-    program = ocp.mathematical_program(uv.start_state(scenario, ocp))
+    program = uv.OcpProgram.at(ocp, uv.start_state(scenario, ocp))
     without = program.plan(SnoptSolver().Solve(program))
     add_slow_elbow(program)
     plan = program.plan(SnoptSolver().Solve(program))

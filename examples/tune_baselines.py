@@ -14,8 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from uvms_drake.baselines.baseline import BASELINES
-from uvms_drake.baselines.gains import ObserverGains, RobotGains, read_gains
+from uvms_drake.baselines.baseline import BASELINES, ObserverGains, RobotGains, read_gains
 from uvms_drake.benchmark.cases import ROBOTS, Case, drawn_case
 from uvms_drake.benchmark.controllers import OFFSET_FREE, controller_with_gains
 from uvms_drake.benchmark.press import measure, run_press

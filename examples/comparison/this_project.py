@@ -1,6 +1,6 @@
 """This project's own solvers on the two problems: the fast one and the reference.
 
-ocp-k is `KinematicOcp` as it stands. In ocp-d the input is constant over a step; in `DynamicOcp`
+ocp-k is `KinematicOcp` as it stands. In ocp-d the input is constant over a step; in `Ocp`
 the acceleration is, and the input follows it. `ZeroOrderHoldOcp` takes the mean of the inputs at
 both ends of the interval, by the trapezoidal rule for ζ̇ = f + u. Its error is seen in the closed
 loop, whose plant is the RK4 step: in the cost, and in the speed limits that the plan touches.
@@ -28,26 +28,25 @@ from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.pose import Joints, VehicleAngle
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.limit_stack import Inputs
-from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.plan.plan import DynamicPlan, Plan
+from uvms_drake.control.ocp.solvers import NonlinearSolver
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points
 
 
-class ZeroOrderHoldOcp(DynamicOcp):
+class ZeroOrderHoldOcp(Ocp):
     """The dynamic problem with ū constant on every interval."""
 
     input_ends = 1
 
-    def _inputs_at(self, plan: DynamicPlan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
+    def _inputs_at(self, plan: Plan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns the constant ū (N, 10), twice."""
         begin, end = super()._inputs_at(plan, knots)
         return 0.5 * (begin + end), 0.5 * (begin + end)
 
-    def _inputs_by(self, plan: DynamicPlan, knots: Points, f_y: np.ndarray, f_zeta: np.ndarray,
+    def _inputs_by(self, plan: Plan, knots: Points, f_y: np.ndarray, f_zeta: np.ndarray,
                    xi_z: np.ndarray) -> Inputs:
         """Returns the constant ū and its derivatives, once."""
         at, y_z, zeta_z, u_z = super()._inputs_by(plan, knots, f_y, f_zeta, xi_z)

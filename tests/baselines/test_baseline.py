@@ -5,11 +5,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from support.baseline_press import ROBOT, task
 
-from uvms_drake.baselines.approach import Approach, ApproachGains, moved_reference
-from uvms_drake.baselines.baseline import BASELINES, TorqueLimit, make_baseline
-from uvms_drake.baselines.gains import read_gains, robots_with_gains
-from uvms_drake.baselines.law import PERIOD, integrated
-from uvms_drake.baselines.measured import PressTask
+from uvms_drake.baselines.approach import ApproachGains, moved_reference
+from uvms_drake.baselines.baseline import BASELINES, Baseline, read_gains, robots_with_gains
+from uvms_drake.baselines.law import PERIOD, Law, PressTask, integrated
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 
@@ -27,26 +25,63 @@ def test_the_reference_waits_advances_and_follows_the_touched_tip():
     assert x == pytest.approx(PERIOD * v)
 
 
-def test_a_clone_of_a_context_keeps_its_touch():
+class Constant(Law):
+    """The same command always; its memory is whether a limit cuts the sum."""
+
+    memory = 1
+
+    def __init__(self, command):
+        self._command = np.array(command, dtype=float)
+
+    def tau(self, now, memory):
+        return self._command
+
+    def updated(self, now, memory, limited):
+        return np.array([float(limited)])
+
+
+def pressing(laws, gains):
+    """A baseline with its tip a decimetre in front of the place, touched by 5 N; its simulator."""
     model, pressed = UvmsModel(read_uvms(ROBOT)), task()
-    approach = Approach(model, pressed, ApproachGains(wait=0.0, touch=1.0))
-    simulator = Simulator(approach)
+    baseline = Baseline(model, pressed, laws, gains)
+    simulator = Simulator(baseline)
     context = simulator.get_mutable_context()
     config = model.configuration(np.concatenate([[0.1], np.zeros(5), pressed.posture]))
-    approach.GetInputPort("state").FixValue(
+    baseline.GetInputPort("state").FixValue(
         context, np.concatenate([config, np.zeros(model.size)]))
-    force = np.concatenate([5.0 * X, np.zeros(3)])
-    approach.GetInputPort("force_measured").FixValue(context, force)
+    baseline.GetInputPort("force_measured").FixValue(
+        context, np.concatenate([5.0 * X, np.zeros(3)]))
     simulator.Initialize()
-    begun = approach.GetOutputPort("reference").Eval(context)
-    assert begun == pytest.approx([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0], abs=1e-9)
+    return baseline, simulator, context
+
+
+def test_a_clone_of_a_context_keeps_its_touch():
+    gains = read_gains(ROBOT)
+    gains.approach = ApproachGains(wait=0.0, touch=1.0)
+    baseline, simulator, context = pressing({"law": Constant(np.zeros(10))}, gains)
+    port = baseline.GetOutputPort("reference")
+    assert port.Eval(context) == pytest.approx(
+        [0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0], abs=1e-9)
     simulator.AdvanceTo(0.5)
-    reference = approach.GetOutputPort("reference").Eval(context)
+    reference = port.Eval(context)
     assert reference[7] == 1.0
-    again = Simulator(approach, context.Clone())
+    again = Simulator(baseline, context.Clone())
     again.Initialize()
-    assert np.array_equal(
-        approach.GetOutputPort("reference").Eval(again.get_context()), reference)
+    assert np.array_equal(port.Eval(again.get_context()), reference)
+
+
+def test_the_limit_cuts_tells_the_laws_and_leaves_an_undriven_axis_alone():
+    gains, one, nothing = read_gains(ROBOT), np.zeros(10), np.zeros(10)
+    gains.largest[:3] = [2.0, 0.0, 5.0]
+    one[:2], nothing[1] = [1.5, 9.0], 1.0
+    for laws, cut, limited in (
+            ({"law": Constant(one), "other": Constant(nothing)}, 1.5, 0.0),
+            ({"law": Constant(one), "other": Constant(one)}, 2.0, 1.0)):
+        baseline, simulator, context = pressing(laws, gains)
+        assert baseline.GetOutputPort("tau").Eval(context)[:2] == pytest.approx([cut, 0.0])
+        assert baseline.GetOutputPort("input_limited").Eval(context) == limited
+        simulator.AdvanceTo(0.1)
+        assert baseline.GetOutputPort("memory").Eval(context) == limited
 
 
 def test_a_place_that_jumps_is_reached_at_the_speed_across_and_not_passed():
@@ -65,15 +100,6 @@ def test_an_integral_is_clamped_and_does_not_wind_up():
     assert integrated(np.array([0.5]), np.array([-1.0]), 0.6, True) < 0.5
 
 
-def test_the_limit_cuts_tells_and_leaves_an_undriven_axis_alone():
-    limit = TorqueLimit(np.array([2.0, 0.0]))
-    context = limit.CreateDefaultContext()
-    for tau, cut, limited in (([1.0, 9.0], [1.0, 0.0], 0.0), ([-3.0, 0.0], [-2.0, 0.0], 1.0)):
-        limit.GetInputPort("tau").FixValue(context, tau)
-        assert limit.GetOutputPort("tau").Eval(context) == pytest.approx(cut)
-        assert limit.GetOutputPort("limited").Eval(context) == limited
-
-
 @pytest.mark.parametrize("robot", ["girona500_arm5e", "bluerov2_alpha5"])
 def test_every_law_holds_either_robot_at_rest(robot):
     """Without contact and at its reference, τ is that of rest; told nothing, it is zero."""
@@ -85,7 +111,7 @@ def test_every_law_holds_either_robot_at_rest(robot):
     rest = model.inverse_dynamics(model.kinematics(config), still, still, np.zeros(6))
     driven = gains.largest > 0.0
     for name, laws in BASELINES.items():
-        baseline = make_baseline(model, at, laws(gains), gains)
+        baseline = Baseline(model, at, laws(gains), gains)
         simulator = Simulator(baseline)
         context = simulator.get_mutable_context()
         baseline.GetInputPort("state").FixValue(context, np.concatenate([config, still]))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from support.baseline_press import ROBOT, run
 
-from uvms_drake.baselines.baseline import BASELINES
-from uvms_drake.baselines.gains import read_gains
+from uvms_drake.baselines.baseline import BASELINES, read_gains
 
 
 def test_the_tip_yields_as_the_stiffness_says_and_as_damped_as_stated():

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from support.baseline_press import ROBOT, run, task
 
-from uvms_drake.baselines.baseline import BASELINES
-from uvms_drake.baselines.gains import read_gains
-from uvms_drake.baselines.measured import Measured, Reference
+from uvms_drake.baselines.baseline import BASELINES, read_gains
+from uvms_drake.baselines.law import Measured, Reference
 from uvms_drake.baselines.prescribed_performance import (
     PrescribedPerformance,
     funnel,

@@ -70,7 +70,7 @@ def test_figures_and_table_of_runs_that_all_end_alike(campaign, result, tmp_path
     results = [result | {"index": i, "force_error": 20.0 + 4e-15 * i} for i in range(3)]
     times = summarise_times([result["times"]])
     summary = summarise_campaign(campaign, results)
-    make_campaign_figures(summary, times, tmp_path)
+    make_campaign_figures(summary, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {*CAMPAIGN_FIGURES, WALLS_FILE}
     assert all(path.stat().st_size > 5000 for path in tmp_path.iterdir())
     assert all(text in format_campaign(summary, times, "DIR") for text in WALL_MEASURES.values())

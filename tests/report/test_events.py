@@ -1,8 +1,6 @@
 """Tests of `uvms_drake.report.events` and `uvms_drake.common.alarm`: events and alarms of a run."""
 
 import logging
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -44,10 +42,6 @@ def test_a_run_as_planned_makes_contact_and_settles():
     assert error[np.searchsorted(record.time, settled.start) - 1] > 2.0
 
 
-def test_what_never_settles_does_not_say_so():
-    assert of_kind(changed("force", -1, 0.0), "settled") == []
-
-
 def test_an_interval_ends_where_it_is_over_and_short_gaps_are_bridged():
     time = np.arange(8.0)
     holds = np.array([1, 0, 1, 0, 0, 1, 1, 1], dtype=bool)
@@ -67,49 +61,10 @@ def test_a_bouncing_contact_is_one_contact():
     assert (before.end, after.start) == (pytest.approx(2.4), pytest.approx(2.8))
 
 
-def test_leaving_the_tube_says_which_part_and_by_how_much():
-    left = changed("tube_deviation", slice(50, 60), 0.01, channel=FIELDS.index("position"))
-    assert of_kind(left, "tube_left") == [Event(
-        pytest.approx(1.0), pytest.approx(1.2), "tube_left",
-        "left the tube (set-wise): position at most 2 of its bound")]
-    assert of_kind(left, "bound_left") == [Event(
-        pytest.approx(1.0), pytest.approx(1.2), "bound_left",
-        "left the bound along the run: position at most 2.5 of its bound")]
-
-
 def test_what_is_left_is_what_is_beyond_the_monitors_slack():
     at = FIELDS.index("z")
     assert of_kind(changed("tube_deviation", 50, 1.002 * 0.04 + 1e-4, at), "tube_left") == []
     assert len(of_kind(changed("tube_deviation", 50, 1.012 * 0.04 + 1e-4, at), "tube_left")) == 1
-
-
-def test_without_a_bound_along_the_run_none_is_left():
-    record = changed("tube_deviation", 50, 1.0)
-    unbounded = replace(record, tube_bound=np.full_like(record.tube_bound, np.inf))
-    assert of_kind(unbounded, "bound_left") == []
-    assert len(of_kind(unbounded, "tube_left")) == 1
-
-
-def test_a_disturbance_above_its_bound_is_measured_by_its_norm():
-    pair = changed("effective_disturbance", slice(-3, None), [0.3, -0.4] + 8 * [0.0])
-    assert of_kind(pair, "disturbance_exceeded") == [Event(
-        pytest.approx(3.96), None, "disturbance_exceeded",
-        "whole disturbance above its bound of 0.1, at most 0.5")]
-
-
-@pytest.mark.parametrize(("channel", "value", "text"), [
-    (3, -0.35, "limit roll violated, by at most 0.1"),
-    (6, -0.65, "limit q1_min violated, by at most 0.25"),
-    (6, 1.66, "limit q1_max violated, by at most 0.2")])
-def test_a_violated_limit_is_named(channel, value, text):
-    assert of_kind(changed("state", [50, 53], value, channel), "limit_violated") == [
-        Event(pytest.approx(1.0), pytest.approx(1.08), "limit_violated", text)]
-
-
-def test_a_limited_command_is_an_event_that_alarms():
-    assert of_kind(changed("input_limited", [50, 53], 1.0), "input_limited") == [Event(
-        pytest.approx(1.0), pytest.approx(1.08), "input_limited", "the command saturates")]
-    assert "input_limited" in ALARMING
 
 
 def test_a_lost_force_says_why_and_how_far_it_retreats():
@@ -123,43 +78,6 @@ def test_a_lost_force_says_why_and_how_far_it_retreats():
     assert (event.start, event.end) == (pytest.approx(1.02), pytest.approx(2.0))
     assert event.text == "no valid force measurement (frozen): retreat by at most 28.8 mm"
     assert of_kind(replace(record, signals={"force_lost": 0.0 * lost}), "force_lost") == []
-
-
-@pytest.mark.parametrize(("status", "kind", "text"), [
-    (1.0, "solver_failed", "the solver failed"),
-    (2.0, "solver_late", "the solver missed its deadline"),
-    (3.0, "sample_dropped", "the sample was dropped")])
-def test_samples_in_a_row_that_fail_are_one_event(status, kind, text):
-    record = changed("mpc_status", [3, 4, 6, 19], status)
-    assert [event for event in events(record) if event.kind in ALARMING] == [
-        Event(pytest.approx(0.6), pytest.approx(1.0), kind, f"{text}, 2 samples in a row"),
-        Event(pytest.approx(1.2), pytest.approx(1.4), kind, text),
-        Event(pytest.approx(3.8), None, kind, text)]
-
-
-def test_a_refused_force_is_an_event_that_does_not_alarm():
-    record = changed("mpc_refused", slice(5, 10), 1.0)
-    assert of_kind(record, "force_refused") == [Event(
-        pytest.approx(1.0), pytest.approx(2.0), "force_refused",
-        "another desired force was refused, 5 samples in a row")]
-    assert "force_refused" not in ALARMING
-
-
-def test_a_plan_that_was_kept_is_an_event_that_does_not_alarm():
-    assert of_kind(changed("mpc_status", [3, 4, 6], 4.0), "plan_kept") == [
-        Event(pytest.approx(0.6), pytest.approx(1.0), "plan_kept",
-              "the last plan was better and was kept, 2 samples in a row"),
-        Event(pytest.approx(1.2), pytest.approx(1.4), "plan_kept",
-              "the last plan was better and was kept")]
-    assert "plan_kept" not in ALARMING
-
-
-def test_another_desired_force_is_an_event_when_it_comes():
-    record = changed("desired_force", slice(100, None), 25.0, channel=0)
-    assert of_kind(record, "retarget") == [Event(
-        pytest.approx(2.0), pytest.approx(2.02), "retarget", "new desired force of 25 N")]
-    assert "retarget" not in ALARMING
-    assert of_kind(synthetic_record(4.0), "retarget") == []
 
 
 def test_another_place_across_the_wall_is_an_event_and_another_depth_is_none():
@@ -177,21 +95,6 @@ def test_a_desired_force_that_is_moved_is_one_event():
     (event,) = of_kind(changed("desired_force", slice(None), moved, channel=0), "retarget")
     assert (event.start, event.end) == (pytest.approx(2.02), pytest.approx(3.02))
     assert event.text == "new desired force of 25 N"
-
-
-def test_events_are_in_order():
-    record = changed("effective_disturbance", [10, 100, 190], 1.0)
-    starts = [event.start for event in events(record)]
-    assert starts == sorted(starts)
-    assert len(starts) > 3
-
-
-def test_a_script_without_handlers_gets_it_on_stderr():
-    done = subprocess.run(
-        [sys.executable, "-c",
-         "from uvms_drake.common.alarm import warn; warn(0.74, 'left the tube')"],
-        capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("", "t = 0.74 s: left the tube\n")
 
 
 def test_a_run_says_on_stderr_and_in_its_summary_what_is_alarming(tmp_path, capsys):
@@ -219,3 +122,49 @@ def test_a_worker_of_a_campaign_is_silent(monkeypatch, caplog):
     campaign = make_campaign(load_scenario("girona500_ideal", ["duration=0.6"]), 3, None)
     assert run.run_one(campaign, 0)["error"] == "RuntimeError: enough"
     assert caplog.messages == []
+
+
+POSITION, ROW = FIELDS.index("position"), "2 samples in a row"
+PAIR = [0.3, -0.4] + 8 * [0.0]
+
+
+@pytest.mark.parametrize(("changes", "found"), [
+    (("tube_deviation", slice(50, 60), 0.01, POSITION), [
+        (1.0, 1.2, "tube_left", "left the tube (set-wise): position at most 2 of its bound"),
+        (1.0, 1.2, "bound_left", "left the bound along the run: position at most 2.5 of its "
+                                 "bound")]),
+    (("effective_disturbance", slice(-3, None), PAIR), [
+        (3.96, None, "disturbance_exceeded",
+         "whole disturbance above its bound of 0.1, at most 0.5")]),
+    (("state", [50, 53], -0.35, 3), [
+        (1.0, 1.08, "limit_violated", "limit roll violated, by at most 0.1")]),
+    (("state", [50, 53], -0.65, 6), [
+        (1.0, 1.08, "limit_violated", "limit q1_min violated, by at most 0.25")]),
+    (("state", [50, 53], 1.66, 6), [
+        (1.0, 1.08, "limit_violated", "limit q1_max violated, by at most 0.2")]),
+    (("input_limited", [50, 53], 1.0), [(1.0, 1.08, "input_limited", "the command saturates")]),
+    *((("mpc_status", [3, 4, 6, 19], status), [
+        (0.6, 1.0, kind, f"{text}, {ROW}"), (1.2, 1.4, kind, text), (3.8, None, kind, text)])
+      for status, kind, text in ((1.0, "solver_failed", "the solver failed"),
+                                 (2.0, "solver_late", "the solver missed its deadline"),
+                                 (3.0, "sample_dropped", "the sample was dropped"),
+                                 (4.0, "plan_kept", "the last plan was better and was kept"))),
+    (("mpc_refused", slice(5, 10), 1.0), [
+        (1.0, 2.0, "force_refused", "another desired force was refused, 5 samples in a row")]),
+    (("desired_force", slice(100, None), 25.0, 0), [
+        (2.0, 2.02, "retarget", "new desired force of 25 N")]),
+    (("force", -1, 0.0), [])])
+def test_each_kind_of_event_has_its_times_and_numbers(changes, found):
+    """Beside those of the record as planned: contact, and settling, unless the force changes."""
+    kinds = {"contact", "settled"}
+    assert [event for event in events(changed(*changes)) if event.kind not in kinds] == [
+        Event(pytest.approx(start), None if end is None else pytest.approx(end), kind, text)
+        for start, end, kind, text in found]
+    if changes[0] == "force":
+        assert of_kind(changed(*changes), "settled") == []
+
+
+def test_the_kinds_that_alarm_are_these():
+    assert {"tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
+            "solver_late", "sample_dropped", "input_limited", "force_lost", "state_lost"} == {
+        *ALARMING}

@@ -85,22 +85,6 @@ def test_a_hold_has_the_band_of_a_plan_that_has_stood_and_what_was_held(record):
         line.split()[7:10])
 
 
-def test_the_terminal_has_a_line_for_each_step(record):
-    block = format_summary(summarise(record)).split("\n\n")[3].splitlines()
-    assert block[0] == "mission       done after 5.0 s, 0 steps failed"
-    assert [line.split()[:2] for line in block[3:]] == [
-        ["0", "Approach"], ["1", "Hold"], ["2", "Slide"], ["3", "Retreat"]]
-    assert block[5].split()[-1] == "done"
-
-
-def test_the_force_of_a_mission_is_that_of_its_steps_and_not_of_its_last_instant(record):
-    text = format_summary(summarise(record))
-    assert "no force desired" not in text
-    assert "force         of the mission's steps, below" in text
-    assert text.startswith(f"{record.scenario.name}: mission done after 5.0 s, 4 of 4 steps done, "
-                           "normal force off by 1.1 N rms in the worst of 2 measurements; ")
-
-
 def test_a_step_that_failed_says_why_and_what_was_not_begun_is_counted():
     base = synthetic_sensed_record(6.0)
     late = base.time + 1e-9 >= 2.0  # From then on the hold has failed, and the retreat goes on.

@@ -8,8 +8,8 @@ from support.synthetic import synthetic_record
 
 from uvms_drake.campaign.run import outcome
 from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
-from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.report.wall_metrics import wall_metrics
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.contact.sensor_error import ripple

@@ -6,12 +6,11 @@ from pydrake.solvers import SnoptSolver, SolverOptions
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.convex.drake_convex import DrakeConvexSolver
+from uvms_drake.control.convex.staged_solver import DrakeConvexSolver
 from uvms_drake.control.mpc.planner import KEPT, SOLVED
-from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp import SOLVERS, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.solvers import CONVEX, NONLINEAR, make_solver
+from uvms_drake.control.ocp.solvers import CONVEX, NONLINEAR, NonlinearSolver, make_solver
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.record import Record

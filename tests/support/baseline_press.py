@@ -7,10 +7,8 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from uvms_drake.baselines.baseline import make_baseline
-from uvms_drake.baselines.gains import RobotGains
-from uvms_drake.baselines.law import Law
-from uvms_drake.baselines.measured import Measured, PressTask, Reference
+from uvms_drake.baselines.baseline import Baseline, RobotGains
+from uvms_drake.baselines.law import Law, Measured, PressTask, Reference
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.law import check_surface
@@ -43,8 +41,8 @@ def run(laws: dict[str, Law], gains: RobotGains, *, seconds: float, stiffness: f
     """Returns a run from rest, with the tip at a depth in the wall.
 
     Args:
-        laws: As of `make_baseline`.
-        gains: As of `make_baseline`.
+        laws: As of `Baseline`.
+        gains: As of `Baseline`.
         seconds: Duration [s].
         stiffness: Of the wall [N/m].
         depth: Depth of the tip at the start [m].
@@ -59,7 +57,7 @@ def run(laws: dict[str, Law], gains: RobotGains, *, seconds: float, stiffness: f
         law=Linear(stiffness=stiffness), dissipation=0.5, friction=0.0))
     builder = DiagramBuilder()
     uvms = builder.AddNamedSystem("uvms", make_uvms_plant(ROBOT, wall, start=start))
-    baseline = builder.AddNamedSystem("baseline", make_baseline(model, pressed, laws, gains))
+    baseline = builder.AddNamedSystem("baseline", Baseline(model, pressed, laws, gains))
     builder.Connect(uvms.GetOutputPort("state"), baseline.GetInputPort("state"))
     builder.Connect(uvms.GetOutputPort("force"), baseline.GetInputPort("force_measured"))
     builder.Connect(baseline.GetOutputPort("tau"), uvms.GetInputPort("tau"))

@@ -17,7 +17,7 @@ from uvms_drake.control.feedback.feedforward_preview import (
     SurfaceReaction,
     previewed_forces,
 )
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH, Signals
 from uvms_drake.plant.uvms_plant import make_uvms_plant
@@ -25,7 +25,7 @@ from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.sensing.wrist_sensor import WristSensor
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.controller import add_chain
-from uvms_drake.station.parts import keyed
+from uvms_drake.station.scenario.parts import keyed
 
 LOG_PERIOD = 0.005
 
@@ -33,7 +33,7 @@ LOG_PERIOD = 0.005
 class GivenPlan(LeafSystem):
     """A plan and its preview, as functions of time."""
 
-    def __init__(self, model, plan: DynamicPlan, preview, reaction):
+    def __init__(self, model, plan: Plan, preview, reaction):
         super().__init__()
         size, end = model.size, plan.start_time + plan.time_step * len(plan.zeta_dot)
 
@@ -85,7 +85,7 @@ def _settle(diagram, root, actuation, at):
             context.SetStateAndParametersFrom(system.GetMyContextFromRoot(first.get_context()))
 
 
-def run(scenario, parts, at, wall, surface, *, duration: float, plan: DynamicPlan | None = None,
+def run(scenario, parts, at, wall, surface, *, duration: float, plan: Plan | None = None,
         estimate: np.ndarray | None = None, sensing=None,
         push: Callable[[float], np.ndarray] | None = None
         ) -> tuple[np.ndarray, np.ndarray]:
@@ -110,7 +110,7 @@ def run(scenario, parts, at, wall, surface, *, duration: float, plan: DynamicPla
     WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
     still = np.zeros(size)
     if plan is None:
-        plan = DynamicPlan.from_accelerations(
+        plan = Plan.from_accelerations(
             0.0, duration + 1.0, config, still, np.zeros((1, size)))
     reaction = None
     if wall.force:

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from uvms_drake.control.costs.offset_cost import OffsetCost
+from uvms_drake.control.costs.costs import OffsetCost
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
-from uvms_drake.control.plan.tracking_plan import TrackingPlan
+from uvms_drake.control.plan.plan import TrackingPlan
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms

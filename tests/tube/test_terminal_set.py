@@ -9,17 +9,15 @@ from support.limits import bounded
 from support.terminal_checks import check_penalty, check_terminal
 from support.tracking import DIRECTION, tracking_ocp
 
-from uvms_drake.control.costs.task_cost import TaskCost
+from uvms_drake.control.costs.costs import TaskCost
 from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.pose import Joints, TipPitch, VehicleAngle
 from uvms_drake.control.limits.speeds import Speed
-from uvms_drake.control.ocp import dynamic_ocp
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY
+from uvms_drake.control.ocp import ocp as ocp_module
+from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.plan import Plan, TrackingPlan
 from uvms_drake.control.plan.terminal import INFLATION, terminal_ingredients
-from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
@@ -39,20 +37,20 @@ pytestmark = pytest.mark.slow
 FRESH = 10_000
 
 
-def inflated(ocp: DynamicOcp, inflation: float) -> DynamicOcp:
+def inflated(ocp: Ocp, inflation: float) -> Ocp:
     """Returns the problem with P = (1 + inflation) times the Riccati solution."""
     P = (1.0 + inflation) / (1.0 + INFLATION) * ocp.terminal.P
     return changed(ocp, terminal=dataclasses.replace(ocp.terminal, P=P))
 
 
-def changed(ocp: DynamicOcp, **values: object) -> DynamicOcp:
+def changed(ocp: Ocp, **values: object) -> Ocp:
     """Returns a copy of the problem with other values."""
     other = copy.copy(ocp)
     vars(other).update(values)
     return other
 
 
-def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarray]:
+def broken(ocp: Ocp, radius: float, xi: np.ndarray) -> dict[str, np.ndarray]:
     """Returns which of the states ξ (m, 20) break what, as the problem itself judges it.
 
     It evaluates a plan of one interval with the terminal controller's acceleration.
@@ -63,7 +61,7 @@ def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarr
     P = ocp.terminal.P
     for state in xi:
         config, zeta = ocp.model.configuration(ocp.y_des + state[:10]), state[10:]
-        plan = DynamicPlan.from_accelerations(
+        plan = Plan.from_accelerations(
             0.0, ocp.time_step, config, zeta, (ocp.terminal.gain @ state)[None])
         evaluation = one.evaluate(plan)
         cost = evaluation.cost - TERMINAL_PENALTY * evaluation.terminal_slack
@@ -79,7 +77,7 @@ def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarr
 
 
 @pytest.fixture(scope="module")
-def robot() -> DynamicOcp:
+def robot() -> Ocp:
     """The ideal scenario, with weights under which the terminal set is wide."""
     return make_ocp(load_scenario("girona500_ideal", [
         "mpc.weight_zeta=[5, 5, 5, 5, 5, 5, 10, 10, 10, 10]",
@@ -135,7 +133,7 @@ def test_the_margins_are_those_of_a_plan_of_one_interval(robot):
     limits, P, loop = np.concatenate([u, u, tau, tau]), robot.terminal.P, TerminalLoop(robot)
     for state in 0.5 * boundary_samples(P, 5, np.random.default_rng(82)):
         config = robot.model.configuration(robot.y_des + state[:10])
-        plan = DynamicPlan.from_accelerations(
+        plan = Plan.from_accelerations(
             0.0, robot.time_step, config, state[10:], (robot.terminal.gain @ state)[None])
         (begin,), (end,) = robot.inputs(plan)
         w, y = begin - robot.u_eq, robot.model.task_pose(plan.config[1])
@@ -242,9 +240,9 @@ class Linear:
 
 
 @pytest.fixture
-def toy(monkeypatch) -> DynamicOcp:
+def toy(monkeypatch) -> Ocp:
     """A problem whose map is exactly its linearisation, with inputs that never matter."""
-    monkeypatch.setattr(dynamic_ocp, "advance",
+    monkeypatch.setattr(ocp_module, "advance",
                         lambda config, zeta, a, h: config + h * zeta + 0.5 * h**2 * a)
     model, eye, h = Linear(), np.eye(7), 0.2
     Q, R = np.diag(np.linspace(1.0, 3.0, 14)), np.diag(np.linspace(0.5, 2.0, 7))
@@ -253,7 +251,7 @@ def toy(monkeypatch) -> DynamicOcp:
         VehicleAngle("pitch", 1.4), TipPitch(0.7), Joints(np.array([-0.8]), np.array([0.5])),
         Accelerations(np.full(7, 1e3)))}
     return changed(
-        DynamicOcp.__new__(DynamicOcp), model=model, y_des=np.zeros(7), u_eq=np.zeros(7),
+        Ocp.__new__(Ocp), model=model, y_des=np.zeros(7), u_eq=np.zeros(7),
         time_step=h, limits=limits, task_cost=TaskCost(Q, R, np.zeros(7), np.zeros(7)),
         terminal=terminal_ingredients(eye, model.couple - 2.0 * eye, -3.0 * eye, Q, R, h, 1.0))
 
@@ -427,7 +425,7 @@ def test_in_that_set_the_continued_plan_keeps_front_and_inputs(tracking, found_a
         one = tracking.aimed(aim)
         one.horizon, one.terminal = 1, dataclasses.replace(one.terminal, radius=radius)
         start = np.concatenate([one.model.configuration(y + xi[:10]), xi[10:]])
-        plan = TrackingPlan(**vars(DynamicPlan.from_accelerations(
+        plan = TrackingPlan(**vars(Plan.from_accelerations(
             0.0, one.time_step, *np.split(start, 2), (one.terminal.gain @ xi)[None])), a=a)
         value = one.evaluate(plan)
         assert max(value.violation, value.terminal_slack) <= 1e-9

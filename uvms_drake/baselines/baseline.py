@@ -1,35 +1,90 @@
-"""A baseline controller: approach, laws and a limit in one Diagram."""
+"""A baseline controller: approach, laws and a limit in one system, and its gains on a robot."""
 
+import functools
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
-from pydrake.systems.primitives import Adder, PassThrough
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from uvms_drake.baselines.admittance import Admittance
-from uvms_drake.baselines.approach import Approach
-from uvms_drake.baselines.compensation import Compensation, Gravity
-from uvms_drake.baselines.force_feedforward import ForceFeedforward
-from uvms_drake.baselines.gains import RobotGains
-from uvms_drake.baselines.impedance import Impedance
-from uvms_drake.baselines.law import Law, LawSystem
-from uvms_drake.baselines.measured import Measurement, PressTask
-from uvms_drake.baselines.prescribed_performance import PrescribedPerformance
-from uvms_drake.baselines.sliding_mode import Coupled, DecoupledArm, DecoupledVehicle
-from uvms_drake.baselines.vehicle_hold import VehicleHold
+from uvms_drake.baselines.approach import ApproachGains, next_approach
+from uvms_drake.baselines.compliant_laws import (
+    Admittance,
+    AdmittanceGains,
+    Impedance,
+    ImpedanceGains,
+)
+from uvms_drake.baselines.law import PERIOD, Law, Measured, PressTask, Reference
+from uvms_drake.baselines.prescribed_performance import PerformanceGains, PrescribedPerformance
+from uvms_drake.baselines.shared_laws import (
+    Compensation,
+    ForceFeedforward,
+    Gravity,
+    HoldGains,
+    VehicleHold,
+)
+from uvms_drake.baselines.sliding_mode import (
+    Coupled,
+    DecoupledArm,
+    DecoupledVehicle,
+    SlidingGains,
+)
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.schema import load_typed, read_yaml
+from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.model.uvms_model import UvmsModel
 
-Parts = dict[str, Law]
+FOLDER = Path(__file__).parent
 
 
-def _shared(gains: RobotGains) -> Parts:
+@dataclass
+class ObserverGains:
+    """Rates λ of the disturbance observer of a nominal MPC."""
+
+    vehicle: float = 0.8
+    """That of the vehicle's pose [1/s]."""
+    tip: float = 1.3
+    """That of the tip's task [1/s]."""
+
+
+@dataclass
+class RobotGains:
+    """Gains of every law on one robot."""
+
+    largest: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Largest commanded |τᵢ| (6+n,) [N, N m]; zero on an axis that nothing drives."""
+    approach: ApproachGains = field(default_factory=ApproachGains)
+    hold: HoldGains = field(default_factory=HoldGains)
+    impedance: ImpedanceGains = field(default_factory=ImpedanceGains)
+    admittance: AdmittanceGains = field(default_factory=AdmittanceGains)
+    decoupled: SlidingGains = field(default_factory=SlidingGains)
+    coupled: SlidingGains = field(default_factory=SlidingGains)
+    performance: PerformanceGains = field(default_factory=PerformanceGains)
+    offset_free: ObserverGains = field(default_factory=ObserverGains)
+
+
+def robots_with_gains() -> list[str]:
+    """Returns the names of the robots with a file of gains."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def read_gains(robot: str) -> RobotGains:
+    """Returns the gains of a robot by its name."""
+    require(robot in robots_with_gains(), "robot", robot,
+            f"one with gains of the baselines: {', '.join(robots_with_gains())}")
+    return load_typed(RobotGains, read_yaml(FOLDER / f"{robot}.yaml"))
+
+
+Laws = dict[str, Law]
+
+
+def _shared(gains: RobotGains) -> Laws:
     return {"hold": VehicleHold(gains.hold), "compensation": Compensation(),
             "feedforward": ForceFeedforward()}
 
 
-BASELINES: dict[str, Callable[[RobotGains], Parts]] = {
+BASELINES: dict[str, Callable[[RobotGains], Laws]] = {
     "impedance": lambda gains: {
         "law": Impedance(gains.impedance), **_shared(gains)},
     "admittance": lambda gains: {
@@ -49,21 +104,20 @@ BASELINES: dict[str, Callable[[RobotGains], Parts]] = {
 """Laws whose sum is the command of a baseline, by the baseline's name."""
 
 
-def make_baseline(model: UvmsModel, task: PressTask, laws: Parts, gains: RobotGains) -> Diagram:
-    """Returns the controller of a press by given laws, as a Diagram named "baseline".
+class Baseline(LeafSystem):
+    """Controller of a press: approach, a sum of laws, and the limit of their sum.
 
     ::
 
-        force_measured, state, desired_force, place ─▶ approach ─reference┐
-        state, force_measured ─────────────────────────▶ measurement ◀────┘
-                                     measured ┌───────────────┘
+        state, force_measured, desired_force, place ─▶ approach ─▶ Measured
+                                     Measured ┌───────────────┘
                                               ├─▶ law          ─┐
                                               ├─▶ hold         ─┼─(+)─▶ limit ─▶ tau
                                               └─▶ compensation ─┘
 
     .. pydrake_system::
 
-        name: baseline
+        name: Baseline
         input_ports:
         - state
         - force_measured
@@ -76,10 +130,16 @@ def make_baseline(model: UvmsModel, task: PressTask, laws: Parts, gains: RobotGa
         - memory
 
     - `state`: (𝔮, ζ) (2(6+n)) measured; `force_measured`: 𝔉_s (6) [N, N m].
-    - `desired_force`, `place`: see `Approach`.
-    - `tau`: τ (6+n) [N, N m]; `input_limited` (1): 1 while the limit cuts it.
+    - `desired_force` (6): 𝔉_des [N, N m], of which the part along n is used; the task's if
+      unconnected.
+    - `place` (3): place across n [m]; the task's if unconnected.
+    - `tau`: τ (6+n) [N, N m], within the actuators' limits; `input_limited` (1): 1 while they cut
+      it, and integrals only shrink.
     - `reference` (9): see `Reference`.
     - `memory` (m): states of the law named "law".
+
+    The discrete state is that of the approach (9) and the memories of the laws. The first
+    initialisation sets x_d to the measured tip; it is NaN before.
 
     Args:
         model: The controller's model; its contact is not used.
@@ -87,73 +147,75 @@ def make_baseline(model: UvmsModel, task: PressTask, laws: Parts, gains: RobotGa
         laws: Laws by name, whose sum is the command; one is "law".
         gains: Parameters of approach and limit.
     """
-    require("law" in laws, "laws", sorted(laws), "laws by name, one of them 'law'")
-    # Measurement and reference, then the laws and the limit of their sum.
-    builder = DiagramBuilder()
-    state = builder.AddNamedSystem("state", PassThrough(2 * model.size))
-    force = builder.AddNamedSystem("force_measured", PassThrough(6))
-    approach = Approach.AddToBuilder(
-        builder, model, task, gains.approach, state=state.get_output_port(),
-        force_measured=force.get_output_port())
-    measurement = Measurement.AddToBuilder(
-        builder, model, task, state=state.get_output_port(),
-        force_measured=force.get_output_port(), reference=approach.get_output_port())
-    total = builder.AddNamedSystem("sum", Adder(len(laws), model.size))
-    systems = {name: LawSystem.AddToBuilder(
-        builder, model, law, measured=measurement.get_output_port(), name=name)
-        for name, law in laws.items()}
-    for i, system in enumerate(systems.values()):
-        builder.Connect(system.GetOutputPort("tau"), total.get_input_port(i))
-    limit = TorqueLimit.AddToBuilder(builder, gains.largest, tau=total.get_output_port())
-    for system in systems.values():
-        builder.Connect(limit.GetOutputPort("limited"), system.GetInputPort("limited"))
 
-    builder.ExportInput(state.get_input_port(), "state")
-    builder.ExportInput(force.get_input_port(), "force_measured")
-    for name in ("desired_force", "place"):
-        builder.ExportInput(approach.GetInputPort(name), name)
-    builder.ExportOutput(limit.GetOutputPort("tau"), "tau")
-    builder.ExportOutput(limit.GetOutputPort("limited"), "input_limited")
-    builder.ExportOutput(approach.get_output_port(), "reference")
-    builder.ExportOutput(systems["law"].GetOutputPort("memory"), "memory")
-    diagram = builder.Build()
-    diagram.set_name("baseline")
-    return diagram
-
-
-class TorqueLimit(LeafSystem):
-    """Clips τ at the actuators' limits, and tells the integrals of it.
-
-    .. pydrake_system::
-
-        name: TorqueLimit
-        input_ports:
-        - tau
-        output_ports:
-        - tau
-        - limited
-
-    - `tau` (6+n) [N, N m]: before and after; `limited` (1): 1 while they differ.
-
-    It has no state.
-
-    Args:
-        largest: Largest |τᵢ| (6+n,) [N, N m]; zero on an axis that nothing drives.
-    """
-
-    def __init__(self, largest: np.ndarray):
+    def __init__(self, model: UvmsModel, task: PressTask, laws: Laws, gains: RobotGains):
         super().__init__()
+        largest = gains.largest
+        require("law" in laws, "laws", sorted(laws), "laws by name, one of them 'law'")
         require(bool(np.all(largest >= 0.0)), "largest", largest, "positive, or 0 if not driven")
-        most = np.where(largest > 0.0, largest, np.inf)
-        port = self.DeclareVectorInputPort("tau", len(largest))
-        output_of(self, "tau", len(largest),
-                  lambda context: np.clip(port.Eval(context), -largest, largest), {port.ticket()})
-        output_of(self, "limited", 1,
-                  lambda context: [float(np.any(np.abs(port.Eval(context)) > most))],
-                  {port.ticket()})
+        self._model, self._task, self._gains = model, task, gains
+        self._laws, self._names = list(laws.values()), list(laws)
+        self._ends = np.cumsum([9, *(law.memory for law in self._laws)])
+        self._state, self._force, self._desired, self._place = (
+            self.DeclareVectorInputPort(name, size) for name, size in (
+                ("state", 2 * model.size), ("force_measured", 6), ("desired_force", 6),
+                ("place", 3)))
+        self.DeclareDiscreteState(np.append(np.full(3, np.nan), np.zeros(self._ends[-1] - 3)))
+        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._update)
+        read = {port.ticket() for port in (self._state, self._force, self._desired)}
+        now = {self.time_ticket(), self.xd_ticket()}
+        self._now = cached(self, "what the laws read", self._measured, read | now)
+        self._sum = cached(self, "sum of the laws", self._summed,
+                           {self._now.ticket(), self.xd_ticket()})
+        self._most = np.where(largest > 0.0, largest, np.inf)
+        output_of(self, "tau", model.size, lambda context: np.clip(
+            self._sum.Eval(context), -largest, largest), {self._sum.ticket()})
+        output_of(self, "input_limited", 1, lambda context: [float(self._is_limited(context))],
+                  {self._sum.ticket()})
+        output_of(self, "reference", 9, lambda context: np.hstack(self._reference(context)),
+                  {self.xd_ticket(), self._desired.ticket()})
+        output_of(self, "memory", laws["law"].memory, lambda context: self._memories(context)[
+            self._names.index("law")], {self.xd_ticket()})
 
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, largest: np.ndarray, *, tau: OutputPort,
-                     name: str = "limit") -> "TorqueLimit":
-        """Adds the limit and connects it; the arguments are its constructor's and its input."""
-        return added(builder, name, TorqueLimit(largest), tau=tau)
+    def _memories(self, context: Context) -> list[np.ndarray]:
+        return np.split(context.get_discrete_state_vector().value(), self._ends[:-1])[1:]
+
+    def _reference(self, context: Context) -> Reference:
+        old, force = context.get_discrete_state_vector().value()[:9], self._task.force
+        if self._desired.HasValue(context):
+            force = float(self._task.direction @ self._desired.Eval(context)[:3])
+        return Reference(old[:3], old[3:6], force, bool(old[7]), old[8])
+
+    def _measured(self, context: Context) -> Measured:
+        config, zeta = np.split(self._state.Eval(context), 2)
+        return Measured(self._model, self._task, context.get_time(), config, zeta,
+                        self._force.Eval(context), self._reference(context))
+
+    def _summed(self, context: Context) -> np.ndarray:
+        now = self._now.Eval(context)
+        return functools.reduce(np.add, [law.tau(now, memory) for law, memory in zip(
+            self._laws, self._memories(context), strict=True)])
+
+    def _is_limited(self, context: Context) -> bool:
+        return bool(np.any(np.abs(self._sum.Eval(context)) > self._most))
+
+    def _tip(self, context: Context) -> np.ndarray:
+        return self._model.task_pose(self._state.Eval(context)[: self._model.size])[:3]
+
+    def _begin(self, context: Context, state: DiscreteValues) -> None:
+        values = context.get_discrete_state_vector().value().copy()
+        if np.isnan(values[0]):
+            values[:3] = self._tip(context)
+            state.set_value(values)
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        now, limited = self._now.Eval(context), self._is_limited(context)
+        place = self._place.Eval(context) if self._place.HasValue(context) else self._task.place
+        approach = next_approach(
+            self._gains.approach, self._task.direction,
+            context.get_discrete_state_vector().value()[:9], self._tip(context), now.force, place,
+            now.time)
+        state.set_value(np.concatenate([approach, *(
+            law.updated(now, memory, limited) for law, memory in zip(
+                self._laws, self._memories(context), strict=True))]))

@@ -1,23 +1,151 @@
-"""Interface of a baseline's law, and the system that runs it."""
+"""Interface of a baseline's law, and all that it may read: motion and contact, and the task."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    Context,
-    DiagramBuilder,
-    DiscreteValues,
-    LeafSystem,
-    OutputPort,
-)
 
-from uvms_drake.baselines.measured import Measured
-from uvms_drake.common.wiring import added, output_of
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.common.errors import require, unit_vector
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 PERIOD = 0.01
 """Time between two updates of a memory, of integrals and contact [s]."""
+
+
+@dataclass(frozen=True)
+class PressTask:
+    """Task of a baseline: press with a force along a direction at a place of an unknown wall."""
+
+    direction: np.ndarray
+    """Unit vector n (3,) into the wall, in Σ_I, as declared."""
+    place: np.ndarray
+    """Place across n at which to press (3,) in Σ_I [m]; its depth along n is not used."""
+    attitude: np.ndarray
+    """Euler angles of the end-effector about Σ_T (3,) [rad]."""
+    posture: np.ndarray
+    """Joint angles that resolve the redundancy (n,) [rad]."""
+    force: float
+    """Desired force along n [N]."""
+
+    def __post_init__(self) -> None:
+        unit_vector("direction", self.direction)
+        require(0.0 < self.force < np.inf, "force", self.force, "a positive force")
+
+
+class Reference(NamedTuple):
+    """Motion that a law follows, from the approach's state machine; 9 numbers."""
+
+    x: np.ndarray
+    """Position of the tip x_d (3,) in Σ_I [m]."""
+    v: np.ndarray
+    """Its velocity ẋ_d (3,) [m/s]."""
+    force: float
+    """Desired force f_d along n [N]."""
+    touched: bool
+    """Whether the tip is in contact."""
+    since: float
+    """Instant at which the contact began, or the motion [s]."""
+
+    @staticmethod
+    def of(values: np.ndarray) -> "Reference":
+        """Returns the reference of a port's vector (9,)."""
+        return Reference(values[:3], values[3:6], values[6], bool(values[7]), values[8])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured state and force at an instant, with the model's quantities there."""
+
+    model: UvmsModel
+    task: PressTask
+    time: float
+    """Instant [s]."""
+    config: np.ndarray
+    """𝔮 (6+n,) [m, rad]."""
+    zeta: np.ndarray
+    """ζ (6+n,) [m/s, rad/s]."""
+    wrench: np.ndarray
+    """𝔉_s on the surface (6,) [N, N m]."""
+    reference: Reference
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Geometry at 𝔮."""
+        return self.model.kinematics(self.config)
+
+    @cached_property
+    def x(self) -> np.ndarray:
+        """Position of the tip (3,) in Σ_I [m]."""
+        return self.kinematics.chi[:3]
+
+    @cached_property
+    def J(self) -> np.ndarray:
+        """J_p = [J_v J_q] (3, 6+n), ẋ = J_p ζ."""
+        return self.kinematics.J_chi[:3]
+
+    @cached_property
+    def v(self) -> np.ndarray:
+        """Velocity of the tip ẋ (3,) [m/s]."""
+        return self.J @ self.zeta
+
+    @cached_property
+    def J_rate(self) -> np.ndarray:
+        """J̇_p (3, 6+n) along the motion."""
+        return self.model.task_jacobian_rate(self.kinematics, self.zeta)[:3]
+
+    @cached_property
+    def M(self) -> np.ndarray:
+        """Mass matrix with added mass, at 𝔮 (6+n, 6+n)."""
+        return self.model.mass_matrix(self.kinematics)
+
+    @cached_property
+    def arm_inverse(self) -> np.ndarray:
+        """J̄_q = M_qq⁻¹J_qᵀΛ_q (n, 3): the right inverse of J_q of least kinetic energy."""
+        J, inverse = self.J[:, 6:], np.linalg.inv(self.M[6:, 6:])
+        return inverse @ J.T @ np.linalg.inv(J @ inverse @ J.T)
+
+    @cached_property
+    def arm_null(self) -> np.ndarray:
+        """I − J̄_qJ_q (n, n): joint velocities that leave the tip where it is."""
+        return np.eye(self.model.num_joints) - self.arm_inverse @ self.J[:, 6:]
+
+    @cached_property
+    def n(self) -> np.ndarray:
+        """Direction n (3,)."""
+        return np.asarray(self.task.direction, dtype=float)
+
+    @cached_property
+    def across(self) -> np.ndarray:
+        """Q = I − nnᵀ (3, 3)."""
+        return np.eye(3) - np.outer(self.n, self.n)
+
+    @cached_property
+    def force(self) -> float:
+        """Measured force f along n [N]."""
+        return float(self.n @ self.wrench[:3])
+
+    @cached_property
+    def force_error(self) -> float:
+        """e_f = f_d − f [N]."""
+        return self.reference.force - self.force
+
+    @cached_property
+    def station_error(self) -> np.ndarray:
+        """Error of the vehicle to where the tip is at x_d in the task's posture (6,) [m, rad].
+
+        Position in body axes and differences of the Euler angles, for small angles.
+        """
+        y = np.concatenate([self.reference.x, self.task.attitude, self.task.posture])
+        error = (self.model.configuration(y) - self.config)[:6]
+        turn = np.mod(error[3:] + np.pi, 2.0 * np.pi) - np.pi
+        return np.concatenate([self.kinematics.R_WB.T @ error[:3], turn])
+
+    @cached_property
+    def station_velocity(self) -> np.ndarray:
+        """Velocity of that place, in body axes (6,) [m/s, rad/s]."""
+        return np.concatenate([self.kinematics.R_WB.T @ self.reference.v, np.zeros(3)])
 
 
 class Law(ABC):
@@ -35,59 +163,6 @@ class Law(ABC):
     def updated(self, now: Measured, memory: np.ndarray, limited: bool) -> np.ndarray:
         """Returns the next memory (m,); `limited` is whether a limit cuts the sum of all laws."""
         return memory
-
-
-class LawSystem(LeafSystem):
-    """System of a `Law`.
-
-    .. pydrake_system::
-
-        name: LawSystem
-        input_ports:
-        - measured
-        - limited (optional)
-        output_ports:
-        - tau
-        - memory
-
-    - `measured`: `Measured` (abstract).
-    - `limited` (1): above zero while a limit cuts the sum of all laws; none if unconnected.
-    - `tau` (6+n): τ [N, N m]; `memory` (m): the law's states.
-
-    The discrete state is the law's memory.
-
-    Args:
-        model: Supplies the size of τ.
-        law: The law.
-    """
-
-    def __init__(self, model: UvmsModel, law: Law):
-        super().__init__()
-        self._law = law
-        self._port = self.DeclareAbstractInputPort("measured", AbstractValue.Make(()))
-        self._limited_port = self.DeclareVectorInputPort("limited", 1)
-        self.DeclareDiscreteState(law.memory)
-        if law.memory:
-            self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._update)
-        output_of(self, "tau", model.size, self._tau, {self._port.ticket(), self.xd_ticket()})
-        output_of(self, "memory", law.memory,
-                  lambda context: context.get_discrete_state_vector().value(), {self.xd_ticket()})
-
-    def _tau(self, context: Context) -> np.ndarray:
-        return self._law.tau(self._port.Eval(context),
-                             context.get_discrete_state_vector().value())
-
-    def _update(self, context: Context, state: DiscreteValues) -> None:
-        limited = self._limited_port.HasValue(context) and bool(
-            self._limited_port.Eval(context)[0] > 0.0)
-        state.set_value(self._law.updated(
-            self._port.Eval(context), context.get_discrete_state_vector().value(), limited))
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: Law, *, measured: OutputPort,
-                     name: str = "law") -> "LawSystem":
-        """Adds the system and connects it; the arguments are its constructor's and its input."""
-        return added(builder, name, LawSystem(model, law), measured=measured)
 
 
 def integrated(integral: np.ndarray, rate: np.ndarray, clamp: np.ndarray | float, limited: bool

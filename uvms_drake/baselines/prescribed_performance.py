@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uvms_drake.baselines.law import Law
-from uvms_drake.baselines.measured import Measured
+from uvms_drake.baselines.law import Law, Measured
 
 CLAMP = 0.98
 """Largest |ξ| that the law takes."""

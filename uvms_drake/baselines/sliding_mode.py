@@ -15,9 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uvms_drake.baselines.impedance import posture_torque
-from uvms_drake.baselines.law import Law, integrated
-from uvms_drake.baselines.measured import Measured
+from uvms_drake.baselines.compliant_laws import posture_torque
+from uvms_drake.baselines.law import Law, Measured, integrated
 
 
 @dataclass

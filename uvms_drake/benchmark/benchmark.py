@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uvms_drake.baselines.gains import read_gains, robots_with_gains
+from uvms_drake.baselines.baseline import read_gains, robots_with_gains
 from uvms_drake.benchmark.cases import CASES, drawn_case
 from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named, file_of
 from uvms_drake.benchmark.press import measure, run_press

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import System
 
-from uvms_drake.baselines.baseline import BASELINES, make_baseline
-from uvms_drake.baselines.gains import RobotGains, read_gains
-from uvms_drake.baselines.measured import PressTask
+from uvms_drake.baselines.baseline import BASELINES, Baseline, RobotGains, read_gains
+from uvms_drake.baselines.law import PressTask
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -22,6 +21,7 @@ from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.modules import import_file
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.tube_control import make_tube
 
 Factory = Callable[[Scenario, ContactModel], System]
 """Function that makes a controller for a scenario, with the controller's model."""
@@ -44,7 +44,7 @@ def controller_with_gains(name: str, scenario: Scenario, model: ContactModel, ga
         return _mpc(scenario, model, _offset_free_law(gains, scenario.ancillary))
     task, direction = scenario.task, sensed_contact(scenario).direction
     pose = np.asarray(task.pose, dtype=float)
-    return make_baseline(model, PressTask(
+    return Baseline(model, PressTask(
         direction, place=pose[:3], attitude=pose[3:], posture=np.asarray(task.posture, dtype=float),
         force=task.force_along(direction)), BASELINES[name](gains), gains)
 
@@ -62,7 +62,7 @@ def _mpc(scenario: Scenario, model: ContactModel, alone: AncillaryLaw | None = N
     if alone is not None:
         scenario = replace(scenario, ancillary=alone, mpc=replace(
             scenario.mpc, initial_state="measured", hover=0.0))
-    controller = scenario.contact.make_controller(scenario, model, make_ocp(scenario, model))
+    controller = make_tube(scenario, model, make_ocp(scenario, model))
     mpc = controller.GetSubsystemByName("nominal_mpc")
     assert isinstance(mpc, NominalMpc)
     mpc.time_by(time.process_time)  # A run may share its core with others.

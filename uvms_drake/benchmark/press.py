@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
     System,
 )
 
-from uvms_drake.baselines.gains import read_gains
+from uvms_drake.baselines.baseline import read_gains
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.kinds import register
 from uvms_drake.common.wiring import added, output_of, release
@@ -33,7 +33,7 @@ from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.report.signals import settling_index
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.problem import limits_of, task_place
+from uvms_drake.station.problem import limits_of
 from uvms_drake.station.scenario.scenario import Scenario
 
 LARGEST_FORCE = 500.0
@@ -141,7 +141,7 @@ class Trace:
 
 def run_press(scenario: Scenario, model: ContactModel, controller: System, course: Course) -> Trace:
     """Returns the trace of a run until `Course.end`; one that fails before it says so."""
-    builder, place = DiagramBuilder(), task_place(scenario)
+    builder, place = DiagramBuilder(), scenario.task.place
     station = builder.AddNamedSystem(
         "station", make_station(scenario, controller=controller, model=model))
     if station.HasInputPort("place"):

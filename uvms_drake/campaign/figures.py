@@ -1,168 +1,121 @@
-"""Figures of a campaign, one idea each, at the width of a column in a paper."""
+"""Figures of a campaign as drawings, one idea each, at the width of a column in a paper."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
-from uvms_drake.report.figure_style import BLUE, COLUMN_WIDTH, LIMIT, ORANGE, STYLE, tube_label
+from uvms_drake.report.drawing import Drawing, Panel, Series, band, draw, line
+from uvms_drake.report.figure_style import BLUE, LIMIT, ORANGE, STYLE, tube_label
 
-RATIOS_FILE = "campaign_ratios.png"
-MARGINS_FILE, OUTCOMES_FILE = "campaign_margins.png", "campaign_outcomes.png"
-TIMING_FIGURE, WALLS_FILE = "campaign_timing.png", "campaign_walls.png"
-CAMPAIGN_FIGURES = (RATIOS_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FIGURE)
+RATIOS_FILE, MARGINS_FILE = "campaign_ratios.png", "campaign_margins.png"
+OUTCOMES_FILE, WALLS_FILE = "campaign_outcomes.png", "campaign_walls.png"
+CAMPAIGN_FIGURES = (RATIOS_FILE, MARGINS_FILE, OUTCOMES_FILE)
 """Figures of every campaign; `WALLS_FILE` is that of a sensed contact."""
 BINS = 24
-LONG = 300.0
-"""Ratio of the ends of an axis above which only decades are numbered."""
+SPREAD = 0.14
+"""Distance of the points of two kinds from the middle of their row."""
 DOT: dict[str, Any] = {"markersize": 2.2, "alpha": 0.5, "markeredgewidth": 0.0, "linestyle": "",
                        "marker": "o"}
 
 Results = Sequence[Mapping[str, Any]]
 
 
-def make_campaign_figures(summary: Mapping[str, Any], times: Mapping[str, Any], folder: Path
-                          ) -> list[Path]:
-    """Writes the figures of the contents of campaign.json and timing.json; returns their paths."""
+def make_campaign_figures(summary: Mapping[str, Any], folder: Path) -> None:
+    """Writes the figures of the content of campaign.json, if a run counts."""
     done = [result for result in summary["results"] if result["error"] is None
             and result["inside"]]
     if not done:
-        return []
-    certified = bool(summary["certified"])
-    figures = {
-        RATIOS_FILE: lambda: draw_ratios(done, certified),
-        MARGINS_FILE: lambda: draw_margins(done),
-        OUTCOMES_FILE: lambda: draw_outcomes(done, summary["force_tolerance"]),
-        TIMING_FIGURE: lambda: draw_timing(times)}
+        return
+    drawings = {RATIOS_FILE: ratios_drawing(done, bool(summary["certified"])),
+                MARGINS_FILE: margins_drawing(done),
+                OUTCOMES_FILE: outcomes_drawing(done, summary["force_tolerance"])}
     if "walls" in summary:
-        figures[WALLS_FILE] = lambda: draw_walls(done)
-    paths = []
-    for name, draw in figures.items():
-        with matplotlib.rc_context(STYLE):
-            draw().savefig(folder / name)
-        paths.append(folder / name)
-    return paths
+        drawings[WALLS_FILE] = walls_drawing([result["wall"] for result in done])
+    with matplotlib.rc_context(STYLE):
+        for name, drawing in drawings.items():
+            draw(drawing).savefig(folder / name)
 
 
-def draw_ratios(results: Results, certified: bool) -> Figure:
-    """Draws the worst deviation of each run over its two bounds, by disturbance."""
-    figure = Figure(figsize=(COLUMN_WIDTH, 2.8), layout="constrained")
-    axis = figure.subplots()
-    kinds = sorted({_kind(result) for result in results})
-    for name, label, color, shift in (
-            ("ratio_trajectory", "along the run", BLUE, 0.14),
-            ("ratio_set", "set-wise", ORANGE, -0.14)):
-        points = [(result[name], kinds.index(_kind(result)) + shift)
-                  for result in results if result[name] is not None]
-        if points:
-            axis.plot(*np.array(points).T, color=color, label=label, **DOT)
-    axis.axvline(1.0, **{**LIMIT, "label": tube_label(certified)})
-    low, high = axis.get_xlim()
-    if high > 10.0:
-        _log(axis, 0.8 * max(low, 0.1), 1.25 * high)
-    else:
-        axis.set_xlim(0.0, 1.05 * max(1.0, high))
-    axis.set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds])
-    axis.set_xlabel("worst deviation of a run over its bound")
-    figure.legend(ncols=3, loc="outside upper center")
-    return figure
+def ratios_drawing(results: Results, certified: bool) -> Drawing:
+    """Returns the worst deviation of each run over its two bounds, by disturbance."""
+    kinds = sorted({result["disturbance"] for result in results})
+    series = [_limit(1.0, len(kinds), tube_label(certified))]
+    for name, label, color, shift in (("ratio_trajectory", "along the run", BLUE, SPREAD),
+                                      ("ratio_set", "set-wise", ORANGE, -SPREAD)):
+        series += _dots(((result[name], shift - kinds.index(result["disturbance"]))
+                         for result in results), color, label=label)
+    most = max(float(np.max(each.x)) for each in series if each.x is not None)
+    return Drawing([[Panel(
+        "", np.zeros(0), series, rows=[kind.replace("_", " ") for kind in kinds],
+        window=(0.0, 1.05 * most), x_label="worst deviation of a run over its bound")]], 2.8, 3)
 
 
-def _kind(result: Mapping[str, Any]) -> str:
-    return result["disturbance"]
-
-
-def draw_margins(results: Results) -> Figure:
-    """Draws the smallest margin of each run to each constraint, over the constraint's size."""
-    names = list(results[0]["margins"])
-    names.sort(key=lambda name: -min(result["margins"][name] for result in results))
-    figure = Figure(figsize=(COLUMN_WIDTH, 0.7 + 0.13 * len(names)), layout="constrained")
-    axis = figure.subplots()
+def margins_drawing(results: Results) -> Drawing:
+    """Returns the smallest margin of each run to each constraint, over the constraint's size."""
+    lowest = {name: min(result["margins"][name] for result in results)
+              for name in results[0]["margins"]}
+    names = sorted(lowest, key=lambda name: lowest[name])
+    series = [_limit(0.0, len(names), None)]
     for row, name in enumerate(names):
-        values = [result["margins"][name] for result in results]
-        axis.plot(values, np.full(len(values), row), color=BLUE, **{**DOT, "alpha": 0.25})
-        axis.plot(min(values), row, color=ORANGE, marker="|", markersize=5, linestyle="",
-                  label="worst run" if row == 0 else None)
-    axis.axvline(0.0, **LIMIT)
-    lowest = min(min(result["margins"].values()) for result in results)
-    axis.set_xlim(min(1.05 * lowest, -0.02), 1.0)
-    figure.legend(ncols=2, loc="outside upper center")
-    axis.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
-    axis.tick_params(axis="y", labelsize=5.5)
-    axis.set_xlabel("smallest margin of a run over the constraint's size")
-    return figure
+        series += _dots(((result["margins"][name], -row) for result in results), BLUE, alpha=0.25)
+    series.append(line(-np.arange(len(names)), {"color": ORANGE, "marker": "|", "markersize": 5},
+                       x=np.array([lowest[name] for name in names]), linestyle="",
+                       label="worst run"))
+    return Drawing([[Panel(
+        "", np.zeros(0), series, rows=[name.replace("_", " ") for name in names],
+        window=(min(1.05 * lowest[names[0]], -0.02), 1.0),
+        x_label="smallest margin of a run over the constraint's size")]],
+        0.7 + 0.13 * len(names))
 
 
-def draw_outcomes(results: Results, tolerance: float) -> Figure:
-    """Draws the histograms of final force error and settling time.
+def outcomes_drawing(results: Results, tolerance: float) -> Drawing:
+    """Returns the histograms of final force error and settling time.
 
     Args:
         results: Results of the runs.
         tolerance: Force error below which the force counts as settled [N].
     """
-    figure = Figure(figsize=(COLUMN_WIDTH, 2.9), layout="constrained")
-    axes = figure.subplots(2)
-    for axis, (name, label) in zip(axes, (
-            ("force_error", "force error at the end [N]"),
-            ("settling_time_s", "settling time of the force [s]")), strict=True):
+    panels = []
+    for name, label in (("force_error", "force error at the end [N]"),
+                        ("settling_time_s", "settling time of the force [s]")):
         values = [result[name] for result in results if result[name] is not None]
-        highest = max([*values, tolerance])
-        axis.hist(values, bins=BINS, range=(0.0, 1.02 * highest), color=BLUE)
-        axis.yaxis.set_major_locator(MaxNLocator(4, integer=True))
-        axis.set_xlabel(f"{label}, {len(values)} of {len(results)} runs")
-        axis.set_ylabel("runs")
-    axes[0].axvline(tolerance, **{**LIMIT, "label": "counts as settled"})
-    axes[0].legend(loc="best")
-    return figure
+        most = 1.02 * max([*values, tolerance])
+        counts, edges = np.histogram(values, BINS, range=(0.0, most))
+        panels.append(Panel(
+            "runs", edges, [band(0.0, np.append(counts, 0), step="post", color=BLUE)],
+            limits=(0.0, 1.05 * max(1, np.max(counts))), window=(0.0, most),
+            x_label=f"{label}, {len(values)} of {len(results)} runs"))
+    settled = line(np.array([0.0, len(results)]), LIMIT, x=np.full(2, tolerance),
+                   label="counts as settled")
+    panels[0] = Panel(**{**vars(panels[0]), "series": [*panels[0].series, settled]})
+    return Drawing([panels], 2.9, key=[settled])
 
 
-def draw_walls(results: Results) -> Figure:
-    """Draws static force and settling time on unknown surfaces over their stiffness."""
-    figure = Figure(figsize=(COLUMN_WIDTH, 2.9), layout="constrained")
-    axes = figure.subplots(2, sharex=True)
-    walls = [result["wall"] for result in results]
-    for axis, name, label in (
-            (axes[0], "static", "largest static force\nover the largest allowed"),
-            (axes[1], "settled_s", "from touch\nto settled [s]")):
-        points = np.array([(wall["stiffness"], wall[name]) for wall in walls
-                           if wall["stiffness"] is not None and wall[name] is not None])
-        if len(points):
-            axis.plot(*points.T, color=BLUE, **DOT)
-        axis.set_ylabel(label)
-    axes[0].axhline(1.0, **{**LIMIT, "label": "largest allowed"})
-    axes[0].legend(loc="best")
-    for axis in axes:
-        axis.set_ylim(0.0, 1.05 * axis.get_ylim()[1])
-    axes[1].set_xlim(0.0, 1.02 * axes[1].get_xlim()[1])
-    axes[1].set_xlabel(f"largest slope of the wall's static force [N/m], {len(walls)} runs")
-    return figure
+def walls_drawing(walls: Results) -> Drawing:
+    """Returns static force and settling time on unknown surfaces over their stiffness."""
+    most = 1.02 * max(wall["stiffness"] or 0.0 for wall in walls) or 1.0
+    panels = []
+    for name, label, more in (
+            ("static", "largest static force\nover the largest allowed",
+             [line(1.0, LIMIT, label="largest allowed")]),
+            ("settled_s", "from touch\nto settled [s]", [line(0.0, {"linestyle": ""})])):
+        dots = _dots(((wall["stiffness"], wall[name]) for wall in walls), BLUE)
+        panels.append(Panel(label, np.zeros(0), [*more, *dots], scale="zero", window=(0.0, most),
+                            x_label="largest slope of the wall's static force [N/m], "
+                                    f"{len(walls)} walls"))
+    return Drawing([panels], 2.9)
 
 
-def draw_timing(times: Mapping[str, Any]) -> Figure:
-    """Draws the distribution of the MPC's step times."""
-    figure = Figure(figsize=(COLUMN_WIDTH, 1.9), layout="constrained")
-    axis = figure.subplots()
-    edges, steps = np.array(times["edges_ms"]), np.array(times["steps"])
-    axis.stairs(steps, edges, fill=True, color=BLUE)
-    axis.set_yscale("log", nonpositive="clip")
-    used = np.flatnonzero(steps)
-    _log(axis, edges[used[0]], edges[used[-1] + 1])
-    axis.set_ylim(bottom=0.7)
-    axis.set_xlabel("wall time of a step of the nominal MPC [ms]")
-    axis.set_ylabel("steps")
-    return figure
+def _dots(points: Iterable[tuple[float | None, float | None]], color: str, **style: Any
+          ) -> list[Series]:
+    """Returns the points of which both coordinates are known as a series, if there are any."""
+    known = np.array([point for point in points if None not in point], dtype=float)
+    return [line(known[:, 1], DOT, x=known[:, 0], color=color, **style)] if len(known) else []
 
 
-def _log(axis: Axes, low: float, high: float) -> None:
-    """Makes the x axis logarithmic, with plain numbers: 1, 2, 5, ... or decades if it is long."""
-    axis.set_xscale("log")
-    axis.set_xlim(low, high)
-    subs = (1.0, 2.0, 5.0) if high < LONG * low else (1.0,)
-    axis.xaxis.set_major_locator(LogLocator(subs=subs))
-    axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.xaxis.set_minor_locator(NullLocator())
+def _limit(at: float, rows: int, label: str | None) -> Series:
+    """Returns a vertical line over so many rows."""
+    return line(np.array([0.5, 0.5 - rows]), LIMIT, x=np.full(2, at), label=label)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.run import STEP_EDGES_MS
 from uvms_drake.report.wall_metrics import LAST_SECONDS
 
 WORST = 10
@@ -190,25 +189,18 @@ def all_well(summary: Mapping[str, Any]) -> bool:
             and not any(counts[name] for name in PROMISES))
 
 
-def summarise_times(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Returns the content of timing.json: times of a run [s], its slowest MPC step [ms], all steps.
+def summarise_times(runs: Results) -> dict[str, Any]:
+    """Returns the content of timing.json: statistics of the times of runs, and of an MPC's steps.
 
-    `step_ms` are the quantiles of all steps, each the upper edge of its bin, and `steps` counts the
-    steps between the `edges_ms`.
+    Args:
+        runs: `times` of the results: `seconds`, and median and longest of a run's steps [ms].
     """
     out: dict[str, Any] = {"runs": len(runs)}
-    for name in ("seconds", "worst_step_ms"):
+    for name in ("seconds", "step_ms", "worst_step_ms"):
         values = [run[name] for run in runs if run[name] is not None]
         out[name] = {"median": float(np.median(values)), "p95": float(np.percentile(values, 95)),
                      "max": float(np.max(values))} if values else None
-    steps = np.zeros(len(STEP_EDGES_MS) - 1, dtype=int)
-    for run in runs:
-        for i, count in run["steps"].items():
-            steps[int(i)] += count
-    share = np.cumsum(steps) / max(int(np.sum(steps)), 1)
-    out["step_ms"] = {f"p{q:g}": float(STEP_EDGES_MS[1 + int(np.searchsorted(share, q / 100.0))])
-                      for q in (50.0, 95.0, 99.0)} if np.any(steps) else None
-    return {**out, "edges_ms": STEP_EDGES_MS.tolist(), "steps": steps.tolist()}
+    return out
 
 
 def format_campaign(summary: Mapping[str, Any], times: Mapping[str, Any], folder: str) -> str:
@@ -221,8 +213,8 @@ def format_campaign(summary: Mapping[str, Any], times: Mapping[str, Any], folder
              *_format_groups(summary), "", *_format_walls(walls), *_format_counts(summary)]
     if times["seconds"] is not None:
         lines.append(f"a run took {times['seconds']['median']:.2f} s in the median"
-                     + ("" if step is None else f", a step of the MPC {step['p50']:.3g} ms, "
-                        f"{step['p99']:.3g} ms at the 99th percentile"))
+                     + ("" if step is None else f", a step of the MPC {step['median']:.3g} ms, "
+                        f"{times['worst_step_ms']['max']:.3g} ms at most"))
     return "\n".join([*lines, *_format_worst(summary["worst"], folder)])
 
 

@@ -41,7 +41,6 @@ HELP = {
     "mpc.initial_state": "initial_state: nominal",
     "mpc.terminal_weight": "terminal_weight: null, so that P is computed",
     "mpc.terminal_set": "terminal_set: true",
-    "mpc.input_reference": "input_reference: equilibrium",
     "current": "still water, an ideal wrench without a clock, or --uncertified",
     "waves": "still water, an ideal wrench without a clock, or --uncertified",
     "model_error": "leaving it out",

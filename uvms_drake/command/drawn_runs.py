@@ -161,7 +161,7 @@ def complete(args: argparse.Namespace, campaign: Campaign, number: int, output: 
             (own.folder / name).write_text(text + "\n", encoding="utf-8")
         if certificate is not None:
             write_certificate(certificate, own.folder)
-        make_campaign_figures(summary, times, own.folder)
+        make_campaign_figures(summary, own.folder)
     return summary, format_campaign(summary, times, str(output)), own.kept
 
 

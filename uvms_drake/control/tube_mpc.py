@@ -1,6 +1,5 @@
 """The tube-based NMPC: nominal MPC and ancillary feedback as one Diagram."""
 
-from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
@@ -13,19 +12,18 @@ from uvms_drake.control.feedback.feedforward_preview import add_feedforward_prev
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
-from uvms_drake.control.mpc.planner import Targets
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.solver import Solver
+from uvms_drake.control.mpc.planner import Targets, committed_intervals
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
-from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 
 
-def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
+def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
                   targets: Targets | None = None, limits: Limits | None = None,
                   command_path: CommandPath = IDEAL_PATH,
-                  solver: Solver[Any] | None = None,
+                  solver: Solver | None = None,
                   press: PressControl | None = None) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
@@ -81,7 +79,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         targets: Problems of other desired forces; None: the desired force is constant.
         limits: Limits of the real robot, to which `u` and `tau` are clipped; None: no clipping.
         command_path: Path of the commands, for a law that takes the thrusters' wrench; see
-            `control.feedback.feedforward_preview` and `control.plan.commitment`.
+            `control.feedback.feedforward_preview` and `control.mpc.planner`.
         solver: Solver of the problem; that of its `MpcConfig` if None, see `make_solver`.
         press: Press on an unknown wall by the measured force, for a `TrackingOcp`; None: the model
             has the force.

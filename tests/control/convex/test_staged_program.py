@@ -19,11 +19,11 @@ from uvms_drake.control.convex.staged_program import (
     RadiusBound,
     StagedProgram,
     TerminalLimit,
+    WorkingSet,
 )
 from uvms_drake.control.convex.staged_solver import solve_staged
-from uvms_drake.control.convex.working_set import WorkingSet
 from uvms_drake.control.ocp.tracking_ocp import TrackingTarget
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
@@ -343,7 +343,7 @@ def test_the_program_is_the_first_order_model_of_the_problem(short_ocp, start_pl
     z.append(np.concatenate([x, np.zeros(10)]))
     slope += program.g_end @ x
 
-    def moved(s: float) -> DynamicPlan:
+    def moved(s: float) -> Plan:
         return guess.redone(guess.start, guess.zeta_dot + s * change)
 
     def smooth_cost(s: float) -> float:

@@ -15,11 +15,11 @@ from uvms_drake.control.feedback.feedforward_preview import (
 )
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.tip_first import BlockGains
-from uvms_drake.control.plan.commitment import committed_intervals
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.mpc.planner import committed_intervals
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
-from uvms_drake.station.command_path import command_path_of
+from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import load_scenario
 
 H, N = 0.2, 6
@@ -27,17 +27,17 @@ GAINS = (1.5, 0.4)  # k, σ of the vehicle [1/s]
 PATH = CommandPath(delay=0.04, dead_time=0.1, lag=0.16)  # s; 0.3 of the vehicle, 0.04 of the joints
 
 
-def jumping(before: int = 0) -> DynamicPlan:
+def jumping(before: int = 0) -> Plan:
     """A plan that speeds up, brakes, and speeds up again, all coordinates at once.
 
     It hovers for some intervals before.
     """
     size = np.array([0.2, -0.2, 0.2, 0.1, 0.1, -0.1, 0.4, 0.4, -0.4, 0.4])
     zeta_dot = np.outer([0.0] * before + [1.0, 1.0, 0.8, -0.5, -0.5, 0.1], size)
-    return DynamicPlan.from_accelerations(0.0, H, CONFIG, np.zeros(10), zeta_dot)
+    return Plan.from_accelerations(0.0, H, CONFIG, np.zeros(10), zeta_dot)
 
 
-def planned_forces(model, plan: DynamicPlan, time: float) -> np.ndarray:
+def planned_forces(model, plan: Plan, time: float) -> np.ndarray:
     """Returns τ̄ (10,) by M ζ̄̇ − M f."""
     config, zeta, zeta_dot = plan.at(time)
     return model.mass_matrix(model.kinematics(config)) @ (zeta_dot - model.drift(config, zeta))

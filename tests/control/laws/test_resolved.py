@@ -7,7 +7,7 @@ from support.laws import SIGMA, K, not_asked, pairs, resolved_input
 
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.uvms_model import configuration_rate
 
 
@@ -48,7 +48,7 @@ def test_the_law_resolved_keeps_a_closed_loop_within_its_bound(model):
     """‖𝔯‖ ≤ d̃/k and ‖𝔢_y‖ ≤ J̄d̃/(kσ) over 3 s from zero error, pressing into the wall."""
     y = np.array([0.0, 0.2, 0.1, 0.0, 0.0, 0.1, 0.0, 1.1, 0.47, 0.0])
     zeta = np.array([0.05, 0.02, 0.0, 0.0, 0.0, 0.05, 0.1, -0.05, 0.05, 0.1])
-    plan = DynamicPlan.from_accelerations(
+    plan = Plan.from_accelerations(
         0.0, 3.0, model.configuration(y), zeta, -zeta[None] / 3.0)
     bound, dt = 0.1, 0.003
     direction = np.linspace(1.0, -0.5, 10)

@@ -6,7 +6,7 @@ import pytest
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.limits.pose import ToolAngle
 from uvms_drake.control.limits.speeds import ContactSpeed, SafeDepth, SafeDepthBetweenKnots
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -68,7 +68,7 @@ def test_values_are_depths_now_and_half_an_interval_later(model, points):
     between = SafeDepthBetweenKnots(FACETS, DEPTHS, H).values(points)
     still = np.zeros((1, 10))
     for k in range(len(depth)):
-        plans = [DynamicPlan.from_accelerations(
+        plans = [Plan.from_accelerations(
             0.0, 1e-6, points.config[k], sign * points.zeta[k], still) for sign in (1, -1)]
         after, before = (model.task_pose(plan.config[1])[:3] for plan in plans)
         velocity = (after - before) / 2e-6

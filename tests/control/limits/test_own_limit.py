@@ -12,8 +12,8 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits
 from uvms_drake.control.limits.pose import TipBox
 from uvms_drake.control.limits.speeds import TipVelocity
-from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.report.signals import constraint_signals

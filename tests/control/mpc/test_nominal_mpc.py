@@ -25,8 +25,7 @@ from uvms_drake.control.mpc.planner import (
     Targets,
 )
 from uvms_drake.control.ocp.ocp import FEASIBLE
-from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.solver import Solution
+from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
 from uvms_drake.model.uvms_model import configuration_rate
 
 H = 0.2  # s

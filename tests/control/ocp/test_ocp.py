@@ -8,9 +8,8 @@ from support import dh
 from support.limits import with_limits
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, VIOLATION_PENALTY, Ocp
-from uvms_drake.control.plan.plan import DynamicPlan, Plan, advance
+from uvms_drake.control.plan.plan import Plan, advance
 from uvms_drake.station.scenario.scenario import load_scenario
 
 H = 0.2  # s
@@ -28,7 +27,7 @@ def plan_around(ocp, seed: int, depth: float = 0.0) -> Plan:
     zeta[:3] = 0.01, -0.02, 0.015
     zeta_dot = rng.uniform(-0.1, 0.1, size=(4, 10))
     zeta_dot[:, :3] *= 0.01
-    return DynamicPlan.from_accelerations(0.0, H, ocp.model.configuration(y), zeta, zeta_dot)
+    return Plan.from_accelerations(0.0, H, ocp.model.configuration(y), zeta, zeta_dot)
 
 
 @pytest.fixture(params=["free", "in contact"])
@@ -236,7 +235,7 @@ def test_the_first_knot_is_given_and_violates_nothing(ocp):
     zeta[0] = ocp.limits["nu1"].upper[0] + 0.02
     zeta_dot = np.zeros((4, 10))
     zeta_dot[0, 0] = -0.12
-    plan = DynamicPlan.from_accelerations(0.0, H, config, zeta, zeta_dot)
+    plan = Plan.from_accelerations(0.0, H, config, zeta, zeta_dot)
     assert plan.zeta[1, 0] < ocp.limits["nu1"].upper[0]
     assert ocp.evaluate(plan).violation == 0.0
 
@@ -309,5 +308,5 @@ def test_whole_turns_of_the_tool_cost_nothing(ocp, turns):
 def test_a_setting_without_meaning_is_named(ocp, key, value):
     config = replace(load_scenario("girona500_ideal").mpc, **{key: value})
     with pytest.raises(InvalidParameter) as caught:
-        DynamicOcp(ocp.model, config, ocp.y_des, ocp.limits)
+        Ocp(ocp.model, config, ocp.y_des, ocp.limits)
     assert caught.value.key == key

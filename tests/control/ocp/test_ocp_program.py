@@ -13,8 +13,8 @@ from support.limits import with_limits
 from support.programs import check_derivatives, cost, excess, names
 from support.tracking import POSITION, at_rest, tracking_ocp
 
-from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp_program import OcpProgram
+from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingTarget
 
 
@@ -35,7 +35,7 @@ def test_costs_and_limits_have_the_derivatives_of_differences(short_ocp, start_p
 def test_those_of_a_reference_that_is_decided_too():
     ocp = tracking_ocp(overrides=("mpc.horizon=3",)).aimed(
         TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12))
-    program = ocp.mathematical_program(at_rest(ocp, POSITION - [0.1, 0.0, 0.0]))
+    program = OcpProgram.at(ocp, at_rest(ocp, POSITION - [0.1, 0.0, 0.0]))
     assert check_derivatives(program, scattered(program)) > 10
     assert len(program.a) == 3
 

@@ -8,10 +8,9 @@ from pydrake.solvers import SnoptSolver
 from support.limits import with_limits
 
 from uvms_drake.control.convex.staged_solver import solve_staged
-from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
 from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
-from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.solver import Solution
+from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
+from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario

@@ -9,16 +9,13 @@ from pydrake.solvers import SnoptSolver
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.costs.level_vehicle import LevelVehicle
-from uvms_drake.control.costs.offset_cost import OffsetCost
+from uvms_drake.control.costs.costs import LevelVehicle, OffsetCost
 from uvms_drake.control.limits.pose import TipBox
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.nonlinear_solver import NonlinearSolver
-from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
-from uvms_drake.control.plan.plan import DynamicPlan
-from uvms_drake.control.plan.tracking_plan import TrackingPlan
+from uvms_drake.control.plan.plan import Plan, TrackingPlan
 
 EXCEEDED = 1e-6
 
@@ -176,7 +173,7 @@ def test_a_retarget_costs_a_copy_and_one_program(ocp, monkeypatch):
 def test_about_its_own_reference_a_plan_costs_what_the_fixed_problem_says(ocp):
     """Whose penalty and input at rest are the same, wherever the task is."""
     plan = somewhere(ocp, 4)
-    fixed = DynamicOcp(ocp.model, mpc_of(ocp), ocp.reference(plan), ocp.limits)
+    fixed = Ocp(ocp.model, mpc_of(ocp), ocp.reference(plan), ocp.limits)
     aimed = ocp.aimed(TrackingTarget(ocp.reference(plan)[:3]))
     here, there = aimed.evaluate(plan), fixed.evaluate(plan)
     assert here.cost == pytest.approx(there.cost, rel=1e-9)
@@ -192,7 +189,7 @@ def test_a_plan_keeps_its_reference_when_it_is_continued_or_redone(ocp):
     again = plan.redone(plan.start, plan.decision)
     for key in ("config", "zeta", "zeta_dot", "a"):
         np.testing.assert_allclose(getattr(again, key), getattr(plan, key), atol=1e-15)
-    rolled = DynamicPlan.from_accelerations(
+    rolled = Plan.from_accelerations(
         0.0, 0.2, plan.config[0], plan.zeta[0], plan.zeta_dot)
     np.testing.assert_array_equal(plan.config, rolled.config)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.control.contact.safe_region import apex
-from uvms_drake.control.plan.between_knots import between_knots, stopping_distance
+from uvms_drake.control.plan.plan import between_knots, stopping_distance
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 

@@ -5,7 +5,6 @@ import pytest
 from pydrake.math import RollPitchYaw
 
 from uvms_drake.control.plan.plan import (
-    DynamicPlan,
     Plan,
     advance,
     advance_derivatives,
@@ -55,7 +54,7 @@ def random_plan(seed: int, intervals: int = 6, start_time: float = 3.4) -> Plan:
     zeta *= SPEEDS
     zeta_dot = np.diff(zeta, axis=0) / H
     zeta_dot = zeta_dot / np.max(np.abs(zeta_dot) / ACCELERATIONS)
-    return DynamicPlan.from_accelerations(start_time, H, config, zeta[0], zeta_dot)
+    return Plan.from_accelerations(start_time, H, config, zeta[0], zeta_dot)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -6,8 +6,7 @@ from support.robots import copied
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.plan.stiff_regulator import LARGEST_GROWTH, linear_regulator
-from uvms_drake.control.plan.terminal import terminal_ingredients
+from uvms_drake.control.plan.terminal import LARGEST_GROWTH, linear_regulator, terminal_ingredients
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.control.plan.plan import advance
-from uvms_drake.control.plan.stiff_regulator import LARGEST_GROWTH
-from uvms_drake.control.plan.terminal import INFLATION, terminal_ingredients
+from uvms_drake.control.plan.terminal import INFLATION, LARGEST_GROWTH, terminal_ingredients
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.station.scenario.scenario import load_scenario
 

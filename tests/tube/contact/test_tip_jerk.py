@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.control.plan.between_knots import off_parabola
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.plan import Plan, off_parabola
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.tube.contact.tip_motion import tip_jerk
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -27,7 +26,7 @@ def test_no_interval_of_a_plan_is_further_off_a_parabola(model, jerk):
     after = np.where(np.arange(60)[:, None] % 2, -before, SET.sample(model, 60, rng)[1])
     worst = 0.0
     for q, first, last in zip(config, before, after, strict=True):
-        plan = DynamicPlan.from_accelerations(0.0, H, q, first, ((last - first) / H)[None])
+        plan = Plan.from_accelerations(0.0, H, q, first, ((last - first) / H)[None])
         states = [plan.at(float(time))[:2] for time in t]
         tips = np.array([model.task_pose(each)[:3] for each, _ in states])
         start = model.kinematics(states[0][0]).J_chi[:3] @ states[0][1]

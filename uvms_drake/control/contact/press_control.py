@@ -10,7 +10,7 @@ from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.press_target import PressTarget, search_speed, touch_to_plan
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.plan_extent import PlanExtent
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -56,7 +56,7 @@ class PressControl:
     margin: float
     """E, largest distance of the real tip beyond the planned one [m]; see `ContactEstimator`."""
 
-    def add_to(self, builder: DiagramBuilder, ocp: DynamicOcp, state: OutputPort,
+    def add_to(self, builder: DiagramBuilder, ocp: Ocp, state: OutputPort,
                committed: int) -> "PressSystems":
         """Adds contact estimator, desired force and press target.
 

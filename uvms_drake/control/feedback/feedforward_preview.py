@@ -8,7 +8,7 @@ with ℓ the sum of the dead times, half the periods of the holds, and the time 
 `CommandPath.preview`. The remaining error is of second order, (e^{sT} − 1 − Ts)/(Ts + 1) behind a
 lag T, and no average of the plan's forces has a smaller one. The reaction of an unknown wall is
 predicted with its estimated stiffness and inclination, n·𝐅 + κ̂(n + 𝔱)·Δ𝔭̄, not below zero; before
-the first touch none is. A new plan keeps the commands that were issued, see `commitment`; beyond
+the first touch none is. A new plan keeps the commands that were issued, see `planner`; beyond
 the end of a plan its last forces are used. Derivation:
 control/feedback/theory.md#feedforward-preview.
 """
@@ -22,7 +22,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -42,7 +42,7 @@ class SurfaceReaction(NamedTuple):
 
 
 def previewed_forces(
-    model: UvmsModel, plan: DynamicPlan, time: float, preview: tuple[float, float],
+    model: UvmsModel, plan: Plan, time: float, preview: tuple[float, float],
     now: tuple[np.ndarray, ...], pressed: SurfaceReaction | None = None,
 ) -> np.ndarray:
     """Returns τ̄(t + ℓ) − τ̄(t) (6+n,) of (P) [N, N m].
@@ -86,7 +86,7 @@ class FeedforwardPreview(LeafSystem):
         output_ports:
         - preview
 
-    - `plan`: current `DynamicPlan` (abstract).
+    - `plan`: current `Plan` (abstract).
     - `nominal_state`, `nominal_acceleration`: (𝔮̄, ζ̄) (2(6+n)) and ζ̄̇ (6+n) of now.
     - `touched` (1), `reading` (4), `stiffness_used` (1), `tilt` (3), `force_lost` (1): those of a
       `ContactEstimator`. While the force is lost no reaction is predicted.

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from uvms_drake.control.limits.limit import Limit
-from uvms_drake.control.plan.between_knots import between_knots
+from uvms_drake.control.plan.plan import between_knots
 from uvms_drake.control.plan.points import About, Points, Slopes
 
 

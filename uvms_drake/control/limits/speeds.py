@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.common.errors import vector
 from uvms_drake.control.limits.limit import AbsoluteLimit, Cone, Limit
-from uvms_drake.control.plan.between_knots import between_knots
+from uvms_drake.control.plan.plan import between_knots
 from uvms_drake.control.plan.points import About, Points, Slopes
 
 BLOCKS = {"nu1": (slice(0, 3), "vehicle speed", "m/s"),

@@ -6,7 +6,7 @@ import numpy as np
 
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp.ocp import Ocp
-from uvms_drake.control.plan.plan import P
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.contact_model import ContactModel
 
 
@@ -30,7 +30,7 @@ class LimitViolation(NamedTuple):
                 f"from t = {self.time:.2f} s on")
 
 
-def first_violation(ocp: Ocp[P], plan: P, allowed: float) -> LimitViolation | None:
+def first_violation(ocp: Ocp, plan: Plan, allowed: float) -> LimitViolation | None:
     """Returns the limit that a plan exceeds first by more than `allowed`, or None."""
     found = []
     for limit, times, excess in ocp.excesses(plan):
@@ -42,7 +42,7 @@ def first_violation(ocp: Ocp[P], plan: P, allowed: float) -> LimitViolation | No
     return min(found, key=lambda excess: excess.time, default=None)
 
 
-def infeasibility_reason(ocp: Ocp[P], guess: P, plan: P | None, allowed: float) -> str:
+def infeasibility_reason(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: float) -> str:
     """Returns the reason for which a first plan is infeasible, in one line.
 
     Args:

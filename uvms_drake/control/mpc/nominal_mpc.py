@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -27,7 +26,7 @@ from uvms_drake.control.mpc.planner import (
     Sample,
     Targets,
 )
-from uvms_drake.control.ocp.solver import Solver
+from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.plan.plan import Plan
 
 
@@ -39,7 +38,7 @@ class NominalMpc(LeafSystem):
     (eq:diff_mpc), which starts each solve at the measured state, contradicts the paper's own proof.
     A problem with the initial state `measured` follows (eq:diff_mpc).
 
-    The state is (𝔮, ζ) with a `DynamicOcp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
+    The state is (𝔮, ζ) with a `Ocp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
 
     If a solve fails, or takes longer than the problem's deadline, the last plan continued by the
     terminal controller replaces the new one; likewise if it is sound and the new one is not, which
@@ -52,7 +51,7 @@ class NominalMpc(LeafSystem):
     observers to settle; only the first plan after it can fail: `RunFailed`, too.
 
     The first n intervals of a plan may be committed: each plan then has those of the last one, and
-    the first one coasts (from rest, hovers) there; see `commitment`.
+    the first one coasts (from rest, hovers) there; see `planner`.
 
     A measured state that is not finite counts as missing: there is no first plan from it, and a
     problem with the initial state `measured` plans from the nominal state instead.
@@ -80,7 +79,7 @@ class NominalMpc(LeafSystem):
         - safe_depth (optional, with a TrackingOcp)
         output_ports:
         - nominal_state
-        - nominal_acceleration (with a DynamicOcp)
+        - nominal_acceleration (with a Ocp)
         - nominal_input
         - plan
         - report
@@ -110,7 +109,7 @@ class NominalMpc(LeafSystem):
         committed: Number n of committed intervals; zero for a `KinematicOcp`.
     """
 
-    def __init__(self, solver: Solver[Any], targets: Targets | None = None,
+    def __init__(self, solver: Solver, targets: Targets | None = None,
                  committed: int = 0):
         super().__init__()
         self._planner = Planner(solver, targets, committed)
@@ -139,9 +138,8 @@ class NominalMpc(LeafSystem):
         # Outputs of the plan at this instant, and of the last sample.
         evaluated = {self._nominal.ticket()}
         self.DeclareVectorOutputPort("nominal_state", 2 * size, self._calc_state, evaluated)
-        if self._ocp.has_accelerations:
-            self.DeclareVectorOutputPort(
-                "nominal_acceleration", size, self._calc_acceleration, evaluated)
+        self.DeclareVectorOutputPort(
+            "nominal_acceleration", size, self._calc_acceleration, evaluated)
         self.DeclareVectorOutputPort("nominal_input", size, self._calc_input, evaluated)
         self.DeclareAbstractOutputPort(
             "plan", lambda: Value(object()), self._calc_plan, remembered)
@@ -234,7 +232,7 @@ class NominalMpc(LeafSystem):
         output.SetFromVector([self._recall(context).solve_seconds])
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, solver: Solver[Any], *,
+    def AddToBuilder(builder: DiagramBuilder, solver: Solver, *,
                      state: OutputPort | None = None, targets: Targets | None = None,
                      committed: int = 0, name: str = "nominal_mpc") -> "NominalMpc":
         """Adds the planner; `state` gives (𝔮, ζ) or 𝔮 and is left to the caller if None."""

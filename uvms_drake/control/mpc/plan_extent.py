@@ -12,8 +12,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.wiring import added
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
-from uvms_drake.control.plan.between_knots import between_knots
-from uvms_drake.control.plan.tracking_plan import TrackingPlan
+from uvms_drake.control.plan.plan import TrackingPlan, between_knots
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.surface_class import SurfaceClass
 

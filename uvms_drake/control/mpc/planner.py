@@ -1,23 +1,33 @@
 """Step of the nominal MPC at a sampling instant: from its memory and the sample to a new memory.
 
-A plan is made for the N intervals after the first n of the last one, which are committed, see
-`commitment`; without actuation delay n = 0.
+A plan is made for the N intervals after the first n of the last one, which are committed: a law
+that commands the plan's forces ℓ in advance (`feedforward_preview`) has, until the next sample
+t_{i+1}, committed the actuators up to t_{i+1} + ℓ. With n = ⌈ℓ/h⌉
+
+    plan i on [t_i, t_i + nh]  =  plan i − 1 there;    free on the N intervals from t_i + nh on,
+
+and the problem is the one without actuation delay, from the state at t_i + nh. No command that was
+issued changes, and every problem is feasible if it was so without: proofs in
+control/plan/theory.md#committed-horizon. Before the first plan the robot coasts; at rest it hovers.
 """
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.mpc.infeasibility import infeasibility_reason
 from uvms_drake.control.ocp.ocp import Ocp
-from uvms_drake.control.ocp.solver import Solution, Solver
-from uvms_drake.control.plan.plan import Plan
+from uvms_drake.control.ocp.scp import Solution, Solver
+from uvms_drake.control.plan.plan import KNOT_TOLERANCE, Plan
+from uvms_drake.model.signals.command_path import CommandPath
 
 FIRST_SOLVE_ITERATIONS = 50
 """Largest number of iterations of the first solve, which starts from a plan at rest."""
@@ -41,7 +51,7 @@ TROUBLE = {FAILED: "the solver failed", TIMED_OUT: "the solver missed its deadli
            DROPPED: "the sample was dropped"}
 """Alarm about an outcome, given at the first of the samples in a row that have it."""
 
-NOTHING: Solution[Any] = Solution(None, None, 0, converged=False)
+NOTHING: Solution = Solution(None, None, 0, converged=False)
 """Solution of a solver that was not started."""
 
 SOLVERS_KEPT = 16
@@ -58,7 +68,7 @@ class Targets(NamedTuple):
 
     force: np.ndarray
     """𝔉_des at the start (6,) [N, N m]."""
-    ocp: Callable[[np.ndarray], Ocp[Any]]
+    ocp: Callable[[np.ndarray], Ocp]
     """Function from 𝔉_des to its problem; raises `InvalidParameter` if there is none."""
 
 
@@ -108,7 +118,7 @@ class Planner:
         committed: n, number of intervals at the beginning of a plan that are not decided.
     """
 
-    def __init__(self, solver: Solver[Any], targets: Targets | None = None,
+    def __init__(self, solver: Solver, targets: Targets | None = None,
                  committed: int = 0):
         self._solver, self._targets, self._committed = solver, targets, committed
         self.clock: Callable[[], float] = time.perf_counter
@@ -197,7 +207,7 @@ class Planner:
         _say(now, DROPPED, memory)
         return replace(memory, plan=plan, report=report)
 
-    def _guess(self, sample: Sample, memory: MpcMemory, ocp: Ocp[Any]) -> Plan:
+    def _guess(self, sample: Sample, memory: MpcMemory, ocp: Ocp) -> Plan:
         """Returns the last plan continued to now, the start of a new one."""
         plan = memory.plan
         assert plan is not None
@@ -213,7 +223,7 @@ class Planner:
         return state if state is not None and np.all(np.isfinite(state)) else None
 
     def _solve(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray,
-               solver: Solver[Any], guess: Plan) -> tuple[np.ndarray, Solution[Any], int]:
+               solver: Solver, guess: Plan) -> tuple[np.ndarray, Solution, int]:
         """Returns 𝔉_des (6,) of a new plan, its solution, and the outcome of the sample."""
         free = guess.after(self._committed)
         solution = self._retargeted(sample, memory, asked_before, free)
@@ -223,13 +233,11 @@ class Planner:
         solution = solver.solve(free, ocp.iterations)
         if solution.plan is None:
             return memory.force, solution, FAILED
-        slack = ocp.tolerance if ocp.ends_at_task else np.inf
-        better = ocp.is_sound(solution.evaluation, slack) or not ocp.is_sound(
-            ocp.evaluate(free), slack)
+        better = ocp.is_sound(solution.evaluation) or not ocp.is_sound(ocp.evaluate(free))
         return memory.force, solution, SOLVED if better else KEPT
 
     def _retargeted(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, free: Plan
-                    ) -> Solution[Any] | None:
+                    ) -> Solution | None:
         """Returns the plan for a new desired force, or None if there is none or it is refused.
 
         The logger gets the reason at the first sample of the request.
@@ -249,26 +257,26 @@ class Planner:
             warn(sample.time, f"the desired force is refused: {why}")
         return None
 
-    def _current(self, sample: Sample, memory: MpcMemory) -> Solver[Any]:
+    def _current(self, sample: Sample, memory: MpcMemory) -> Solver:
         """Returns the solver of the plan's problem, with the inputs given now."""
         solver = self._solver_of(memory.force)
         assert solver is not None  # It made the plan.
         return solver.of(solver.ocp.given(sample.given)) if sample.given else solver
 
-    def _solver_of(self, force: np.ndarray) -> Solver[Any] | None:
+    def _solver_of(self, force: np.ndarray) -> Solver | None:
         """Returns the solver of the problem of a desired force (6,), or None if there is none."""
         if np.array_equal(force, self.initial.force):
             return self._solver
         return self._problem(force.tobytes())[0]
 
-    def _make_solver(self, force: bytes) -> tuple[Solver[Any] | None, str]:
+    def _make_solver(self, force: bytes) -> tuple[Solver | None, str]:
         assert self._targets is not None
         try:
             return self._solver.of(self._targets.ocp(np.frombuffer(force))), ""
         except (InvalidParameter, np.linalg.LinAlgError) as error:
             return None, str(error)
 
-    def _remember(self, sample: Sample, memory: MpcMemory, guess: Plan, solution: Solution[Any],
+    def _remember(self, sample: Sample, memory: MpcMemory, guess: Plan, solution: Solution,
                status: int) -> MpcMemory:
         """Returns the memory with the plan of a solution; with the guess, if it has none."""
         value = solution.evaluation or self._current(sample, memory).ocp.evaluate(
@@ -286,3 +294,16 @@ def _say(now: float, status: int, old: MpcMemory) -> None:
     """Warns of a sample without a new plan, unless the one before it had the same outcome."""
     if status in TROUBLE and status != old.report[1]:
         warn(now, TROUBLE[status])
+
+
+def committed_intervals(law: AncillaryLaw, command_path: CommandPath, time_step: float) -> int:
+    """Returns n; zero for a law without feedforward preview.
+
+    Args:
+        law: The law.
+        command_path: Path of the commands, with ℓ as its `preview`.
+        time_step: h [s].
+    """
+    if not law.takes_wrench:
+        return 0
+    return math.ceil(max(command_path.preview) / time_step - KNOT_TOLERANCE)

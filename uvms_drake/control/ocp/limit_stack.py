@@ -18,7 +18,7 @@ from uvms_drake.control.plan.points import About, Points, Slopes
 
 
 class Inputs(NamedTuple):
-    """Beginnings of all intervals, then their ends where the input is another one there."""
+    """Beginnings of all intervals, then their ends."""
 
     points: Points
     """Points, with their inputs ū."""
@@ -81,49 +81,43 @@ class LimitStack:
         at: Two points with velocity and input, in whose form the limits are asked for theirs.
         stages: Number N + 1 of knots.
         width: Size of z, which starts with y and ζ.
-        given_speed: Knot at which the velocity is given.
-        ends: Number of ends of an interval with different inputs.
     """
 
-    def __init__(self, limits: Mapping[str, Limit], at: Points, stages: int, width: int,
-                 given_speed: int, ends: int):
-        self._stages, self._given_speed, self._ends = stages, given_speed, ends
-        self._size = at.model.size
+    def __init__(self, limits: Mapping[str, Limit], at: Points, stages: int, width: int):
+        self._stages, self._size = stages, at.model.size
         self._rows: list[_Entry] = []
         self._cones: list[_Entry] = []
-        # Every limit is a cone or has rows; those of an input there are at each end.
-        ordered = sorted(limits.values(), key=lambda limit: limit.about != "input")
-        cones = [limit.cone(at) if limit.about != "input" else None for limit in ordered]
-        bounds = [limit.row_bounds(at) if cone is None else None
-                  for limit, cone in zip(ordered, cones, strict=True)]
-        counts = [0 if each is None else len(each[0]) * (ends if limit.about == "input" else 1)
-                  for limit, each in zip(ordered, bounds, strict=True)]
-        shape = stages, sum(counts)
-        self._C, self._soft = np.zeros((*shape, width)), np.zeros(shape[1], dtype=bool)
-        self._lower, self._upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         self._norm_rows: list[np.ndarray] = []
         self._norm_bounds: list[np.ndarray] = []
-        self._names = tuple(f"limits.{limit.name}" for limit, count in zip(
-            ordered, counts, strict=True) for _ in range(count))
-        # Their places; slopes that are constant are written once.
-        last = np.cumsum(counts)
-        for limit, cone, own, count, stop in zip(ordered, cones, bounds, counts, last, strict=True):
+        # Every limit is a cone or has rows, of an input at both ends of an interval.
+        bounds: list[tuple[np.ndarray, np.ndarray]] = []
+        count = 0
+        for limit in sorted(limits.values(), key=lambda limit: limit.about != "input"):
+            cone = limit.cone(at) if limit.about != "input" else None
             if cone is not None:
                 C = np.zeros((1, cone.value.shape[-1], width))
                 self._fill(C, slice(None), cone.slopes)
                 self._norm_rows.append(C[0])
-                self._norm_bounds.append(self._norm_bound(limit, cone.bound))
+                self._norm_bounds.append(np.append(np.inf, np.full(stages - 1, cone.bound)))
                 self._cones.append(_Entry(limit, slice(0)))
-            if own is not None:
-                slopes = limit.row_slopes(at)
-                constant = limit.about != "input" and all(
-                    each is None or each.ndim == 2 for each in slopes)
-                entry = _Entry(limit, slice(stop - count, stop), constant)
-                self._rows.append(entry)
-                self._soft[entry.columns] = limit.soft
-                self._bound(entry, *own)
-                if constant:
-                    self._fill(self._C, entry.columns, slopes)
+                continue
+            own, slopes = limit.row_bounds(at), limit.row_slopes(at)
+            end = count + len(own[0]) * (2 if limit.about == "input" else 1)
+            self._rows.append(_Entry(limit, slice(count, end), limit.about != "input" and all(
+                each is None or each.ndim == 2 for each in slopes)))
+            bounds.append(own)
+            count = end
+        # Their arrays; slopes that are constant are written once.
+        shape = stages, count
+        self._C, self._soft = np.zeros((*shape, width)), np.zeros(count, dtype=bool)
+        self._lower, self._upper = np.full(shape, -np.inf), np.full(shape, np.inf)
+        for entry, own in zip(self._rows, bounds, strict=True):
+            self._soft[entry.columns] = entry.limit.soft
+            self._bound(entry, *own)
+            if entry.constant:
+                self._fill(self._C, entry.columns, entry.limit.row_slopes(at))
+        self._names = tuple(f"limits.{entry.limit.name}" for entry in self._rows
+                            for _ in range(entry.columns.stop - entry.columns.start))
 
     def is_of(self, limits: Mapping[str, Limit], stages: int) -> bool:
         """Returns whether the stack is that of these limits, for a number of knots."""
@@ -196,11 +190,10 @@ class LimitStack:
         for entry in self._rows:
             if entry.has_own_excess:
                 over[:, entry.columns] = -np.inf
-                parts.append(self._decided(entry.limit, entry.limit.excess(knots)))
+                parts.append(entry.limit.excess(knots)[1:])
         for entry, value, bound in zip(
                 self._cones, values.cones, self._norm_bounds, strict=True):
-            parts.append(self._decided(entry.limit, entry.limit.excess(knots))
-                         if entry.has_own_excess
+            parts.append(entry.limit.excess(knots)[1:] if entry.has_own_excess
                          else np.sqrt(np.sum(value**2, axis=1)) - bound)
         return np.concatenate([over.ravel(), *(part.ravel() for part in parts)])
 
@@ -230,11 +223,10 @@ class LimitStack:
         return tuple(map(NormLimit, self._norm_rows, values.cones, self._norm_bounds,
                          [f"limits.{entry.limit.name}" for entry in self._cones]))
 
-    def _side_by_side(self, value: np.ndarray) -> np.ndarray:
+    @staticmethod
+    def _side_by_side(value: np.ndarray) -> np.ndarray:
         """Returns values (N, 2m, ...) of the intervals from those of their ends (2N, m, ...)."""
-        intervals = self._stages - 1
-        return np.concatenate(
-            [value[i * intervals: (i + 1) * intervals] for i in range(self._ends)], axis=1)
+        return np.concatenate(np.split(value, 2), axis=1)
 
     def _fill(self, C: np.ndarray, columns: slice, slopes: Slopes) -> None:
         """Writes slopes by y and ζ at the knots; z starts with them."""
@@ -243,24 +235,10 @@ class LimitStack:
             if slope is not None:
                 C[:, columns, place] = slope
 
-    def _given(self, limit: Limit) -> int:
-        """Returns the knot at which the limited values are given."""
-        return self._given_speed if limit.about == "speed" else 0
-
-    def _decided(self, limit: Limit, excess: np.ndarray) -> np.ndarray:
-        return np.delete(excess, self._given(limit), axis=0)
-
     def _bound(self, entry: _Entry, lower: np.ndarray, upper: np.ndarray) -> None:
-        """Writes the bounds of a limit's rows, at the stages where it has them."""
+        """Writes the bounds of a limit's rows: the state at the first knot is given."""
         if entry.is_input:
-            self._lower[:-1, entry.columns] = np.tile(lower, self._ends)
-            self._upper[:-1, entry.columns] = np.tile(upper, self._ends)
-            return
-        self._lower[:, entry.columns], self._upper[:, entry.columns] = lower, upper
-        given = self._given(entry.limit)
-        self._lower[given, entry.columns], self._upper[given, entry.columns] = -np.inf, np.inf
-
-    def _norm_bound(self, limit: Limit, bound: float) -> np.ndarray:
-        out = np.full(self._stages, bound)
-        out[self._given(limit)] = np.inf
-        return out
+            self._lower[:-1, entry.columns] = np.tile(lower, 2)
+            self._upper[:-1, entry.columns] = np.tile(upper, 2)
+        else:
+            self._lower[1:, entry.columns], self._upper[1:, entry.columns] = lower, upper

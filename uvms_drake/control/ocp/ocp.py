@@ -1,27 +1,25 @@
-"""Nominal finite-horizon optimal control problem (FHOCP): the base of its two forms.
+"""Nominal finite-horizon optimal control problem (FHOCP) of a task.
 
-With y = (χ, q) the extended task, ξ the error state and u the input of the model,
+With y = (χ, q) the extended task, ξ = (y − y_des, ζ) and ζ̄̇ constant on N intervals of length h,
 
-    min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_ref‖²_R + ...) + ‖ξ_N‖²_P + ρ s       (eq:mpc_cost_function)
-    s.t. the model, from the state at the first knot                        (eq:diff_mpc)
-         speeds, joints, roll and pitch of the vehicle, pitch of the end-effector, the static
-         force on the surface and ū in limits                               (eq:mpc_constrained_set)
+    min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_eq‖²_R + ...) + ‖ξ_N‖²_P + ρ s       (eq:mpc_cost_function)
+    s.t. ȳ_{k+1} = Φ(ȳ_k, ζ̄_k, ζ̄̇_k),  ζ̄_{k+1} = ζ̄_k + h ζ̄̇_k                         (eq:diff_mpc)
+         speeds, joints, roll and pitch of the vehicle, pitch of the end-effector, the static force
+         on the surface; ū = ζ̄̇ − f(𝔮̄, ζ̄) and M(𝔮̄)ū at both ends       (eq:mpc_constrained_set)
          ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                            (eq:mpc_terminal_set)
 
-Limits and terms of the cost are objects, a user's own among them (`limits`, `costs`).
-`DynamicOcp` has ξ = (y − y_des, ζ) and decides ζ̄̇, `KinematicOcp` has ξ = y − y_des and decides
-ζ̄. y instead of 𝔮 as the state makes the cost, the joint limits and the terminal set exactly
-quadratic, linear and conic. The terminal constraint is softened by an exact penalty: s is zero
-whenever that is possible, and it is reported, never dropped.
+ζ̄̇ is decided instead of ū: the rollout is then kinematic, never stiff and exact, whatever the
+surface's stiffness. y instead of 𝔮 as the state makes the cost, the joint limits and the terminal
+set exactly quadratic, linear and conic. The terminal constraint is softened by an exact penalty: s
+is zero whenever that is possible, and it is reported. Limits and terms of the cost are objects.
 
-A problem values a plan (`evaluate`) and makes the convex program about a plan (`staged_program`);
-`mathematical_program` is the whole of it in Drake's form. `scp` and `nonlinear_solver` solve it.
+Between the knots speeds are convex combinations and stay within their limits; an angle, a depth
+and ū can exceed theirs by h²/8 times their second derivative. `scp`, `ocp_program` solve it.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Generic, NamedTuple, Self
+from typing import Annotated, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -29,17 +27,15 @@ from uvms_drake.common.constraints import AtLeast, NotNegative, OneOf, Positive
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.schema import check_values
 from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram, TerminalLimit
-from uvms_drake.control.costs.task_cost import TaskCost
-from uvms_drake.control.costs.term import CostTerm
+from uvms_drake.control.costs.costs import CostTerm, TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp.limit_stack import Inputs, LimitStack, Values
-from uvms_drake.control.ocp.ocp_program import OcpProgram
-from uvms_drake.control.plan.plan import P, advance_derivatives
+from uvms_drake.control.plan.plan import Plan, advance, advance_derivatives
 from uvms_drake.control.plan.points import Points, Slopes, check_slopes
-from uvms_drake.control.plan.terminal import Terminal
+from uvms_drake.control.plan.terminal import declared_terminal, terminal_ingredients
 from uvms_drake.model.frames.euler import inverse_rate_matrix, wrap_angle
 from uvms_drake.model.frames.spatial import block_diagonal
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
 STRUCTURED = "structured"
 SOLVERS = (STRUCTURED, "clarabel", "gurobi", "ipopt", "mosek", "nlopt", "osqp", "scs", "snopt")
@@ -73,8 +69,6 @@ class MpcConfig:
     initial_state: Annotated[str, OneOf("nominal", "measured")] = "nominal"
     """Start of a plan: `nominal`, the state that the last plan predicted, as the tube requires; or
     `measured`, as in (eq:diff_mpc)."""
-    input_reference: Annotated[str, OneOf("equilibrium", "zero")] = "equilibrium"
-    """Input without cost: `equilibrium`, u_eq; or `zero`, as in (eq:mpc_cost_function)."""
     hover: Annotated[float, NotNegative] = 0.0
     """Time of the Context until which the robot keeps its place, so that its observers settle [s];
     it plans from the first sample not before it. A mission's clocks run meanwhile. Without a
@@ -90,8 +84,8 @@ class MpcConfig:
 
 
 @dataclass(frozen=True)
-class Transitions:
-    """First-order model of the motion of a plan; index k is the knot or interval."""
+class Linearisation:
+    """First-order model of motion and drift about a plan; index k is the knot or interval."""
 
     knots: Points
     """Points of the N+1 knots; Euler angles of y within π of the desired ones."""
@@ -101,6 +95,12 @@ class Transitions:
     """∂ȳ_{k+1}/∂ζ̄_k (N, 6+n, 6+n)."""
     dy_da: np.ndarray
     """∂ȳ_{k+1}/∂ζ̄̇_k (N, 6+n, 6+n)."""
+    f: np.ndarray
+    """Drift f at the knots (N+1, 6+n) [m/s², rad/s²]."""
+    f_y: np.ndarray
+    """∂f/∂ȳ at the knots (N+1, 6+n, 6+n)."""
+    f_zeta: np.ndarray
+    """∂f/∂ζ̄ at the knots (N+1, 6+n, 6+n)."""
 
 
 class PlanPoints(NamedTuple):
@@ -152,7 +152,7 @@ FEASIBLE = 1e-4
 violates; of the terminal set, in ‖ξ‖_P."""
 
 
-class Ocp(ABC, Generic[P]):
+class Ocp:
     """FHOCP of one task for one model.
 
     Args:
@@ -162,12 +162,6 @@ class Ocp(ABC, Generic[P]):
         limits: Tightened limits of the nominal trajectory, by name.
     """
 
-    given_speed: ClassVar[int]
-    """Knot at which ζ̄ is not decided."""
-    has_accelerations: ClassVar[bool]
-    """Whether a plan has accelerations ζ̄̇."""
-    input_ends: ClassVar[int] = 2
-    """Number of ends of an interval with different inputs."""
     strict: ClassVar[bool] = False
     """Whether every plan has to be sound, from the first on, for recursive feasibility."""
     tolerance: ClassVar[float] = FEASIBLE
@@ -175,8 +169,6 @@ class Ocp(ABC, Generic[P]):
     moved: np.ndarray = np.empty(0, dtype=int)
     """Components of y_des by which a plan moves its reference, by a (m,)."""
     terminal_penalty: ClassVar[float] = TERMINAL_PENALTY
-    task_cost: TaskCost
-    terminal: Terminal
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):
@@ -189,14 +181,29 @@ class Ocp(ABC, Generic[P]):
         self.solver = mpc.solver
         self.hover = mpc.hover
         self.deadline = mpc.deadline
-        # A plan about another equilibrium than the task's need not end in its terminal set.
-        self.ends_at_task = mpc.input_reference == "equilibrium"
         self.y_des = y_des
         self.limits = limits
         self.own_terms: list[CostTerm] = list(mpc.terms)
         self._check_own()
         self._stacked = self._stack_of(limits)
-        self._radius = mpc.terminal_radius if mpc.terminal_set else np.inf
+        # Cost about the equilibrium, and the terminal set.
+        size, radius = model.size, mpc.terminal_radius if mpc.terminal_set else np.inf
+        declared = mpc.terminal_weight is not None
+        Q = np.diag(np.concatenate([weight(mpc, key, size, zeros=declared)
+                                    for key in ("weight_y", "weight_zeta")]))
+        R = np.diag(weight(mpc, "weight_u", size))
+        require(bool(np.any(Q[:size] > 0.0)), "weight_y", mpc.weight_y, "not all zero")
+        config_des = model.configuration(y_des)
+        self.u_eq = model.equilibrium_input(config_des)
+        self.task_cost = TaskCost(Q, R, y_des, self.u_eq)
+        if declared:
+            self.terminal = declared_terminal(
+                weight(mpc, "terminal_weight", 2 * size, zeros=True), size, radius)
+            return
+        _, f_config, f_zeta = model.drift_derivatives(config_des[None], np.zeros((1, size)))
+        J_x = model.task_jacobian(config_des)
+        f_y = f_config[0] @ configuration_rate_matrix(config_des) @ np.linalg.inv(J_x)
+        self.terminal = terminal_ingredients(J_x, f_y, f_zeta[0], Q, R, mpc.time_step, radius)
 
     def _check_own(self) -> None:
         """Raises `TypeError` for a limit or a term with wrong derivatives."""
@@ -218,14 +225,14 @@ class Ocp(ABC, Generic[P]):
     def _stack_of(self, limits: dict[str, Limit], stages: int | None = None) -> LimitStack:
         """Returns limits in arrays, for the states and decisions of this problem."""
         return LimitStack(limits, self._examples(), stages or self.horizon + 1,
-                          self.state_size + self.model.size, self.given_speed, self.input_ends)
+                          self.state_size + self.model.size)
 
     def interval_stack(self) -> LimitStack:
         """Returns the limits in arrays, by the variables of intervals as `interval_inputs` has."""
         return LimitStack(self.limits, self._examples(), self.horizon + 1,
-                          2 * self.state_size + self.model.size, self.given_speed, self.input_ends)
+                          2 * self.state_size + self.model.size)
 
-    def stack(self, plan: P) -> LimitStack:
+    def stack(self, plan: Plan) -> LimitStack:
         """Returns the limits in arrays, for a plan of usually N intervals."""
         if len(plan.config) != self.horizon + 1:
             return self._stack_of(self.limits, len(plan.config))
@@ -244,72 +251,124 @@ class Ocp(ABC, Generic[P]):
         return self.task_cost.R
 
     @property
-    def u_ref(self) -> np.ndarray:
-        """Input without cost (6+n,)."""
-        return self.task_cost.u_ref
-
-    @property
-    @abstractmethod
     def state_size(self) -> int:
-        """Size of the first state of a plan, and of ξ."""
+        """Size 2(6+n) of (𝔮, ζ)."""
+        return 2 * self.model.size
 
-    @abstractmethod
-    def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> P:
-        """Returns a first guess: coast for some intervals from `state`, then come to rest."""
+    def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> Plan:
+        """Returns a first guess: coast from (𝔮, ζ) (2(6+n),), come to rest over the horizon."""
+        config, zeta = np.split(state, 2)
+        duration = self.horizon * self.time_step
+        zeta_dot = np.tile(-zeta / duration, (coasting + self.horizon, 1))
+        zeta_dot[:coasting] = 0.0
+        return Plan.from_accelerations(time, self.time_step, config, zeta, zeta_dot)
 
-    @abstractmethod
-    def errors(self, plan: P, y: np.ndarray) -> np.ndarray:
-        """Returns ξ at the knots (N+1, size of ξ); `y` is ȳ there, unwrapped."""
+    def errors(self, plan: Plan, y: np.ndarray) -> np.ndarray:
+        """Returns ξ = (y − y_des, ζ) at the knots (N+1, 2(6+n))."""
+        return np.concatenate([y - self.y_des, plan.zeta], axis=1)
 
-    @abstractmethod
-    def inputs(self, plan: P) -> tuple[np.ndarray, np.ndarray]:
+    def inputs(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Returns ū (N, 6+n) at the beginning and at the end of every interval."""
+        return self._inputs_at(plan, self._knots(plan))
 
-    @abstractmethod
+    def _inputs_at(self, plan: Plan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
+        f = knots.drift
+        return plan.zeta_dot - f[:-1], plan.zeta_dot - f[1:]
+
     def nominal_input(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
-        """Returns ū (6+n,) where a plan is `at`, see `Plan.at`."""
+        """Returns ū = ζ̄̇ − f(𝔮̄, ζ̄) (6+n,)."""
+        config, zeta, zeta_dot = at
+        return zeta_dot - self.model.drift(config, zeta)
 
-    @abstractmethod
     def move(self, xi: np.ndarray, decision: np.ndarray
              ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
-        """Returns ξ⁺ after one interval, ū − ū_eq, and both ends of it; also of complex numbers.
+        """Returns ξ⁺ (..., 2(6+n)), ū − ū_eq, and both ends; the decision is ζ̄̇."""
+        model, h = self.model, self.time_step
+        y, zeta = self.y_des + xi[..., : model.size], xi[..., model.size:]
+        config = model.configuration(y)
+        end, zeta_end = advance(config, zeta, decision, h), zeta + h * decision
+        error = self._error(end)
+        both = Points(model, np.stack([config, end]), np.stack([y, self.y_des + error]),
+                      np.stack([zeta, zeta_end]))
+        u, u_end = decision - model.drift(both.config, both.zeta)
+        return (np.concatenate([error, zeta_end], axis=-1), u - self.u_eq,
+                both.subset(0, u), both.subset(1, u_end))
 
-        Args:
-            xi: ξ (..., its size).
-            decision: The decision, constant on the interval (..., 6+n).
-        """
-
-    @abstractmethod
     def state_rows(self) -> Slopes:
-        """Returns y − y_des and ζ̄ under the terminal controller as rows of ξ (6+n, its size)."""
+        """Returns the blocks of ξ."""
+        return Slopes(*np.split(np.eye(self.state_size), 2))
 
-    @abstractmethod
-    def _inputs_at(self, plan: P, knots: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the same as `inputs`, by the plan's knots."""
+    def linearise(self, plan: Plan, knots: Points | None = None) -> Linearisation:
+        """Returns the first-order model of motion and drift; `knots` are its points, if known."""
+        knots = knots or self._knots(plan)
+        config = knots.config
+        y_config = self.model.extended(knots.kinematics.J_chi[1:])
+        y_config[..., :6] = y_config[..., :6] @ block_diagonal(
+            np.swapaxes(knots.kinematics.R_WB[1:], -1, -2), inverse_rate_matrix(config[1:, 3:6]))
+        by_config, by_zeta, by_zeta_dot = (y_config @ rate for rate in advance_derivatives(
+            config[:-1], plan.zeta[:-1], plan.zeta_dot, self.time_step))
+        return Linearisation(knots, by_config @ knots.config_y[:-1], by_zeta, by_zeta_dot,
+                             knots.drift, *self._drift_slopes(plan, knots))
 
-    @abstractmethod
-    def staged_program(self, plan: P, points: PlanPoints | None = None) -> StagedProgram:
-        """Returns the convex program about a plan, for the change of its decision.
+    def staged_program(self, plan: Plan, points: PlanPoints | None = None) -> StagedProgram:
+        """Returns the convex program about a plan; its w is the change of ζ̄̇."""
+        points = points or self.points(plan)
+        model = self.linearise(plan, points.knots)
+        N, size, h = self.horizon, self.model.size, self.time_step
+        eye = np.eye(size)
+        A, B = np.zeros((N, 2 * size, 2 * size)), np.zeros((N, 2 * size, size))
+        A[:, :size] = np.concatenate([model.dy_dy, model.dy_dzeta], axis=2)
+        A[:, size:, size:] = eye
+        B[:, :size], B[:, size:] = model.dy_da, h * eye
+        return self._program(
+            plan, A, B, points, self.linearised_inputs(plan, model, A, B))
+
+    def linearised_inputs(self, plan: Plan, model: Linearisation, A: np.ndarray,
+                          B: np.ndarray) -> Inputs:
+        """Returns ū at both ends of the intervals and its derivatives by (ξ, ζ̄̇) at the first.
+
+        A and B are the derivatives of ξ at the last.
+        """
+        N, size = self.horizon, self.model.size
+        xi_z = np.zeros((2 * N, 2 * size, 3 * size))
+        xi_z[:N, :, : 2 * size] = np.eye(2 * size)
+        xi_z[N:, :, : 2 * size], xi_z[N:, :, 2 * size:] = A, B
+        return self._inputs_by(plan, model.knots, model.f_y, model.f_zeta, xi_z)
+
+    def interval_inputs(self, plan: Plan, knots: Points) -> Inputs:
+        """Returns ū at both ends of the intervals, which need not meet, and its derivatives.
+
+        Those by (y, ζ) at the first, ζ̄̇, and (y, ζ) at the last.
+        """
+        N, size = len(plan.zeta_dot), self.model.size
+        f_y, f_zeta = self._drift_slopes(plan, knots)
+        xi_z = np.zeros((2 * N, 2 * size, 5 * size))
+        xi_z[:N, :, : 2 * size] = xi_z[N:, :, 3 * size:] = np.eye(2 * size)
+        return self._inputs_by(plan, knots, f_y, f_zeta, xi_z)
+
+    def _drift_slopes(self, plan: Plan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Returns ∂f/∂ȳ and ∂f/∂ζ̄ at the knots (N+1, 6+n, 6+n)."""
+        f_config, f_zeta = self.model.drift_gradients(
+            plan.config, plan.zeta, knots.drift, knots.kinematics, knots.inverse_mass)
+        return f_config @ knots.config_y, f_zeta
+
+    def _inputs_by(self, plan: Plan, knots: Points, f_y: np.ndarray, f_zeta: np.ndarray,
+                   xi_z: np.ndarray) -> Inputs:
+        """Returns ū at both ends of the intervals and its derivatives by z, the third part ζ̄̇.
 
         Args:
             plan: The plan.
-            points: Its points, if they are known.
+            knots: Its knots.
+            f_y: ∂f/∂ȳ there.
+            f_zeta: ∂f/∂ζ̄ there.
+            xi_z: ∂ξ/∂z at the beginnings, then at the ends (2N, 2(6+n), size of z).
         """
-
-    @abstractmethod
-    def interval_inputs(self, plan: P, knots: Points) -> Inputs:
-        """Returns ū of intervals that need not meet, and its derivatives by their variables.
-
-        These are y and ζ at the beginning, ζ̄̇ if it has accelerations, and y and then ζ at the end.
-
-        Args:
-            plan: The plan; its knots need not be where its decision leads.
-            knots: The knots.
-        """
-
-    @abstractmethod
-    def velocities(self, plan: P) -> np.ndarray:
-        """Returns ζ̄ at the knots (N+1, 6+n); of no meaning at the `given_speed` of the last."""
+        N, size = len(plan.zeta_dot), self.model.size
+        f_xi = np.concatenate([f_y, f_zeta], axis=2)
+        # ∂ū/∂z = ∂ζ̄̇/∂z − ∂f/∂ξ ∂ξ/∂z.
+        u_z = np.concatenate([-f_xi[:-1] @ xi_z[:N], -f_xi[1:] @ xi_z[N:]])
+        u_z[..., 2 * size: 3 * size] += np.eye(size)
+        return Inputs(self._ends(plan, knots), xi_z[:, :size], xi_z[:, size:], u_z)
 
     def is_sound(self, value: Evaluation | None, slack: float | None = None) -> bool:
         """Returns whether a plan keeps its limits and ends within `slack` of the terminal set.
@@ -366,23 +425,23 @@ class Ocp(ABC, Generic[P]):
         """
         return np.empty((*at.config.shape[:-1], 0)), np.empty(0)
 
-    def terminal_radius(self, plan: P) -> float:
+    def terminal_radius(self, plan: Plan) -> float:
         """Returns the radius of the terminal set that a plan has to end in."""
         return self.terminal.radius
 
-    def stage_cost(self, plan: P) -> TaskCost:
+    def stage_cost(self, plan: Plan) -> TaskCost:
         """Returns the task's cost of a plan."""
         return self.task_cost
 
-    def offset_cost(self, plan: P) -> tuple[float, np.ndarray]:
+    def offset_cost(self, plan: Plan) -> tuple[float, np.ndarray]:
         """Returns the cost of the plan's reference and its gradient by a (m,)."""
         return 0.0, np.zeros(len(self.moved))
 
-    def radius_bound(self, plan: P) -> RadiusBound | None:
+    def radius_bound(self, plan: Plan) -> RadiusBound | None:
         """Returns bounds of the terminal radius other than ε, with gradients by a, if any."""
         return None
 
-    def terminal_vector(self, plan: P, y: np.ndarray
+    def terminal_vector(self, plan: Plan, y: np.ndarray
                         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns v (r,) with ‖v‖₂ = ‖ξ_N‖_P, and its derivatives by ξ_N + E a and by a.
 
@@ -393,18 +452,7 @@ class Ocp(ABC, Generic[P]):
         root = self.terminal.root
         return root @ self.errors(plan, y)[-1], root, -root[:, self.moved]
 
-    def mathematical_program(self, start: np.ndarray, time: float = 0.0) -> OcpProgram[P]:
-        """Returns the whole nonlinear problem as Drake's `MathematicalProgram`.
-
-        Its initial guess is to come to rest.
-
-        Args:
-            start: State at the first knot: (𝔮, ζ), or 𝔮 where ζ is the input.
-            time: Its instant [s].
-        """
-        return OcpProgram(self, self.resting_plan(time, start))
-
-    def continued(self, plan: P) -> P:
+    def continued(self, plan: Plan) -> Plan:
         """Returns the plan one interval later, its end continued by the terminal controller.
 
         Outside of the terminal set the controller gets ξ_N scaled to the set's boundary, since far
@@ -417,7 +465,7 @@ class Ocp(ABC, Generic[P]):
             xi = max(radius, 0.0) / size * xi
         return plan.shifted(self.terminal.gain @ xi)
 
-    def evaluate(self, plan: P, points: PlanPoints | None = None) -> Evaluation:
+    def evaluate(self, plan: Plan, points: PlanPoints | None = None) -> Evaluation:
         """Returns the objective and the violations of a plan, nothing linearised.
 
         Args:
@@ -438,50 +486,39 @@ class Ocp(ABC, Generic[P]):
             total_violation=float(np.sum(excess)),
         )
 
-    def excesses(self, plan: P) -> Iterator[tuple[Limit, np.ndarray, np.ndarray]]:
+    def excesses(self, plan: Plan) -> Iterator[tuple[Limit, np.ndarray, np.ndarray]]:
         """Yields the limits, times (T,) [s], and a plan's excesses there (T, m)."""
         times = plan.start_time + self.time_step * np.arange(len(plan.config))
         knots = self._knots(plan)
         first, last = slice(-1), slice(1, None)
-        decided = {"pose": [last], "speed": [last if self.given_speed == 0 else first],
-                   "input": [first, last]}
-        inputs = self._inputs_at(plan, knots)
+        begin, end = self._inputs_at(plan, knots)
         for limit in self.limits.values():
-            for which, u in zip(decided[limit.about], inputs, strict=False):
-                at = knots.subset(which, u) if limit.about == "input" else knots.subset(which)
-                yield limit, times[which], limit.excess(at)
+            if limit.about == "input":
+                yield limit, times[first], limit.excess(knots.subset(first, begin))
+                yield limit, times[last], limit.excess(knots.subset(last, end))
+            else:
+                yield limit, times[last], limit.excess(knots.subset(last))
 
-    def points(self, plan: P) -> PlanPoints:
+    def points(self, plan: Plan) -> PlanPoints:
         """Returns the points of a plan at which it has limits and costs."""
         knots = self._knots(plan)
         ends, first = self._ends(plan, knots), slice(len(plan.config) - 1)
         return PlanPoints(knots, ends.subset(first, ends.u[first]),
                           self.stack(plan).values(knots, ends))
 
-    def _ends(self, plan: P, knots: Points) -> Points:
-        """Returns the beginnings of the intervals, then their ends if the input is another one."""
-        inputs = self._inputs_at(plan, knots)[: self.input_ends]
+    def _ends(self, plan: Plan, knots: Points) -> Points:
+        """Returns the beginnings of the intervals, then their ends, where the input is another."""
         first = np.arange(len(plan.config) - 1)
-        return knots.subset(np.concatenate([first, first + 1][: self.input_ends]),
-                            np.concatenate(inputs))
+        return knots.subset(np.concatenate([first, first + 1]),
+                            np.concatenate(self._inputs_at(plan, knots)))
 
-    def _knots(self, plan: P) -> Points:
+    def _knots(self, plan: Plan) -> Points:
         """Returns the points of the knots of a plan."""
         return Points.known(
             self.model, plan.config, self.model.kinematics(plan.config), self.unwrapped,
-            self.velocities(plan))
+            plan.zeta)
 
-    def _transitions(self, knots: Points, zeta: np.ndarray, zeta_dot: np.ndarray) -> Transitions:
-        """Returns the first-order model of a plan with ζ̄ and ζ̄̇ (N, 6+n) of its intervals."""
-        config = knots.config
-        y_config = self.model.extended(knots.kinematics.J_chi[1:])
-        y_config[..., :6] = y_config[..., :6] @ block_diagonal(
-            np.swapaxes(knots.kinematics.R_WB[1:], -1, -2), inverse_rate_matrix(config[1:, 3:6]))
-        by_config, by_zeta, by_zeta_dot = (y_config @ rate for rate in advance_derivatives(
-            config[:-1], zeta, zeta_dot, self.time_step))
-        return Transitions(knots, by_config @ knots.config_y[:-1], by_zeta, by_zeta_dot)
-
-    def _program(self, plan: P, A: np.ndarray, B: np.ndarray, points: PlanPoints, inputs: Inputs
+    def _program(self, plan: Plan, A: np.ndarray, B: np.ndarray, points: PlanPoints, inputs: Inputs
                  ) -> StagedProgram:
         """Returns the program about a plan, of a model ξ⁺ = Aξ + Bw.
 
@@ -504,10 +541,10 @@ class Ocp(ABC, Generic[P]):
             A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
             linear=self.stack(plan).linear(knots, points.values, inputs),
             norms=self.stack(plan).norms(points.values),
-            terminal=TerminalLimit(root, root @ xi[-1], self.terminal_radius(plan)),
+            terminal=TerminalLimit(root, root @ xi[-1], self.terminal.radius),
             slack_penalty=TERMINAL_PENALTY, excess_penalty=EXCESS_PENALTY)
 
-    def revalued(self, program: StagedProgram, plan: P, points: PlanPoints) -> StagedProgram:
+    def revalued(self, program: StagedProgram, plan: Plan, points: PlanPoints) -> StagedProgram:
         """Returns a program with its own slopes and the limited values at another plan.
 
         Args:
@@ -529,10 +566,6 @@ class Ocp(ABC, Generic[P]):
                         for norm, cone in zip(program.norms, cones, strict=True)),
             terminal=program.terminal._replace(
                 value=self.terminal.root @ self.errors(plan, points.knots.y)[-1]))
-
-    def _state_z(self, width: int) -> np.ndarray:
-        """Returns ∂y/∂z and ∂ζ/∂z (2, 6+n, `width`) at a knot: z starts with them."""
-        return np.eye(width)[: 2 * self.model.size].reshape(2, -1, width)
 
 
 def weight(mpc: MpcConfig, key: str, size: int, *, zeros: bool = False) -> np.ndarray:

@@ -1,9 +1,9 @@
 """The whole FHOCP as Drake's `MathematicalProgram`, by direct multiple shooting.
 
-Variables are all knots and decisions of a plan: `y[k]`, `zeta[k]` and, where accelerations are
-decided, `zeta_dot[k]`; the translation `a` of an artificial reference if there is one; and the
-slack `s` of the terminal set. Each cost and constraint is a binding of its own, and its evaluator's
-description is its name:
+Variables are all knots and decisions of a plan, which must meet: `y[k]`, `zeta[k]` and
+`zeta_dot[k]`; the translation `a` of an artificial reference if there is one; and the slack `s` of
+the terminal set. Each cost and constraint is a binding of its own, and its evaluator's description
+is its name:
 
     stage_costs, terms[i], terminal_cost, offset_cost, slack_penalty     costs
     start, start_speed                                                   the given state
@@ -12,25 +12,205 @@ description is its name:
     terminal_set, radius_bound[i], slack                                 ‖ξ_N‖_P ≤ ε + s, s ≥ 0
 
 Linear and quadratic functions and second-order cones are such for Drake, too: norms of velocities,
-the terminal set, its penalty. All others are functions of `multiple_shooting`, with exact slopes.
+the terminal set, its penalty. All others are functions of `Stages`, with the model's own
+derivatives for all stages at once, because a call costs far more than a stage. The costs of the
+stages, which solvers ask for first, depend on all variables; all else about the same point is
+remembered.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Generic
+from typing import Any
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram, MathematicalProgramResult
 
 from uvms_drake.common.bindings import named
 from uvms_drake.common.differentiable import differentiable
-from uvms_drake.control.ocp.multiple_shooting import Stages, Values
-from uvms_drake.control.plan.plan import P
+from uvms_drake.control.convex.staged_program import LinearLimits, NormLimit
+from uvms_drake.control.ocp.limit_stack import LimitStack, RowGroup
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.plan import Plan, advance, advance_derivatives
+from uvms_drake.control.plan.points import Points, Slopes
+from uvms_drake.model.frames.euler import wrap_angle
 
-if TYPE_CHECKING:
-    from uvms_drake.control.ocp.ocp import Ocp
+Values = tuple[np.ndarray, np.ndarray]
+"""Values (m,) and their Jacobian by the variables of a binding."""
 
-class OcpProgram(MathematicalProgram, Generic[P]):
+
+@dataclass(frozen=True)
+class Intervals:
+    """All stages of a plan whose intervals need not meet."""
+
+    plan: Plan
+    """The plan; its knots need not be where its decision leads."""
+    y: np.ndarray
+    """ȳ at the knots (N+1, 6+n)."""
+    begin: Points
+    """Points of the N beginnings of the intervals, with ū."""
+    chain: Slopes
+    """Derivatives of y, ζ and u there by the variables of the interval."""
+    gap: np.ndarray
+    """𝔮 at the end of an interval less that where its decision leads (N, 6+n)."""
+    gap_slopes: np.ndarray
+    """Derivatives of the gap by the variables of the interval, but for ζ at the end."""
+    linear: LinearLimits
+    """Limits that are rows, by the variables of the interval."""
+    norms: tuple[NormLimit, ...]
+    """Limits that are norms, likewise."""
+
+
+class Stages:
+    """Functions of the program: of the values of all its variables but s, in their order.
+
+    It remembers the last point; a function of some of the variables takes the others from there.
+
+    Args:
+        ocp: The problem.
+        guess: Plan with the start and the first point.
+    """
+
+    def __init__(self, ocp: Ocp, guess: Plan):
+        self.ocp, self.guess = ocp, guess
+        size, N, m = ocp.model.size, ocp.horizon, len(ocp.moved)
+        counts = {"y": N + 1, "zeta": N + 1, "zeta_dot": N}
+        ends = np.cumsum([each * size for each in counts.values()])
+        self.places = {name: np.arange(end - count * size, end).reshape(count, size)
+                       for (name, count), end in zip(counts.items(), ends, strict=True)}
+        """Indices of the variables in the point, by name (stages, 6+n)."""
+        self.a = np.arange(ends[-1], ends[-1] + m)
+        """Indices of a."""
+        self.size = int(ends[-1]) + m
+        """Number of variables but for s."""
+        self._stack: LimitStack = ocp.interval_stack()
+        self.first = self._x = self.point(guess)
+        """Values of the guess."""
+        self._known: Intervals | None = None
+
+    @property
+    def groups(self) -> list[RowGroup]:
+        """Limits that are rows."""
+        return self._stack.groups
+
+    def point(self, plan: Plan) -> np.ndarray:
+        """Returns the values of a plan."""
+        ocp, x = self.ocp, np.zeros(self.size)
+        x[self.places["y"]] = ocp.unwrapped(ocp.model.task_pose(plan.config))
+        x[self.places["zeta"]], x[self.places["zeta_dot"]] = plan.zeta, plan.zeta_dot
+        if len(self.a):
+            x[self.a] = vars(plan)["a"]
+        return x
+
+    def plan(self, x: np.ndarray) -> Plan:
+        """Returns the plan of a point, its knots as they are there."""
+        fields: dict[str, Any] = {name: x[place] for name, place in self.places.items()}
+        if len(self.a):
+            fields["a"] = x[self.a]
+        return replace(self.guess, config=self.ocp.model.configuration(fields.pop("y")), **fields)
+
+    def interval(self, k: int) -> np.ndarray:
+        """Returns the indices of the variables of an interval."""
+        y, zeta, zeta_dot = self.places.values()
+        return np.concatenate([y[k], zeta[k], zeta_dot[k], y[k + 1], zeta[k + 1]])
+
+    def knot(self, k: int) -> np.ndarray:
+        """Returns the indices of y and ζ of a knot."""
+        return np.concatenate([self.places["y"][k], self.places["zeta"][k]])
+
+    def at(self, which: np.ndarray, values: np.ndarray) -> Intervals:
+        """Returns all stages at a point with these values of some variables."""
+        if self._known is None or not np.array_equal(self._x[which], values):
+            self._x = self._x.copy()
+            self._x[which] = values
+            self._known = self._computed(self._x)
+        return self._known
+
+    def _computed(self, x: np.ndarray) -> Intervals:
+        """Returns all stages at a point."""
+        ocp, plan, y = self.ocp, self.plan(x), x[self.places["y"]]
+        model, N, h = ocp.model, ocp.horizon, ocp.time_step
+        knots = Points(model, plan.config, y, plan.zeta)
+        inputs = ocp.interval_inputs(plan, knots)
+        begin, chain = inputs.points.subset(slice(N), inputs.points.u[:N]), Slopes(
+            *(each[:N] for each in inputs[1:]))
+        # The gap by y and ζ at the beginning, ζ̇, and y at the end.
+        motion = plan.zeta[:N], plan.zeta_dot
+        gap = plan.config[1:] - advance(plan.config[:N], *motion, h)
+        gap[:, 3:6] = wrap_angle(gap[:, 3:6])
+        by_config, by_zeta, by_zeta_dot = advance_derivatives(plan.config[:N], *motion, h)
+        gap_slopes = np.concatenate(
+            [-by_config @ knots.config_y[:N], -by_zeta, -by_zeta_dot, knots.config_y[1:]], axis=2)
+        values = self._stack.values(knots, inputs.points)
+        return Intervals(plan, y, begin, chain, gap, gap_slopes,
+                         self._stack.linear(knots, values, inputs), self._stack.norms(values))
+
+    # Functions of the bindings --------------------------------------------------------------------
+
+    def stage_costs(self, x: np.ndarray) -> Values:
+        """Returns the task's cost of all stages, of all variables."""
+        now = self.at(np.arange(self.size), x)
+        cost, h = self.ocp.stage_cost(now.plan), self.ocp.time_step
+        gradient = self._gathered(cost.quadratic(now.begin, now.chain, h)[1])
+        by_y_des = -2.0 * h * np.sum(cost.error(now.begin) @ cost.Q, axis=0)
+        gradient[self.a] = by_y_des[self.ocp.moved]
+        return np.array([h * cost.value(now.begin)]), gradient[None]
+
+    def term(self, i: int, x: np.ndarray) -> Values:
+        """Returns a further term of the cost of all stages."""
+        now, term, h = self.at(np.arange(self.size), x), self.ocp.own_terms[i], self.ocp.time_step
+        return (np.array([h * term.value(now.begin)]),
+                self._gathered(term.quadratic(now.begin, now.chain, h)[1])[None])
+
+    def _gathered(self, by_interval: np.ndarray) -> np.ndarray:
+        """Returns a gradient by all variables from those by the variables of intervals (N, ·)."""
+        out = np.zeros(self.size)
+        for k, row in enumerate(by_interval):
+            out[self.interval(k)] += row
+        return out
+
+    def motion(self, k: int, which: np.ndarray, z: np.ndarray) -> Values:
+        """Returns the gap of interval k."""
+        now = self.at(which, z)
+        return now.gap[k], now.gap_slopes[k]
+
+    def rows(self, k: int, group: RowGroup, which: np.ndarray, z: np.ndarray) -> Values:
+        """Returns the rows of a limit at stage k, by the variables `which`."""
+        linear = self.at(which, z).linear
+        return linear.value[k, group.columns], linear.C[k, group.columns, : len(which)]
+
+    @property
+    def end(self) -> np.ndarray:
+        """Indices of the variables of ξ_N and of a."""
+        return np.concatenate([self.knot(-1), self.a])
+
+    def terminal_vector(self, end: np.ndarray) -> Values:
+        """Returns v (r,) with ‖v‖₂ = ‖ξ_N‖_P."""
+        x = self._x.copy()
+        x[self.end] = end
+        value, by_xi, by_a = self.ocp.terminal_vector(self.plan(x), x[self.places["y"]])
+        return value, np.concatenate([by_xi, by_a], axis=1)
+
+    def offset_cost(self, a: np.ndarray) -> Values:
+        """Returns the offset cost."""
+        value, gradient = self.ocp.offset_cost(self._moved_to(a))
+        return np.array([value]), gradient[None]
+
+    def radii(self, a: np.ndarray) -> Values:
+        """Returns ε and further bounds of the terminal radius, affine in a."""
+        radius, more = self.ocp.terminal.radius, self.ocp.radius_bound(self._moved_to(a))
+        sizes, rows = np.array([radius]), np.zeros((1, len(a)))
+        if more is None:
+            return sizes, rows
+        return np.append(sizes, more.size), np.concatenate([rows, more.rows])
+
+    def _moved_to(self, a: np.ndarray) -> Plan:
+        """Returns the guess with another reference."""
+        fields: dict[str, Any] = {"a": a} if len(a) else {}
+        return replace(self.guess, **fields)
+
+
+class OcpProgram(MathematicalProgram):
     """FHOCP from one start; see the module for the names of variables and bindings.
 
     Args:
@@ -38,7 +218,7 @@ class OcpProgram(MathematicalProgram, Generic[P]):
         guess: Plan from that start, the initial guess.
     """
 
-    def __init__(self, ocp: "Ocp[P]", guess: P):
+    def __init__(self, ocp: Ocp, guess: Plan):
         super().__init__()
         stages = Stages(ocp, guess)
         named_rows = {name: [self.NewContinuousVariables(place.shape[1], f"{name}[{k}]")
@@ -46,9 +226,9 @@ class OcpProgram(MathematicalProgram, Generic[P]):
         self.y = np.array(named_rows["y"])
         """ȳ at the knots (N+1, 6+n): pose of the end-effector, joints."""
         self.zeta = np.array(named_rows["zeta"])
-        """ζ̄ at the knots (N+1, 6+n), or on the intervals (N, 6+n) where it is decided."""
+        """ζ̄ at the knots (N+1, 6+n)."""
         self.zeta_dot = np.array(named_rows["zeta_dot"])
-        """ζ̄̇ on the intervals (N, 6+n); empty where ζ̄ is decided."""
+        """ζ̄̇ on the intervals (N, 6+n)."""
         m = len(ocp.moved)
         self.a = self.NewContinuousVariables(m, "a") if m else np.empty(0, dtype=object)
         """Translation of the reference (m,)."""
@@ -64,12 +244,17 @@ class OcpProgram(MathematicalProgram, Generic[P]):
         self._scale_variables()
         self.set_guess(guess)
 
-    def set_guess(self, plan: P) -> None:
+    @staticmethod
+    def at(ocp: Ocp, start: np.ndarray, time: float = 0.0) -> "OcpProgram":
+        """Returns the program from (𝔮, ζ) (2(6+n),) at a `time` [s]; its guess comes to rest."""
+        return OcpProgram(ocp, ocp.resting_plan(time, start))
+
+    def set_guess(self, plan: Plan) -> None:
         """Makes a plan from the same start the initial guess."""
         self.SetInitialGuess(self._all, self._stages.point(plan))
         self.SetInitialGuess(self.s, [self._stages.ocp.evaluate(plan).terminal_slack])
 
-    def plan(self, result: MathematicalProgramResult) -> P:
+    def plan(self, result: MathematicalProgramResult) -> Plan:
         """Returns the plan of a result: from the start, with the decisions found."""
         guess, found = self._stages.guess, self._stages.plan(result.GetSolution(self._all))
         return guess.redone(guess.start, found.decision)
@@ -81,8 +266,8 @@ class OcpProgram(MathematicalProgram, Generic[P]):
         """
         ocp = self._stages.ocp
         weights = 2.0 * ocp.time_step * np.concatenate([np.diag(ocp.Q), np.diag(ocp.R)])
-        by_kind = weights.reshape(-1, self.y.shape[1])  # Of y, ζ and, where it is decided, ζ̇.
-        for rows, own in zip((self.y, self.zeta, self.zeta_dot), by_kind, strict=False):
+        by_kind = weights.reshape(3, -1)  # Of y, ζ and ζ̇.
+        for rows, own in zip((self.y, self.zeta, self.zeta_dot), by_kind, strict=True):
             for row in rows:
                 for variable, weight in zip(row, own, strict=True):
                     if weight > 0.0:
@@ -114,18 +299,15 @@ class OcpProgram(MathematicalProgram, Generic[P]):
         first = stages.first
         start = first[stages.places["y"][0]]
         named(self.AddBoundingBoxConstraint(start, start, self.y[0]), "start")
-        size = len(start)
-        for k in range(stages.ocp.horizon):
-            which = stages.interval(k)[: (3 + len(self.zeta_dot[k: k + 1])) * size]
-            self._add(f"motion[{k}]", partial(stages.motion, k, which), which,
-                      np.zeros(size), np.zeros(size))
-        if len(self.zeta_dot):
-            speed, eye = first[stages.places["zeta"][0]], np.eye(size)
-            named(self.AddBoundingBoxConstraint(speed, speed, self.zeta[0]), "start_speed")
-            for k, zeta_dot in enumerate(self.zeta_dot):
-                named(self.AddLinearEqualityConstraint(
-                    np.hstack([eye, h * eye, -eye]), np.zeros(size),
-                    np.concatenate([self.zeta[k], zeta_dot, self.zeta[k + 1]])), f"speed[{k}]")
+        speed, size = first[stages.places["zeta"][0]], len(start)
+        named(self.AddBoundingBoxConstraint(speed, speed, self.zeta[0]), "start_speed")
+        none, eye = np.zeros(size), np.eye(size)
+        for k, zeta_dot in enumerate(self.zeta_dot):
+            which = stages.interval(k)[: 4 * size]
+            self._add(f"motion[{k}]", partial(stages.motion, k, which), which, none, none)
+            named(self.AddLinearEqualityConstraint(
+                np.hstack([eye, h * eye, -eye]), none,
+                np.concatenate([self.zeta[k], zeta_dot, self.zeta[k + 1]])), f"speed[{k}]")
 
     def _add_limits(self, k: int) -> None:
         """Adds the limits of a stage; those that are linear or norms as such."""

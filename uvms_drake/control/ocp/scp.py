@@ -1,4 +1,4 @@
-"""Fast solver of the FHOCP: sequential convex programming with exact cones.
+"""Solver of the FHOCP: its interface, and sequential convex programming with exact cones.
 
 An iteration solves the convex program about the plan and takes the longest of the steps 1, ½, ¼,
 ... along which the true merit (cost and violation, nothing linearised) falls; in a strict problem,
@@ -7,10 +7,16 @@ plan that violates limits by their curvature is corrected first (`correction`). 
 are softened by an exact penalty, so that the program has a solution whenever the linear limits can
 be kept. One iteration a sample is enough for the closed loop: the plan is never worse than the last
 one continued by the terminal controller (Scokaert, Mayne and Rawlings 1999).
+
+Recursive feasibility does not depend on how a plan is found: `Ocp.evaluate` says whether it is
+sound (`Ocp.is_sound`), and `mpc.planner` keeps the last plan, continued by the terminal controller,
+wherever a new one is missing or not sound.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -19,8 +25,7 @@ from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.control.convex.staged_solver import StagedSolution
 from uvms_drake.control.convex.staged_solver import solve_staged as solve_staged
 from uvms_drake.control.ocp.ocp import Evaluation, Ocp, PlanPoints
-from uvms_drake.control.ocp.solver import Solution, Solver
-from uvms_drake.control.plan.plan import P
+from uvms_drake.control.plan.plan import Plan
 
 SHORTEST_STEP = 1.0 / 64.0
 CORRECTIONS = 4
@@ -33,7 +38,42 @@ ConvexSolver = Callable[[StagedProgram], StagedSolution | None]
 """Solver of the convex programs; None is returned if there is no solution."""
 
 
-class SequentialConvexSolver(Solver[P]):
+@dataclass(frozen=True)
+class Solution:
+    """Result of a solve; `plan` is None if the solver failed."""
+
+    plan: Plan | None
+    evaluation: Evaluation | None
+    iterations: int
+    """Number of convex programs, or 1 of a nonlinear program."""
+    converged: bool
+    """Whether it ended because no step improved the merit by more than the tolerance."""
+    rows: int = 0
+    """Number of rows of limits in the last convex program; 0 where none was active."""
+
+
+class Solver(ABC):
+    """Solves an `Ocp` from a guess."""
+
+    ocp: Ocp
+    """The problem."""
+
+    @abstractmethod
+    def solve(self, guess: Plan, iterations: int, tolerance: float = 1e-6) -> Solution:
+        """Returns the best plan found from `guess`, whose first knot is the initial state.
+
+        Args:
+            guess: Plan to start from; no solution is worse.
+            iterations: Largest number of convex programs.
+            tolerance: Converged when a step improves the merit by less than this fraction of it.
+        """
+
+    @abstractmethod
+    def of(self, ocp: Ocp) -> Self:
+        """Returns the same solver for another problem."""
+
+
+class SequentialConvexSolver(Solver):
     """Solves an `Ocp` from a guess by convex programs.
 
     Args:
@@ -41,15 +81,15 @@ class SequentialConvexSolver(Solver[P]):
         convex: Solver of the convex programs; `solve_staged` if None.
     """
 
-    def __init__(self, ocp: Ocp[P], convex: ConvexSolver | None = None):
+    def __init__(self, ocp: Ocp, convex: ConvexSolver | None = None):
         self.ocp = ocp
         self._convex = convex
 
-    def of(self, ocp: Ocp[P]) -> "SequentialConvexSolver[P]":
+    def of(self, ocp: Ocp) -> "SequentialConvexSolver":
         """Returns the same solver for another problem."""
         return SequentialConvexSolver(ocp, self._convex)
 
-    def solve(self, guess: P, iterations: int, tolerance: float = 1e-6) -> Solution[P]:
+    def solve(self, guess: Plan, iterations: int, tolerance: float = 1e-6) -> Solution:
         """Returns the best plan found from `guess`, whose first knot is the initial state.
 
         Args:
@@ -76,8 +116,8 @@ class SequentialConvexSolver(Solver[P]):
                 return Solution(plan, evaluation, iteration, converged=True, rows=rows)
         return Solution(plan, evaluation, iterations, converged=False, rows=rows)
 
-    def _line_search(self, plan: P, evaluation: Evaluation, program: StagedProgram,
-                     change: StagedSolution) -> tuple[P, Evaluation, PlanPoints] | None:
+    def _line_search(self, plan: Plan, evaluation: Evaluation, program: StagedProgram,
+                     change: StagedSolution) -> tuple[Plan, Evaluation, PlanPoints] | None:
         """Returns the plan after the longest step that is better, its value and its points."""
         step = 1.0
         while step >= SHORTEST_STEP:
@@ -93,8 +133,8 @@ class SequentialConvexSolver(Solver[P]):
             step *= 0.5
         return None
 
-    def _corrected(self, plan: P, value: Evaluation, points: PlanPoints, program: StagedProgram,
-                   change: StagedSolution) -> tuple[P, Evaluation, PlanPoints]:
+    def _corrected(self, plan: Plan, value: Evaluation, points: PlanPoints, program: StagedProgram,
+                   change: StagedSolution) -> tuple[Plan, Evaluation, PlanPoints]:
         """Returns the plan after a step, moved back to within the limits, its value and points."""
         correction = Correction(program, change.regulator, change.w)
         for _ in range(CORRECTIONS):

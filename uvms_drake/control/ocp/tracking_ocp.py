@@ -5,7 +5,7 @@ set of one posture serve at every place. With E the position rows of y = (𝔭, 
 translation a ∈ R³ of its reference, ξ = (y − y_des − E a, ζ), and
 
     min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_eq‖²_R) + ‖ξ_N‖²_P + V_o(E ᵀy_des + a − target) + ρ s
-    s.t. the limits of `DynamicOcp`, inputs for all contact forces if they are `UnderContact`,
+    s.t. the limits of `Ocp`, inputs for all contact forces if they are `UnderContact`,
          N·𝔭 ≤ x_N for all facets N of the safe region, at all times     (see `limits.safe_depth`)
          ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, min_N (x_N − N·(E ᵀy_des + a))/r_x).
 
@@ -23,15 +23,12 @@ import numpy as np
 from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram
 from uvms_drake.control.convex.tracking_program import with_place
-from uvms_drake.control.costs.offset_cost import OffsetCost
-from uvms_drake.control.costs.task_cost import TaskCost
+from uvms_drake.control.costs.costs import OffsetCost, TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.speeds import SafeDepth, SafeDepthBetweenKnots
-from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp.ocp import Evaluation, MpcConfig, PlanPoints
-from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.ocp.ocp import Evaluation, MpcConfig, Ocp, PlanPoints
+from uvms_drake.control.plan.plan import Plan, TrackingPlan
 from uvms_drake.control.plan.points import Points
-from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.uvms_model import UvmsModel
 
 HEADROOM = 1.05
@@ -50,7 +47,7 @@ class TrackingTarget:
     """Largest N·𝔭 of each facet, x_N (m,) [m], tightened by the tube."""
 
 
-class TrackingOcp(DynamicOcp):
+class TrackingOcp(Ocp):
     """FHOCP for every target, at first that of y_des without facets.
 
     Args:
@@ -74,8 +71,6 @@ class TrackingOcp(DynamicOcp):
         for key, wanted in (("terminal_weight", mpc.terminal_weight is None),
                             ("terms", not mpc.terms)):
             require(wanted, key, getattr(mpc, key), "left out, where the reference moves")
-        require(mpc.input_reference == "equilibrium", "input_reference", mpc.input_reference,
-                "equilibrium, where the reference moves")
         require(mpc.terminal_set, "terminal_set", mpc.terminal_set, "true, where the target moves")
         self.direction = unit_vector("direction", direction)
         self.facets = self.direction[None] if facets is None else np.asarray(facets, dtype=float)
@@ -179,56 +174,55 @@ class TrackingOcp(DynamicOcp):
         plan = super().resting_plan(time, state, coasting)
         return TrackingPlan(**vars(plan), a=self._error(plan.config[-1])[:3])
 
-    def reference(self, plan: DynamicPlan) -> np.ndarray:
+    def reference(self, plan: Plan) -> np.ndarray:
         """Returns y_des + E a (6+n,)."""
         assert isinstance(plan, TrackingPlan)
         out = self.y_des.copy()
         out[:3] += plan.a
         return out
 
-    def errors(self, plan: DynamicPlan, y: np.ndarray) -> np.ndarray:
+    def errors(self, plan: Plan, y: np.ndarray) -> np.ndarray:
         """Returns ξ = (y − y_des − E a, ζ) at the knots (N+1, 2(6+n))."""
         return np.concatenate([y - self.reference(plan), plan.zeta], axis=1)
 
-    def terminal_radius(self, plan: DynamicPlan) -> float:
+    def terminal_radius(self, plan: Plan) -> float:
         """Returns the radius ρ(a)."""
         return float(np.min(self.radius_bound(plan).size, initial=self.terminal.radius))
 
-    def radius_bound(self, plan: DynamicPlan) -> RadiusBound:
+    def radius_bound(self, plan: Plan) -> RadiusBound:
         """Returns the bounds of ρ(a) other than ε, those of the facets, with gradients by a."""
         sizes = (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
         there = np.isfinite(sizes)
         return RadiusBound(sizes[there], (-self.facets / self.depth_reach)[there])
 
-    def stage_cost(self, plan: DynamicPlan) -> TaskCost:
+    def stage_cost(self, plan: Plan) -> TaskCost:
         """Returns the cost about the plan's reference."""
         return replace(self.task_cost, y_des=self.reference(plan))
 
-    def _missing(self, plan: DynamicPlan) -> np.ndarray:
+    def _missing(self, plan: Plan) -> np.ndarray:
         """Returns the offset E ᵀy_des + a − target (3,) [m]."""
         return self.reference(plan)[:3] - self.aim.target
 
-    def evaluate(self, plan: DynamicPlan, points: PlanPoints | None = None) -> Evaluation:
+    def evaluate(self, plan: Plan, points: PlanPoints | None = None) -> Evaluation:
         """Returns the objective, V_o in it, and the violations of a plan."""
         value = super().evaluate(plan, points)
         return replace(value, cost=value.cost + self.offset.value(self._missing(plan)))
 
-    def offset_cost(self, plan: DynamicPlan) -> tuple[float, np.ndarray]:
+    def offset_cost(self, plan: Plan) -> tuple[float, np.ndarray]:
         """Returns V_o and its gradient by a."""
         missing = self._missing(plan)
         return self.offset.value(missing), self.offset.quadratic(missing)[1]
 
-    def staged_program(self, plan: DynamicPlan, points: PlanPoints | None = None) -> StagedProgram:
+    def staged_program(self, plan: Plan, points: PlanPoints | None = None) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of a and of ζ̄̇."""
-        program, bound = super().staged_program(plan, points), self.radius_bound(plan)
-        program = replace(program, terminal=program.terminal._replace(radius=self.terminal.radius))
-        by_a = np.zeros((len(bound.size), self.state_size + 3))
-        by_a[:, self.state_size:] = bound.rows
-        bound = bound._replace(rows=by_a)
-        return with_place(program, self.moved, *self.offset.quadratic(self._missing(plan)),
-                          bound if len(bound.size) else None)
+        bound = self.radius_bound(plan)
+        by_state_and_a = np.pad(bound.rows, ((0, 0), (self.state_size, 0)))
+        return with_place(
+            super().staged_program(plan, points), self.moved,
+            *self.offset.quadratic(self._missing(plan)),
+            bound._replace(rows=by_state_and_a) if len(bound.size) else None)
 
-    def revalued(self, program: StagedProgram, plan: DynamicPlan, points: PlanPoints
+    def revalued(self, program: StagedProgram, plan: Plan, points: PlanPoints
                  ) -> StagedProgram:
         """Returns a program with its own slopes, limited values and radii at another plan."""
         out, bound = super().revalued(program, plan, points), program.terminal.radius_bound

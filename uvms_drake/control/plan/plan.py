@@ -1,14 +1,13 @@
-"""Nominal trajectory ξ̄(t): a piecewise constant decision and the motion that follows from it.
+"""Nominal trajectory ξ̄(t): piecewise constant accelerations ζ̄̇, and the motion that follows.
 
-`DynamicPlan` decides accelerations ζ̄̇. Between its knots a plan is
-evaluated, not held: 𝔮̄ is one step of a fourth-order Runge–Kutta method from the last knot, whose
-error is below 1e-7 rad at the speeds of an underwater vehicle and h = 0.2 s (it grows with h⁵).
+Between its knots a plan is evaluated, not held: 𝔮̄ is one step of a fourth-order Runge–Kutta method
+from the last knot, whose error is below 1e-7 rad at the speeds of an underwater vehicle and
+h = 0.2 s (it grows with h⁵).
 """
 
 import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Self, TypeVar
+from typing import Self
 
 import numpy as np
 
@@ -177,8 +176,8 @@ def _rates(roll: float, pitch: float, turning: list[float]) -> Numbers:
 
 
 @dataclass(frozen=True)
-class Plan(ABC):
-    """Nominal trajectory over N intervals of length h."""
+class Plan:
+    """Nominal trajectory over N intervals of length h: ζ̄ is continuous and linear on each."""
 
     start_time: float
     """Instant t_k of the first knot [s]."""
@@ -186,70 +185,6 @@ class Plan(ABC):
     """Length h of an interval [s]."""
     config: np.ndarray
     """Configurations 𝔮̄ at the knots (N+1, 6+n)."""
-
-    @property
-    @abstractmethod
-    def decision(self) -> np.ndarray:
-        """Decisions of the plan on the intervals (N, 6+n)."""
-
-    @property
-    @abstractmethod
-    def start(self) -> np.ndarray:
-        """State at the first knot."""
-
-    @abstractmethod
-    def redone(self, start: np.ndarray, decision: np.ndarray) -> Self:
-        """Returns the plan at the same time from another state or with another decision."""
-
-    @abstractmethod
-    def at(self, time: float, since: float | None = None) -> tuple[np.ndarray, ...]:
-        """Returns the nominal trajectory at `time` [s], within the plan's horizon.
-
-        Args:
-            time: [s].
-            since: Knot [s] from which on the plan is followed; by default its first.
-        """
-
-    @abstractmethod
-    def shifted(self, last_decision: np.ndarray) -> Self:
-        """Returns the plan one interval later, with this decision (6+n,) at its end."""
-
-    @abstractmethod
-    def after(self, knot: int) -> Self:
-        """Returns the part of the plan after one of its knots."""
-
-    @abstractmethod
-    def preceded(self, other: Self, intervals: int) -> Self:
-        """Returns the plan with the first intervals of another one, which end where it begins."""
-
-    def _interval(self, time: float, since: float | None) -> tuple[int, float]:
-        """Returns the interval that contains `time` and the time since its beginning [s].
-
-        A knot belongs to the interval that ends there: an integrator's last stage falls on the
-        knot, and sees the interval that it integrates over. Only `since` belongs to the one that
-        begins there, in which an integrator's first stage is.
-        """
-        elapsed = time - self.start_time
-        intervals = len(self.config) - 1
-        last = intervals * self.time_step
-        tolerance = KNOT_TOLERANCE * self.time_step
-        if not -tolerance <= elapsed <= last + tolerance:
-            raise ValueError(f"the plan is for {self.start_time:g} s and {last:g} s from then on, "
-                             f"not for {time:g} s")
-        index = math.ceil(elapsed / self.time_step - KNOT_TOLERANCE) - 1
-        first = 0 if since is None else round((since - self.start_time) / self.time_step)
-        index = min(max(index, first), intervals - 1)
-        return index, elapsed - index * self.time_step
-
-
-P = TypeVar("P", bound=Plan)
-"""Kind of plan of a problem."""
-
-
-@dataclass(frozen=True)
-class DynamicPlan(Plan):
-    """A plan of accelerations: ζ̄ is continuous and linear on every interval."""
-
     zeta: np.ndarray
     """ζ̄ at the knots (N+1, 6+n)."""
     zeta_dot: np.ndarray
@@ -257,11 +192,11 @@ class DynamicPlan(Plan):
 
     @staticmethod
     def from_accelerations(start_time: float, time_step: float, config: np.ndarray,
-                           zeta: np.ndarray, zeta_dot: np.ndarray) -> "DynamicPlan":
+                           zeta: np.ndarray, zeta_dot: np.ndarray) -> "Plan":
         """Returns the plan that starts at (𝔮, ζ) (6+n,) and has the accelerations (N, 6+n)."""
         zetas = np.concatenate([zeta[None], zeta + time_step * np.cumsum(zeta_dot, axis=0)])
         configs = roll_out(config, zetas[:-1], zeta_dot, time_step)
-        return DynamicPlan(start_time, time_step, configs, zetas, zeta_dot)
+        return Plan(start_time, time_step, configs, zetas, zeta_dot)
 
     @property
     def decision(self) -> np.ndarray:
@@ -273,15 +208,24 @@ class DynamicPlan(Plan):
         """First state (𝔮̄, ζ̄) (2(6+n),)."""
         return np.concatenate([self.config[0], self.zeta[0]])
 
-    def redone(self, start: np.ndarray, decision: np.ndarray) -> "DynamicPlan":
+    def redone(self, start: np.ndarray, decision: np.ndarray) -> "Plan":
         """Returns the plan from another (𝔮, ζ) or with other accelerations."""
         config, zeta = np.split(start, 2)
-        return DynamicPlan.from_accelerations(
+        return Plan.from_accelerations(
             self.start_time, self.time_step, config, zeta, decision)
 
     def at(self, time: float, since: float | None = None
            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,); at a knot, ζ̄̇ is that of the interval that ends there."""
+        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,) within the horizon.
+
+        A knot belongs to the interval that ends there: an integrator's last stage falls on the
+        knot, and sees the interval that it integrates over. Only `since` belongs to the one that
+        begins there, in which an integrator's first stage is.
+
+        Args:
+            time: [s].
+            since: Knot [s] from which on the plan is followed; by default its first.
+        """
         index, duration = self._interval(time, since)
         zeta, zeta_dot = self.zeta[index], self.zeta_dot[index]
         return (advance_one(self.config[index], zeta, zeta_dot, duration),
@@ -302,7 +246,7 @@ class DynamicPlan(Plan):
             self, start_time=self.start_time + knot * self.time_step, config=self.config[knot:],
             zeta=self.zeta[knot:], zeta_dot=self.zeta_dot[knot:])
 
-    def preceded(self, other: "DynamicPlan", intervals: int) -> Self:
+    def preceded(self, other: "Plan", intervals: int) -> Self:
         """Returns the plan with the first intervals of another one, which end where it begins."""
         first = slice(intervals)
         return replace(
@@ -310,3 +254,87 @@ class DynamicPlan(Plan):
             config=np.concatenate([other.config[first], self.config]),
             zeta=np.concatenate([other.zeta[first], self.zeta]),
             zeta_dot=np.concatenate([other.zeta_dot[first], self.zeta_dot]))
+
+    def _interval(self, time: float, since: float | None) -> tuple[int, float]:
+        """Returns the interval that contains `time`, as of `at`, and the time since its begin."""
+        elapsed = time - self.start_time
+        intervals = len(self.config) - 1
+        last = intervals * self.time_step
+        tolerance = KNOT_TOLERANCE * self.time_step
+        if not -tolerance <= elapsed <= last + tolerance:
+            raise ValueError(f"the plan is for {self.start_time:g} s and {last:g} s from then on, "
+                             f"not for {time:g} s")
+        index = math.ceil(elapsed / self.time_step - KNOT_TOLERANCE) - 1
+        first = 0 if since is None else round((since - self.start_time) / self.time_step)
+        index = min(max(index, first), intervals - 1)
+        return index, elapsed - index * self.time_step
+
+
+@dataclass(frozen=True)
+class TrackingPlan(Plan):
+    """Plan about the artificial reference y_des + E a."""
+
+    a: np.ndarray
+    """Translation of the reference in Σ_I [m] and, if it may turn, its yaw [rad] (3,) or (4,)."""
+
+    @property
+    def decision(self) -> np.ndarray:
+        """Decisions (N+1, 6+n): first (a, 0), then ζ̄̇."""
+        out = np.zeros_like(self.zeta)
+        out[0, : len(self.a)], out[1:] = self.a, self.zeta_dot
+        return out
+
+    def redone(self, start: np.ndarray, decision: np.ndarray) -> "TrackingPlan":
+        """Returns the plan from another (𝔮, ζ) or with another decision."""
+        a = decision[0, : len(self.a)]
+        return TrackingPlan(**vars(super().redone(start, decision[1:])), a=a)
+
+
+# Between the knots --------------------------------------------------------------------------------
+#
+# Depth x and speed v are along n. The tip's acceleration along n is taken for constant in each
+# interval h; with j = sup|x⃛| the depth is off by at most (2/81) h³j, see `off_parabola`. Proofs,
+# assumptions and motion across n: control/plan/theory.md#depth-between-two-knots and
+# control/plan/theory.md#distance-to-stop-in.
+
+
+def between_knots(depth: np.ndarray, speed: np.ndarray, step: float) -> np.ndarray:
+    """Returns x_k + v_k h/2, a depth that bounds the interval after knot k together with its ends.
+
+    It is the middle one of the Bézier control points x_k, x_k + v_k h/2 and x_{k+1} of a motion
+    with constant acceleration: if all three are at most x_safe, so is x in between. It is linear in
+    the plan. With the knots alone a plan that turns back exceeds x_safe by up to ah²/8.
+    """
+    return depth + 0.5 * step * speed
+
+
+def off_parabola(jerk: float, step: float) -> float:
+    """Returns (2/81) h³j [m], the largest distance of n·𝔭 from a parabola between two knots.
+
+    Args:
+        jerk: j, bound of |d³(n·𝔭)/dt³| [m/s³].
+        step: h [s].
+    """
+    return 2.0 / 81.0 * step**3 * jerk
+
+
+def stopping_distance(force_max: float, noise: float, stiffness: float, margin: float,
+                  retreat: float = 0.0) -> float:
+    """Returns the distance L [m] that the planned tip may advance after a reading without touch.
+
+        L = (F_max − 2ν/(1 − c₊⟨−v⟩))/κ₊ − 2E.
+
+    Below zero there is no approach: the tube is thicker than the compliance of the wall allows.
+    Proof: control/plan/theory.md#distance-to-stop-in.
+
+    Args:
+        force_max: F_max [N].
+        noise: ν [N].
+        stiffness: κ₊ [N/m].
+        margin: E, of the planned tip [m].
+        retreat: c₊ times a bound of ⟨−v⟩ of the real tip [1], which the tube allows in addition to
+            the planned velocity. From 1 on a reading bounds nothing, and L = −∞.
+    """
+    if retreat >= 1.0:
+        return -math.inf
+    return (force_max - 2.0 * noise / (1.0 - retreat)) / stiffness - 2.0 * margin

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, wraps
 from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
@@ -17,6 +17,19 @@ About = Literal["pose", "speed", "input"]
 
 UNKNOWN = np.empty(0)
 """Value of a field of some points that is not known."""
+
+
+def geometric(compute: Callable[["Points"], np.ndarray]) -> "cached_property[np.ndarray]":
+    """Makes a cached property of a function of 𝔮 alone: a subset takes it from all points."""
+    @wraps(compute)
+    def value(points: "Points") -> np.ndarray:
+        if points.whole is None:
+            return compute(points)
+        whole, index = points.whole
+        taken: np.ndarray = getattr(whole, compute.__name__)[index]
+        return taken
+
+    return cached_property(value)
 
 
 @dataclass(frozen=True)
@@ -60,12 +73,9 @@ class Points:
         return type(self)(
             self.model, self.config[index], self.y[index], zeta, u, whole=(self, index))
 
-    @cached_property
+    @geometric
     def config_y(self) -> np.ndarray:
         """Derivative ∂𝔮/∂y = Γ J_x⁻¹ (..., 6+n, 6+n) of real points."""
-        if self.whole is not None:
-            points, index = self.whole
-            return points.config_y[index]
         return configuration_rate_matrix(self.config) @ self.model.inverse_extended(
             self.kinematics.J_chi)
 
@@ -75,36 +85,24 @@ class Points:
         bias = self.model.inverse_dynamics(self.kinematics, self.zeta, np.zeros_like(self.zeta))
         return -times(self.inverse_mass, bias)
 
-    @cached_property
+    @geometric
     def inverse_mass(self) -> np.ndarray:
         """Inverse M⁻¹ (..., 6+n, 6+n) of the mass matrix."""
-        if self.whole is not None:
-            points, index = self.whole
-            return points.inverse_mass[index]
         return np.linalg.inv(self.mass_matrix)
 
-    @cached_property
+    @geometric
     def mass_matrix(self) -> np.ndarray:
         """Mass matrix M(𝔮) (..., 6+n, 6+n)."""
-        if self.whole is not None:
-            points, index = self.whole
-            return points.mass_matrix[index]
         return self.model.mass_matrix(self.kinematics)
 
-    @cached_property
+    @geometric
     def by_tip_force(self) -> np.ndarray:
         """Derivative M⁻¹J_𝔭ᵀ (..., 6+n, 3) of ζ̇ by a force on the end-effector."""
-        if self.whole is not None:
-            points, index = self.whole
-            return points.by_tip_force[index]
         return self.inverse_mass @ np.swapaxes(self.tip_jacobian, -1, -2)
 
-    @cached_property
+    @geometric
     def by_tip_force_rates(self) -> np.ndarray:
         """∂(M⁻¹J_𝔭ᵀ) = M⁻¹(∂J_𝔭ᵀ − ∂M M⁻¹J_𝔭ᵀ) (..., 6+n, 3, 6+n), the last axis that of 𝔮."""
-        if self.whole is not None:
-            points, index = self.whole
-            return points.by_tip_force_rates[index]
         change = np.swapaxes(self.tip_jacobian_rates, -2, -3).copy()
         change[..., 6:] -= np.moveaxis(
             self._by_joints @ self.by_tip_force[..., None, :, :], -3, -1)
@@ -112,15 +110,12 @@ class Points:
         return (self.inverse_mass @ change.reshape(
             *shape[:-2], shape[-2] * shape[-1])).reshape(shape)
 
-    @cached_property
+    @geometric
     def mass_matrix_rates(self) -> np.ndarray:
         """∂M/∂𝔮 (..., 6+n, 6+n, 6+n) of real points, the last axis that of 𝔮.
 
         In the vehicle's axes M does not depend on its pose: only the joints' part is not zero.
         """
-        if self.whole is not None:
-            points, index = self.whole
-            return points.mass_matrix_rates[index]
         rates = np.zeros((*self.config.shape, *self.config.shape[-1:] * 2))
         rates[..., 6:, :, :] = self._by_joints
         return np.moveaxis(rates, -3, -1)
@@ -130,24 +125,18 @@ class Points:
         """Derivatives ∂M/∂qⱼ (..., n, 6+n, 6+n) of real points."""
         return self.model.mass_matrix_rates(self.kinematics)
 
-    @cached_property
+    @geometric
     def tip_jacobian(self) -> np.ndarray:
         """Rows J_𝔭 of J(𝔮) (..., 3, 6+n) for the velocity of the end-effector, 𝔭̇ = J_𝔭 ζ."""
-        if self.whole is not None:
-            points, index = self.whole
-            return points.tip_jacobian[index]
         return self.kinematics.J_chi[..., :3, :]
 
-    @cached_property
+    @geometric
     def tip_jacobian_rates(self) -> np.ndarray:
         """∂J_𝔭/∂𝔮 (..., 3, 6+n, 6+n) of real points, the last axis that of 𝔮.
 
         As the vehicle turns by ω, J_𝔭 turns with it: ω × its columns. A joint turns the columns
         beyond it likewise; those before it are ωᵢ × (𝔭 − pᵢ), and 𝔭 moves by the joint's column.
         """
-        if self.whole is not None:
-            points, index = self.whole
-            return points.tip_jacobian_rates[index]
         n, R_WB = self.model.num_joints, self.kinematics.R_WB
         columns = np.swapaxes(self.tip_jacobian, -1, -2)
         # Axes that the columns turn about, in Σ_I; none of a translation.
