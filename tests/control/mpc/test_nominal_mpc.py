@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from support.limits import with_limits
 
-from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import (
     DROPPED,
