@@ -15,11 +15,14 @@ Newman (1977), *Marine Hydrodynamics*, chapter 6.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, System
 
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.constraints import Between, Finite, Positive
+from uvms_drake.common.errors import require, vector
+from uvms_drake.common.schema import check_values
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 
 STEEPEST = 0.446
@@ -32,23 +35,19 @@ class Wave:
 
     amplitude: float = 0.25
     """Amplitude A of the surface: half the height from trough to crest [m]."""
-    period: float = 6.0
+    period: Annotated[float, Between(0.1, 1000, " s")] = 6.0
     """Period 2π/ω [s]."""
-    direction: float = 0.0
+    direction: Annotated[float, Finite] = 0.0
     """Angle about z from x of Σ_I to the direction of propagation [rad]."""
-    phase: float = 0.0
+    phase: Annotated[float, Finite] = 0.0
     """Phase θ at t = 0 [rad]; 0 is a crest."""
-    depth: float = 2.5
+    depth: Annotated[float, Positive] = 2.5
     """Depth z of the robot below the still surface [m]."""
     sea_depth: float | None = None
     """Depth h of the floor [m]; left out: deep water."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        for key in ("direction", "phase"):
-            require(bool(np.isfinite(getattr(self, key))), key, getattr(self, key), "finite")
-        require(0.1 <= self.period <= 1e3, "period", self.period, "from 0.1 to 1000 s")
-        require(0.0 < self.depth < np.inf, "depth", self.depth, "positive")
         require(self.sea_depth is None or self.depth <= self.sea_depth < np.inf, "sea_depth",
                 self.sea_depth, f"at least the robot's depth, {self.depth:g} m, or left out")
         k, h = self.wavenumber, self._floor
@@ -98,13 +97,6 @@ class Wave:
                 self.frequency * (down * c * e_z - along * s * e))
 
 
-def check_waves(waves: Sequence[Wave]) -> None:
-    """Raises `InvalidParameter` for the first invalid wave."""
-    for i, wave in enumerate(waves):
-        with within(f"waves[{i}]"):
-            wave.check()
-
-
 def largest_speed(waves: Sequence[Wave]) -> float:
     """Returns a bound of the speed of the water by waves alone [m/s]."""
     return sum(wave.speeds[0] for wave in waves)
@@ -143,7 +135,8 @@ class WaterMotion(LeafSystem):
 
     def __init__(self, current: np.ndarray, waves: Sequence[Wave] = ()):
         super().__init__()
-        check_waves(waves)
+        for wave in waves:
+            check_values(wave)
         self._current, self._waves = vector("current", current, 3), list(waves)
         when = self.time_ticket() if self._waves else self.nothing_ticket()
         for i, name in enumerate(("current", "current_acceleration")):
