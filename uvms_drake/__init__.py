@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from uvms_drake.control import costs as costs
     from uvms_drake.control import laws as laws
     from uvms_drake.control import limits as limits
-    from uvms_drake.control.costs.term import CostTerm as CostTerm
+    from uvms_drake.control.costs.costs import CostTerm as CostTerm
     from uvms_drake.control.laws.law import AncillaryLaw as AncillaryLaw
     from uvms_drake.control.laws.law import Command as Command
     from uvms_drake.control.laws.law import Pair as Pair
@@ -68,8 +68,6 @@ if TYPE_CHECKING:
     from uvms_drake.report.summary import summarise as summarise
     from uvms_drake.sensing import Sensor as Sensor
     from uvms_drake.setup.make_scenario import make_scenario as make_scenario
-    from uvms_drake.station.contact.contact import Contact as Contact
-    from uvms_drake.station.contact.sensed_contact import SensedContact as SensedContact
     from uvms_drake.station.controller import make_controller as make_controller
     from uvms_drake.station.diagram import make_station as make_station
     from uvms_drake.station.diagram import read_logs as read_logs
@@ -78,6 +76,8 @@ if TYPE_CHECKING:
     from uvms_drake.station.problem import start_state as start_state
     from uvms_drake.station.record import Record as Record
     from uvms_drake.station.record import load_record as load_record
+    from uvms_drake.station.scenario.contact import Contact as Contact
+    from uvms_drake.station.scenario.contact import SensedContact as SensedContact
     from uvms_drake.station.scenario.scenario import Scenario as Scenario
     from uvms_drake.station.scenario.scenario import load_scenario as load_scenario
     from uvms_drake.station.simulation import simulate as simulate
@@ -96,9 +96,9 @@ _HOME = {
     "Command": "control.laws.law",
     "CommandPath": "model.signals.command_path",
     "configuration_rate": "model.uvms_model",
-    "Contact": "station.contact.contact",
+    "Contact": "station.scenario.contact",
     "ContactModel": "model.contact_model",
-    "CostTerm": "control.costs.term",
+    "CostTerm": "control.costs.costs",
     "DirectedDisturbance": "plant.disturbance",
     "Disturbance": "plant.disturbance",
     "format_certificate": "certificate.text",
@@ -131,7 +131,7 @@ _HOME = {
     "Robot": "model.robot",
     "RunFailed": "common.errors",
     "Scenario": "station.scenario.scenario",
-    "SensedContact": "station.contact.sensed_contact",
+    "SensedContact": "station.scenario.contact",
     "Sensor": "sensing",
     "set_state": "plant.uvms_plant",
     "ShapedSurface": "model.surface.shaped_surface",

@@ -13,6 +13,7 @@ import uvms_drake as uv
 from uvms_drake.certificate.certify import basis_of
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
+from uvms_drake.station.contact.tube_in_contact import in_contact
 from uvms_drake.station.problem import check_inputs
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY, ultimate_bounds
@@ -26,7 +27,7 @@ def bands_of(scenario: uv.Scenario) -> tuple[HoldRadii, dict[str, float]]:
     """Returns the radii in a hold and the force bounds of a scenario."""
     model = check_inputs(scenario)
     basis = basis_of(scenario, model)
-    found = scenario.contact.in_contact(
+    found = in_contact(
         TUBES[type(scenario.ancillary)].tube(scenario.ancillary, basis), scenario, basis)
     failed = [str(each) for each in found.conditions if not each.holds]
     if failed or found.radii.hold is None:

@@ -12,6 +12,7 @@ from uvms_drake.station.plant import make_simulated_uvms
 from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
+from uvms_drake.station.tube_control import make_tube
 
 PERIOD, DELAY = 1.0 / 64.0, 1.0 / 128.0
 """Sums of them are exact, so that events that are meant to be of one instant are."""
@@ -33,7 +34,7 @@ def by_hand(scenario, steps: int) -> list[np.ndarray]:
     uvms = make_simulated_uvms(scenario, scenario.disturbance, scenario.start.config)
     robot = Simulator(uvms)
     ApplySimulatorConfig(scenario.simulator, robot)
-    controller = Simulator(scenario.contact.make_controller(scenario, model, ocp))
+    controller = Simulator(make_tube(scenario, model, ocp))
 
     def state():
         return uvms.GetOutputPort("state").Eval(robot.get_context()).copy()

@@ -13,8 +13,8 @@ from uvms_drake.benchmark.press import AfterTouch, Course, Trace, measure, run_p
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import make_solver
-from uvms_drake.station.contact import SensedContact
 from uvms_drake.station.problem import load_model, true_surface
+from uvms_drake.station.scenario.contact import SensedContact
 from uvms_drake.station.scenario.scenario import dump_scenario
 
 GIRONA = "girona500_arm5e"

@@ -12,7 +12,7 @@ from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.step_bounds import friction_rate
+from uvms_drake.station.step_size import friction_rate
 
 FRICTION = JointFriction(coulomb=np.array([0.5, 2.0]), static=np.array([0.8, 1.0]))
 CONFIG = np.array([-3.0, 0.0, 0.0, 0.1, -0.2, 0.3, 0.1, 0.9, 0.4, 0.2])

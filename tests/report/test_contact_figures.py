@@ -9,7 +9,7 @@ from support.drawings import bands, levels, panels_of, shown
 from support.synthetic import desiring, synthetic_record, synthetic_sensed_record
 
 from uvms_drake.control.limits.radii import HoldRadii
-from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report.contact_figures import contact_drawing, depths_of, marks_of
 from uvms_drake.report.figure_style import COLUMN_WIDTH, STYLE
 from uvms_drake.report.figures import make_figures

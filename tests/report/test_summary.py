@@ -15,7 +15,7 @@ from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.mpc.planner import KEPT
 from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report import signals
 from uvms_drake.report.summary import (
     EVENT_LINES,

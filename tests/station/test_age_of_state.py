@@ -1,7 +1,6 @@
 """The law of a worst-case certificate reads the present state, as its theory says; no older one."""
 
 import numpy as np
-import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from uvms_drake.station.diagram import make_station
@@ -9,12 +8,11 @@ from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.step_size import with_step
 
 TICK = 2.0**-8
-"""Period of the command of `girona500_sampled` [s]."""
+"""Time between two samples of this test [s]."""
 
 
-@pytest.mark.parametrize("name", ["girona500_tip_first", "girona500_sampled", "girona500_lag"])
-def test_the_law_reads_the_present_state_and_a_held_command_is_that_of_its_tick(name):
-    scenario = with_step(load_scenario(name))
+def test_the_law_of_a_certificate_reads_the_present_state():
+    scenario = with_step(load_scenario("girona500_tip_first"))
     station = make_station(scenario)
     simulator = Simulator(station)
     ApplySimulatorConfig(scenario.simulator, simulator)
@@ -34,5 +32,3 @@ def test_the_law_reads_the_present_state_and_a_held_command_is_that_of_its_tick(
         due = value("tube_mpc", "tau")
         simulator.AdvanceTo((tick + 0.5) * TICK)
         assert np.max(np.abs(value("tube_mpc", "tau") - due)) > 0.01, "half a period is told apart"
-        if name == "girona500_sampled":
-            assert np.array_equal(value("actuation[0].sampled_command", "hold"), due)

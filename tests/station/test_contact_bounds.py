@@ -13,6 +13,7 @@ from uvms_drake.station.contact.bounds import (
     largest_reading_error,
     sensing_of,
 )
+from uvms_drake.station.contact.tube_in_contact import force_bounds
 from uvms_drake.station.problem import limits_of, load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 
@@ -22,7 +23,7 @@ def test_the_error_of_a_reading_grows_with_the_time_between_two():
     scenario = load_scenario("girona500_contact")
     slow = load_scenario("girona500_contact", ["contact.period=0.1"])
     still = load_scenario("girona500_contact", ["limits.qdot=0.001", "limits.nu2=0.001"])
-    known, late, calm = (largest_reading_error(each, each.contact.force_bounds(each), 3.0)
+    known, late, calm = (largest_reading_error(each, force_bounds(each), 3.0)
                          for each in (scenario, slow, still))
     change = 3.0 / 4.0 * np.diff([h * (45.0 + 500.0 * h) for h in (0.01, 0.1)])[0]
     assert late - known == pytest.approx(change)

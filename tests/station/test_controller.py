@@ -10,7 +10,7 @@ from support.scenarios import OF_A_STATION
 
 import uvms_drake as uv
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.station.contact import SensedContact
+from uvms_drake.station.scenario.contact import SensedContact
 from uvms_drake.station.scenario.scenario import load_scenario
 
 

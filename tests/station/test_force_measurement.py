@@ -17,7 +17,7 @@ from uvms_drake.sensing.faults import FrozenForce, JumpedForce, LostForce, Satur
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.parts import faults_at
+from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 

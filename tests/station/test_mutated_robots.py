@@ -18,7 +18,7 @@ from support.robot_reading import read_robot, words
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.robot import Robot
-from uvms_drake.plant.robot_loading import sound_robot
+from uvms_drake.plant.model_check import sound_robot
 
 ROBOTS = ("box_uvms", "bluerov2_alpha5")
 MORE = {("link", "visual", "twice"), ("model", "frame", "twice"), ("robot", "frame", "twice")}

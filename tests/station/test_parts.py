@@ -131,7 +131,7 @@ def test_a_part_without_a_meaning_is_one_line(override, expected):
     ([Scaled(), Scaled()], r"^sensing\[1\]\.signal = 'scaled': must be given by one part only"),
     ([Short()], r"^sensing\[0\]\.size = 19: must be 20, as before it"),
     ([Nothing()], r"^sensing\[0\]\.add_to = None: must be the output port to go on from"),
-    (Scaled(), r"^sensing = Scaled\(.*\): must be a list of parts")])
+    (Scaled(), r"^sensing = Scaled\(.*\): must be a list")])
 def test_a_part_takes_no_name_away_and_no_component(parts, expected):
     with pytest.raises(InvalidParameter, match=expected):
         make_station(scenario_of(0.4, sensing=parts))

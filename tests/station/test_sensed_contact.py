@@ -21,6 +21,7 @@ from uvms_drake.station.contact.bounds import (
     sensed_contact,
     sensing_of,
 )
+from uvms_drake.station.contact.tube_in_contact import in_contact
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -171,4 +172,4 @@ def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
 def test_a_law_without_a_tube_has_none_in_contact():
     none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0, theorem="t"),))
     scenario = load_scenario("girona500_tip_first")
-    assert scenario.contact.in_contact(none, scenario, None) is none
+    assert in_contact(none, scenario, None) is none

@@ -15,8 +15,15 @@ from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.step_bounds import ACCURACY, friction_rate, largest_step, step_error
-from uvms_drake.station.step_size import floored, loop_rates, with_step
+from uvms_drake.station.step_size import (
+    ACCURACY,
+    floored,
+    friction_rate,
+    largest_step,
+    loop_rates,
+    step_error,
+    with_step,
+)
 
 
 @pytest.mark.parametrize(("order", "polynomial"), [

@@ -25,7 +25,7 @@ from uvms_drake.plant.waves import WaterMotion
 from uvms_drake.sensing.wrist_sensor import WristSensor
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.controller import add_chain
-from uvms_drake.station.parts import keyed
+from uvms_drake.station.scenario.parts import keyed
 
 LOG_PERIOD = 0.005
 

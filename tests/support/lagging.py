@@ -7,8 +7,7 @@ import numpy as np
 
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.control.laws.outputs import outputs_of
-from uvms_drake.control.laws.tip_rows import tip_rows
+from uvms_drake.control.laws.outputs import outputs_of, tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
 
 CONFIG = np.array([-1.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 1.0, 0.4, 0.2])

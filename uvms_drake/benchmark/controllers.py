@@ -21,6 +21,7 @@ from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.modules import import_file
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.tube_control import make_tube
 
 Factory = Callable[[Scenario, ContactModel], System]
 """Function that makes a controller for a scenario, with the controller's model."""
@@ -61,7 +62,7 @@ def _mpc(scenario: Scenario, model: ContactModel, alone: AncillaryLaw | None = N
     if alone is not None:
         scenario = replace(scenario, ancillary=alone, mpc=replace(
             scenario.mpc, initial_state="measured", hover=0.0))
-    controller = scenario.contact.make_controller(scenario, model, make_ocp(scenario, model))
+    controller = make_tube(scenario, model, make_ocp(scenario, model))
     mpc = controller.GetSubsystemByName("nominal_mpc")
     assert isinstance(mpc, NominalMpc)
     mpc.time_by(time.process_time)  # A run may share its core with others.

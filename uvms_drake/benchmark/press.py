@@ -33,7 +33,7 @@ from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.report.signals import settling_index
 from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
 from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.problem import limits_of, task_place
+from uvms_drake.station.problem import limits_of
 from uvms_drake.station.scenario.scenario import Scenario
 
 LARGEST_FORCE = 500.0
@@ -141,7 +141,7 @@ class Trace:
 
 def run_press(scenario: Scenario, model: ContactModel, controller: System, course: Course) -> Trace:
     """Returns the trace of a run until `Course.end`; one that fails before it says so."""
-    builder, place = DiagramBuilder(), task_place(scenario)
+    builder, place = DiagramBuilder(), scenario.task.place
     station = builder.AddNamedSystem(
         "station", make_station(scenario, controller=controller, model=model))
     if station.HasInputPort("place"):

@@ -13,6 +13,7 @@ import numpy as np
 
 from uvms_drake.actuation.thrusters import largest_error, with_errors
 from uvms_drake.campaign.campaign import Campaign
+from uvms_drake.campaign.drawn_contact import about_drawn, drawn_contact
 from uvms_drake.certificate.certify import first_plan
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.limits import Limit
@@ -25,10 +26,9 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.plant.model_error import FACTORS
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import FACTORS, Unknowns
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.problem import load_model, make_ocp, start_state
+from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
@@ -61,12 +61,12 @@ def vary(campaign: Campaign, index: int) -> Scenario:
             start = start_state(scenario, ocp)
         except InvalidParameter:
             continue
-        first = base.contact.first_problem(base, model, ocp, start)
+        first = first_problem(base, ocp, start)
         plan, conditions = first_plan(first, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
         # An unknown surface, the disturbance, faults, and the unknowns that the scenario declares.
-        scenario = base.contact.drawn(scenario, first, rng)
+        scenario = drawn_contact(scenario, first, rng)
         unknown = drawn_unknowns(scenario.unknowns, rng)
         return replace(
             scenario, disturbance=_disturbance(scenario.disturbance, model.size, rng),
@@ -165,7 +165,7 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
            "of yaw of the declared pose; the arm uniform on the line from its declared posture to "
            "one that is uniform within its limits; a draw without a feasible first plan is "
            "repeated")
-    yield from scenario.contact.about_drawn(scenario)
+    yield from about_drawn(scenario)
     if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
         yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
                f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")

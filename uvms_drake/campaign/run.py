@@ -17,8 +17,8 @@ from uvms_drake.mission.law import DONE
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.report.metrics import metrics
 from uvms_drake.report.mission import OUTCOMES
-from uvms_drake.station.parts import faults_at
 from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 

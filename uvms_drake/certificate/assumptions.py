@@ -17,14 +17,12 @@ from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import Unknowns
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.command_path import command_path_of
-from uvms_drake.station.contact.contact import OPERATOR, Statement
-from uvms_drake.station.contact.measurement_path import SENSOR_MAKER
-from uvms_drake.station.contact.sensed_contact import CERTIFIER
-from uvms_drake.station.parts import uncovered
+from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.contact import SensedContact
+from uvms_drake.station.scenario.parts import command_path_of, uncovered
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 
@@ -32,6 +30,10 @@ GUARANTEE = "control/theory.md#closed-loop-guarantee"
 """Theorem that the conditions are for."""
 SCOPE = ("actuation", "sensing", "surface")
 """Subjects whose first assumption is part of the verdict."""
+OPERATOR, CERTIFIER = "operator", "the person who certifies"
+"""Guarantors of declared data, and of estimates."""
+Statement = tuple[str, str, str]
+"""Subject, statement and guarantor of an assumption."""
 MAKER = "robot's maker"
 INTEGRATOR = "integrator of the controller"
 
@@ -49,12 +51,12 @@ class Assumption:
 
 def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption, ...]:
     """Returns the assumptions of a scenario's certificate, those of `SCOPE` first."""
-    contact, actuation = scenario.contact, scenario.actuation
+    wall, actuation = scenario.contact.declared_wall(), scenario.actuation
     path = command_path_of(actuation, model)
     return tuple(Assumption(about, statement, by) for about, statement, by in (
         *_actuation(scenario.model, actuation, path, scenario.limits, model),
-        *_sensing([*contact.about_sensing(scenario)], path),
-        *contact.about_surface(scenario), ("surface", "the tip alone touches anything", OPERATOR),
+        *_sensing([] if wall is None else [*_force_sensor(scenario)], path),
+        *_surface(scenario, wall), ("surface", "the tip alone touches anything", OPERATOR),
         *_disturbance(scenario.disturbance, scenario.unknowns, model.size),
         *_robot(scenario.model),
         *_program(scenario.mpc.time_step, scenario.certificate.safety_factor)))
@@ -126,6 +128,38 @@ def _sensing(force: list[Statement], path: CommandPath) -> Iterator[Statement]:
     yield from force
 
 
+def _force_sensor(scenario: Scenario) -> Iterator[Statement]:
+    """Yields the assumptions about the force sensor, and about all between it and the law."""
+    yield ("sensing", "noise, bias, drift, lag and range of the force sensor, and mass and "
+           "inertia of the tool beyond it, are as declared until "
+           f"t = {scenario.duration:g} s", SENSOR_MAKER)
+    yield ("sensing", "between two readings of the force the feedback adds nothing to the "
+           "variation of the tip's acceleration along n that forces, disturbance and plan make "
+           "(tube/contact/theory.md#unevenness-of-the-tips-motion)", CERTIFIER)
+    for element in measurement_path(scenario):
+        covered = element.theorem or "no theorem covers it"
+        yield ("sensing", f"{element.system}, before the law: {element.statement} ({covered})",
+               element.guaranteed_by)
+
+
+def _surface(scenario: Scenario, wall: SensedContact | None) -> Iterator[Statement]:
+    """Yields the declared surface, or the class of walls and the rates of other forces."""
+    if wall is None:
+        yield ("surface", f"the declared !{type(scenario.surface).__name__}, exactly: its place, "
+               "normal and stiffness, without friction that it does not declare", OPERATOR)
+        return
+    yield ("surface", f"every wall, {wall.clearance:g} m or more off the tip at the start, "
+           f"with its normal within {np.rad2deg(wall.angle):.3g}° of the direction, "
+           f"{wall.stiffness:g} N/m at most with the tool, friction {wall.friction:g}, "
+           f"dissipation {wall.dissipation:g} s/m", OPERATOR)
+    yield ("surface", "friction and a normal that turns change the force by "
+           f"{wall.force_rate:g} N/s at most, and by {wall.force_ripple:g} N at any rate",
+           OPERATOR)
+    if (slow := wall.hold) is not None:
+        yield ("surface", "in a hold they change it by "
+               f"{slow.force_rate:g} N/s and {slow.force_ripple:g} N at most", OPERATOR)
+
+
 def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int
                  ) -> Iterator[Statement]:
     """Yields the bound of d, and the declared unknowns that are a part of it."""
@@ -171,7 +205,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     Those that it cannot give up are `assumptions_of`.
     """
     # Axes without a thruster, model errors, options of the MPC, parts of the loop.
-    contact, actuation = scenario.contact, scenario.actuation
+    wall, actuation = scenario.contact.declared_wall(), scenario.actuation
     mpc, model = scenario.mpc, model or load_model(scenario)
     unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
     assumed: list[tuple[str, str, float]] = [
@@ -181,7 +215,8 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set", "none", not mpc.terminal_set),
-        *contact.assumed_settings()]
+        *([] if wall is None else [("contact.tangential_lag", "delayed feedback of the friction",
+                                    wall.tangential_lag)])]
     conditions = [
         assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
                    + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
@@ -195,7 +230,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
             assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
                        theorem=GUARANTEE)
             for i, part in enumerate(parts) if part.assumption() is not None
-            and not contact.bounds_error_of(part)]
+            and (wall is None or part.reading(0.0, 0.0) is None)]
     return conditions
 
 

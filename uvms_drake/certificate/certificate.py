@@ -23,8 +23,8 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import from_jsonable, jsonable
 from uvms_drake.common.program import FOLDER, VERSION
 from uvms_drake.model.description.robot_files import model_dir
-from uvms_drake.station.parts import uncovered
 from uvms_drake.station.scenario.modules import module_file
+from uvms_drake.station.scenario.parts import uncovered
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
 CERTIFICATE_FILE = "certificate.json"
@@ -91,7 +91,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
     relevant["disturbance"] = bound if np.size(weights) == 0 else [bound, *weights]
     relevant["faults"] = uncovered(scenario.faults)
-    if scenario.contact.depends_on_duration:
+    if scenario.contact.declared_wall() is not None:
         relevant["duration"] = scenario.duration
     relevant["mpc"].pop("terminal_radius")
     relevant["mpc"].pop("deadline", None)
@@ -115,8 +115,7 @@ def probability_fingerprint(scenario: Scenario) -> dict[str, Any]:
 
 def cache_key(scenario: Scenario) -> dict[str, Any]:
     """Returns the key in the cache of the certificate in probability of a scenario."""
-    declared = replace(scenario, name="", description="", seed=0)
-    return {"in probability": dump_scenario(declared), "files": fingerprint(scenario)["files"]}
+    return {"in probability": probability_fingerprint(scenario)}
 
 
 def stale_reason(certificate: AnyCertificate, scenario: Scenario) -> str | None:

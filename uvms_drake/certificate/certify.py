@@ -40,14 +40,17 @@ from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.command_path import command_path_of
+from uvms_drake.station.contact.mission_legs import legs_of
+from uvms_drake.station.contact.tube_in_contact import force_bounds, in_contact
 from uvms_drake.station.problem import (
     check_inputs,
     disturbance_weights,
+    first_problem,
     limits_of,
     make_ocp,
     start_state,
 )
+from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption, setting
 from uvms_drake.tube.constants import Constant
@@ -84,13 +87,13 @@ class Draft:
         certificate: The claims so far.
         basis: Data of the tube.
         found: Tube of the law, with the terms of a sensed contact.
-        carried: Estimated acceleration of a payload that a wrist sensor reads; None without one.
+        unproven: Estimates besides those of the tube, each with its second search.
         start: Start (𝔮, ζ) (2(6+n),).
     """
 
     basis: Basis
     found: LawTube
-    carried: Estimate | None = None
+    unproven: tuple[Estimate, ...] = ()
     start: np.ndarray
 
     def __init__(self, scenario: Scenario, model: ContactModel):
@@ -135,11 +138,12 @@ def tube(draft: Draft) -> None:
     scenario, law = draft.scenario, draft.scenario.ancillary
     found = TUBES[type(law)].tube(law, draft.basis)
     if all(condition.holds for condition in found.conditions):
-        found = scenario.contact.in_contact(found, scenario, draft.basis)
+        found = in_contact(found, scenario, draft.basis)
     draft.found = found
     conditions = (*found.conditions, *assumed_conditions(scenario, draft.model))
-    legs = (scenario.contact.legs(scenario.mission, found.radii, conditions)
-            if scenario.mission.steps and np.size(found.radii.u) else ())
+    wall = scenario.contact.declared_wall()
+    legs = (legs_of(scenario.mission.checked(), wall, found.radii, conditions)
+            if wall is not None and scenario.mission.steps and np.size(found.radii.u) else ())
     # These belong to the file even if the tube leaves nothing of a limit.
     draft.claim(constants=tuple(draft.basis.constants.values()), tube=found.radii, legs=tuple(legs),
                 budget={name: dict(parts) for name, parts in found.budget.items()},
@@ -150,7 +154,7 @@ def tube(draft: Draft) -> None:
 def unknowns(draft: Draft) -> None:
     """Bounds the accelerations by declared unknowns, as a part of d."""
     if draft.scenario.unknowns.present:
-        effects, draft.carried, conditions = declared_effects(
+        effects, draft.unproven, conditions = declared_effects(
             draft.scenario, draft.basis, draft.found.radii)
         draft.claim(unknowns=effects)
         draft.require(*conditions)
@@ -167,13 +171,10 @@ def margins(draft: Draft) -> None:
 
 def second_search(draft: Draft) -> None:
     """Searches again for every number that is not proven."""
-    unknown = draft.certificate.unknowns
-    estimates = (
-        *draft.found.check(), *(Estimate(f"d by {each.name}", each.takes, each.second)
-                                for each in unknown),
-        *([draft.carried] if draft.carried else []))
+    factor, estimates = draft.scenario.certificate.safety_factor, (
+        *draft.found.check(), *draft.unproven)
     draft.claim(estimates=estimates)
-    draft.require(*(replace(each, advice=safer(draft.scenario.certificate.safety_factor, each.left))
+    draft.require(*(replace(each, advice=safer(factor, each.left))
                     for each in unrefuted(estimates)))
 
 
@@ -201,8 +202,7 @@ def terminal_set(draft: Draft) -> None:
 def plan_from_start(draft: Draft) -> None:
     """Solves for the first plan, with the terminal set."""
     scenario = draft.with_claims()
-    problem = scenario.contact.first_problem(
-        scenario, draft.model, make_ocp(scenario, draft.model), draft.start)
+    problem = first_problem(scenario, make_ocp(scenario, draft.model), draft.start)
     draft.require(*first_plan(problem, draft.start)[1])
 
 
@@ -281,7 +281,7 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
                          "one that has `static_force_rows`, for limits.static_force")
     require(limited, "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
-    declared, contact = declared_set(limits, model), scenario.contact.force_bounds(scenario)
+    declared, contact = declared_set(limits, model), force_bounds(scenario)
     weights = disturbance_weights(scenario, model)
     if names is None:
         names = TUBES[type(law)].constants(law, weights)

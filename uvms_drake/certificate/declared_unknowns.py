@@ -17,8 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.plant.model_error import FACTORS, ModelError, add_simulated_uvms
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import FACTORS, ModelError, Unknowns, add_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, rounded_up, setting
 from uvms_drake.tube.estimates import Estimate
@@ -132,10 +131,8 @@ class UnmodelledBounds:
 
 
 def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
-                     ) -> tuple[tuple[UnknownEffect, ...], Estimate | None, list[Condition]]:
-    """Returns the effects of the declared unknowns, and the conditions that they need.
-
-    Also the acceleration of a payload that a wrist sensor reads; None without one.
+                     ) -> tuple[tuple[UnknownEffect, ...], tuple[Estimate, ...], list[Condition]]:
+    """Returns the effects of the declared unknowns, their estimates, and the conditions on them.
 
     Args:
         scenario: Scenario with unknowns.
@@ -145,10 +142,12 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
     bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.seed)
     effects = unknown_effects(scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
     conditions = [unknowns_condition(scenario.disturbance, scenario.unknowns, bounds, effects)]
+    estimates = [Estimate(f"d by {each.name}", each.takes, each.second) for each in effects]
     carried = payload_acceleration(scenario, bounds, effects)
     if carried is not None:
+        estimates.append(carried)
         conditions.append(payload_condition(scenario.model_error.payload.acceleration, carried))
-    return effects, carried, conditions
+    return effects, tuple(estimates), conditions
 
 
 def unknown_effects(unknowns: Unknowns, bounds: UnmodelledBounds, weights: np.ndarray, *,

@@ -22,8 +22,7 @@ from uvms_drake.command.progress import CERTIFYING, Bar
 from uvms_drake.common.cache import stored
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.scenario.remarks import remarks
-from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario, remarks
 from uvms_drake.station.scenario.scenario_file import reported_in
 
 AnyCert = TypeVar("AnyCert", Certificate, AnyCertificate)

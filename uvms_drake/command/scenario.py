@@ -13,8 +13,7 @@ from uvms_drake.common.schema import read_yaml
 from uvms_drake.common.wiring import release
 from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.scenario.remarks import remarks
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario, remarks
 from uvms_drake.station.scenario.scenario_file import (
     base_of,
     not_inherited,
@@ -104,7 +103,7 @@ def compass(offset: np.ndarray) -> str:
 
 def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall, and which a run takes."""
-    from uvms_drake.plant.robot_loading import sound_robot
+    from uvms_drake.plant.model_check import sound_robot
     from uvms_drake.setup.first_scenario import first_scenario, format_first_scenario
 
     file: Path = args.new

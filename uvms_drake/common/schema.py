@@ -17,7 +17,7 @@ import re
 import textwrap
 import types
 import typing
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
@@ -220,6 +220,8 @@ def _check_value(declared: typing.Any, value: typing.Any, key: str) -> None:
                 constraint.check(key, value)
             _check_value(inner, value, key)
         elif typing.get_origin(option) is list:
+            if not isinstance(value, Sequence):
+                raise InvalidParameter(key, value, "a list")
             for i, item in enumerate(value):
                 _check_value(typing.get_args(option)[0], item, f"{key}[{i}]")
     if _is_struct(value):

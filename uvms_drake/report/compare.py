@@ -109,7 +109,8 @@ def normal_force(record: Record) -> tuple[np.ndarray, np.ndarray]:
     Along that of a sensed contact if there is one; the norms where no force is desired.
     """
     last = record.desired_force[-1, :3]
-    direction = record.scenario.contact.force_direction(last)
+    wall = record.scenario.contact.declared_wall()
+    direction = last if wall is None else wall.direction
     size = float(np.linalg.norm(direction))
     if size == 0.0:
         return (np.linalg.norm(record.force[:, :3], axis=1),

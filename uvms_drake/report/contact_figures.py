@@ -34,7 +34,7 @@ from uvms_drake.report.signals import (
     wrench_unit,
 )
 from uvms_drake.station.contact.bounds import safe_depth_margin, sensed_contact
-from uvms_drake.station.problem import task_place, true_surface
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 from uvms_drake.station.scene_setting import PAINTED
 
@@ -307,7 +307,7 @@ def draw_coverage(record: Record) -> Figure:
     contact, mission = sensed_contact(record.scenario), record.scenario.mission.checked()
     across, table = contact.walls.axes[1:], inspection_table(record)
     columns = {name: i for i, name in enumerate(COLUMNS)}
-    origin = task_place(record.scenario)
+    origin = record.scenario.task.place
     place = 1e3 * (table[:, 2:5] - origin) @ across.T
     figure = Figure(figsize=(COLUMN_WIDTH, 4.0), layout="constrained")
     axis = figure.subplots()

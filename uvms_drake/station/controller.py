@@ -10,7 +10,9 @@ from pydrake.systems.primitives import Gain, PassThrough
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import outputs, wire
+from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.control.mpc.solver_faults import SolverFaults
+from uvms_drake.mission.system import MissionControl
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.signals.sensor_actuator import (
@@ -22,18 +24,23 @@ from uvms_drake.model.signals.sensor_actuator import (
     Signals,
 )
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.sensing.measurements import TipPose
-from uvms_drake.station.contact.mission import add_mission
-from uvms_drake.station.parts import faults_at, keyed
+from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
+from uvms_drake.sensing.measurements import HoldLastValue, TipPose
+from uvms_drake.station.contact.bounds import reading_of, sensed_contact, sensing_of
 from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.parts import faults_at, keyed
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.visual.controls import ForceSlider
+from uvms_drake.station.tube_control import make_tube
+from uvms_drake.visual.controls import ForceSlider, HomeButton
 
 SAMPLED = ("report", "solve_seconds")
 """Outputs of the MPC that are logged every sampling period."""
 RESERVED = {"plan", "tube_alarm", *SAMPLED, *(field.name for field in fields(Record))}
 """Reserved names of signals: a record's own fields and other outputs."""
+MISSION_SIGNALS = {"due_place": "mission_place", "due_force": "mission_force",
+          "progress": "mission_progress"}
+"""Signal for each output of a mission that is logged."""
 TARGETS = ("desired_force", "place", "deepest")
 """Inputs of a controller by which its task is changed during a run."""
 
@@ -82,7 +89,7 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     """
     builder, model = DiagramBuilder(), model or load_model(scenario)
     check_values(scenario)
-    controller = builder.AddNamedSystem("tube_mpc", scenario.contact.make_controller(
+    controller = builder.AddNamedSystem("tube_mpc", make_tube(
         scenario, model, make_ocp(scenario, model)))
 
     # True signals come from outside; the pose of the end-effector follows from the state. Only a
@@ -160,8 +167,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         require(scenario.ancillary.takes_force, "ancillary", scenario.law,
                 "a law that takes the measured force, such as resolved")
         valid = chain(signals[MEASURED_FORCE], force_faults)
-        given |= scenario.contact.measured_force(
-            builder, scenario, model, measured, valid, signals)
+        given |= add_measured_force(builder, scenario, model, measured, valid, signals)
     if scenario.mission.steps:
         given |= add_mission(builder, scenario, model, measured, signals, meshcat)
     elif meshcat is not None and controller.HasInputPort("desired_force"):
@@ -185,6 +191,73 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
                 controller.GetInputPort(name)):
             builder.ExportInput(controller.GetInputPort(name), name)
     return measured, chain(applied, faults_at("actuation", faults))
+
+
+def add_measured_force(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
+                       state: OutputPort, valid: OutputPort, signals: Signals
+                       ) -> dict[str, OutputPort]:
+    """Adds the systems of a measured force before a controller.
+
+    ::
+
+        valid ─▶ ForceFaultDetector ─▶ HoldLastValue ─▶ TangentialFilter ─▶ law
+                         └─ force_valid ─▶ contact estimator
+
+    The detector is for a controller with a contact estimator, the filter for one with a
+    `tangential_lag`; others have the last valid value alone.
+
+    Args:
+        builder: Builder to add to.
+        scenario: The scenario.
+        model: The controller's model.
+        state: Output port of the measured (𝔮, ζ).
+        valid: Output port of 𝔉_s (6), which may not be finite.
+        signals: Signals of the loop, to which those of the measurement are added.
+
+    Returns:
+        Ports by the names of the controller's inputs.
+    """
+    estimates, given = "force_lost" in signals, {}
+    if estimates:
+        contact, reading = sensed_contact(scenario), reading_of(scenario)
+        detector = ForceFaultDetector.AddToBuilder(
+            builder, model, contact.period, repeats=sensing_of(scenario).repeats,
+            tare=reading.tare, largest=reading.largest, state=state, force_measured=valid)
+        given["force_valid"] = valid = detector.GetOutputPort("force_valid")
+        signals["force_status"] = detector.GetOutputPort("force_status")
+    force = signals["force_last_valid"] = HoldLastValue.AddToBuilder(
+        builder, measured=valid, release=signals.get("force_lost")).get_output_port()
+    if estimates and contact.tangential_lag > 0.0:
+        force = signals["force_filtered"] = TangentialFilter.AddToBuilder(
+            builder, contact.direction, contact.tangential_lag, contact.period, measured=force
+        ).get_output_port()
+    return {**given, MEASURED_FORCE: force}
+
+
+def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
+                state: OutputPort, signals: Signals, meshcat: Meshcat | None
+                ) -> dict[str, OutputPort]:
+    """Adds the mission, and returns the ports of its targets by the names of those inputs.
+
+    Args:
+        builder: Builder to add to.
+        scenario: The scenario, with a sensed contact.
+        model: The controller's model.
+        state: Output port of the measured (𝔮, ζ).
+        signals: Signals of the loop, with the estimate of the contact; the mission's are added.
+        meshcat: Meshcat of a stop button; None: an input port `stop`.
+    """
+    mission = builder.AddNamedSystem("mission", MissionControl(
+        scenario.mission, model, sensed_contact(scenario).walls, scenario.task.place))
+    wire(builder, mission, {**signals, "state": state})
+    if meshcat is None:
+        builder.ExportInput(mission.GetInputPort("stop"), "stop")
+    else:
+        wire(builder, mission, outputs(HomeButton.AddToBuilder(builder, meshcat)))
+    asked = outputs(mission)
+    for port, name in MISSION_SIGNALS.items():
+        signals[name] = asked.pop(port)
+    return asked
 
 
 def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signals: Signals,

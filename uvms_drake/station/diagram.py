@@ -28,6 +28,7 @@ from uvms_drake.station.problem import (
 )
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scene_setting import setting_of
+from uvms_drake.station.tube_control import make_tube
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.scene import Illustration
 
@@ -107,7 +108,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     if controller is None:
         ocp = make_ocp(scenario, model)
         start = start_state(scenario, ocp)[: model.size]
-        controller = scenario.contact.make_controller(scenario, model, ocp)
+        controller = make_tube(scenario, model, ocp)
 
     # Plant and controller, and the parts between them.
     uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(scenario, None, start))
@@ -181,7 +182,7 @@ def add_monitor(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
     monitor = builder.AddNamedSystem("tube_monitor", TubeMonitor(
         model, scenario.ancillary, declared.d_bound, radii,
         weights=disturbance_weights(scenario, model),
-        along_run=scenario.contact.bounded_along_run, period=scenario.log_period,
+        along_run=scenario.contact.declared_wall() is None, period=scenario.log_period,
         begin=monitor_begin(scenario.mpc.hover, certified), slack=MONITOR_SLACK,
         floor=monitor_floor(radii)))
     read = {name: signals[name] for name in ("state", "nominal_state")}

@@ -14,8 +14,8 @@ from uvms_drake.model.signals.fault import Fault
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion
-from uvms_drake.station.parts import faults_at
 from uvms_drake.station.problem import load_model, true_surface
+from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 
 

@@ -1,29 +1,38 @@
 """The nominal MPC's problem of a scenario: model, task and limits put together, and its start."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.schema import check_values
+from uvms_drake.control.contact.contact_state import initial_contact_state, updated_contact_state
+from uvms_drake.control.contact.press_target import SEARCH_DEPTH
+from uvms_drake.control.contact.safe_region import bounds, safe_depth
 from uvms_drake.control.limits import Limit, TubeRadii, check_limits, make_limits, tighten
+from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
+from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.limits.pose import ANGLES
 from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.model.surface.law import Surface, check_surface
-from uvms_drake.plant.robot_loading import sound_robot
-from uvms_drake.plant.surface_error import displaced
+from uvms_drake.plant.model_check import sound_robot
+from uvms_drake.plant.surface import displaced
+from uvms_drake.station.contact.bounds import (
+    largest_normal_force,
+    safe_depth_margin,
+    sensed_contact,
+    sensing_of,
+)
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
 
-if TYPE_CHECKING:
-    from uvms_drake.station.scenario.scenario import Scenario
 
-
-def load_model(scenario: "Scenario", robot: Robot | None = None) -> ContactModel:
+def load_model(scenario: Scenario, robot: Robot | None = None) -> ContactModel:
     """Returns the controller's model of robot and surface.
 
     Args:
@@ -48,7 +57,7 @@ def load_model(scenario: "Scenario", robot: Robot | None = None) -> ContactModel
     return ContactModel(robot.uvms, controller_surface, frame)
 
 
-def make_ocp(scenario: "Scenario", model: ContactModel | None = None) -> Ocp:
+def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> Ocp:
     """Returns the nominal MPC's problem.
 
     Args:
@@ -58,33 +67,37 @@ def make_ocp(scenario: "Scenario", model: ContactModel | None = None) -> Ocp:
     Raises:
         InvalidParameter: A value cannot be used, or the task cannot be held within the limits.
     """
-    return scenario.contact.make_ocp(scenario, model or load_model(scenario))
+    model = model or load_model(scenario)
+    known = scenario.contact.declared_wall() is None
+    return make_dynamic_ocp(scenario, model) if known else make_tracking_ocp(scenario, model)
 
 
-def limits_of(scenario: "Scenario", model: ContactModel) -> dict[str, Limit]:
+def limits_of(scenario: Scenario, model: ContactModel) -> dict[str, Limit]:
     """Returns the limits of the real robot by name; the model is the controller's."""
     return make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface,
                        thrusters=model.thrusters, slides=model.slides,
                        of_contact=scenario.contact.limits())
 
 
-def disturbance_weights(scenario: "Scenario", model: ContactModel) -> np.ndarray:
+def disturbance_weights(scenario: Scenario, model: ContactModel) -> np.ndarray:
     """Returns the diagonal of Ŵ (6+n,), one for each component of d, the largest 1."""
     with within("disturbance"):
         return scenario.disturbance.relative_weights(model.size)
 
 
-def true_surface(scenario: "Scenario") -> Surface:
+def true_surface(scenario: Scenario) -> Surface:
     """Returns the simulated surface, which the controller may not know."""
     return displaced(scenario.surface, scenario.surface_error)
 
 
-def shown_surface(scenario: "Scenario", model: ContactModel) -> Surface:
+def shown_surface(scenario: Scenario, model: ContactModel) -> Surface:
     """Returns the surface for drawing and for task errors: the model's, if it has one."""
-    return scenario.contact.shown_surface(model.surface, true_surface(scenario))
+    if scenario.contact.declared_wall() is None:
+        return model.surface
+    return check_surface(true_surface(scenario))
 
 
-def make_dynamic_ocp(scenario: "Scenario", model: ContactModel) -> Ocp:
+def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> Ocp:
     """Returns the problem of a scenario with a known surface; see `make_ocp`."""
     y_des, limits = posed_task(scenario, model)
     with within("mpc"):
@@ -99,7 +112,42 @@ def make_dynamic_ocp(scenario: "Scenario", model: ContactModel) -> Ocp:
     return ocp
 
 
-def retargeted_ocp(scenario: "Scenario", model: ContactModel, force: np.ndarray) -> Ocp:
+def make_tracking_ocp(scenario: Scenario, model: ContactModel) -> TrackingOcp:
+    """Returns the problem of a sensed contact, for every target: its inputs leave room for forces.
+
+    See `make_ocp`.
+    """
+    contact, force = sensed_contact(scenario), scenario.limits.static_force
+    require(force is None, "limits.static_force", force,
+            "left out (null) with a sensed contact, whose force contact.force limits")
+    y_des, limits = posed_task(scenario, model)
+    cone = ForceCone.of_surface(contact.walls, largest_normal_force(contact))
+    limits = {name: UnderContact(limit, cone) if isinstance(limit, InputLimit) else limit
+              for name, limit in limits.items()}
+    with within("mpc"):
+        return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
+                           contact.walls.facets)
+
+
+def first_problem(scenario: Scenario, ocp: Ocp, start: np.ndarray) -> Ocp:
+    """Returns the problem at t = 0 from (𝔮, ζ) (2(6+n),): `ocp` itself, if the surface is known.
+
+    With a sensed contact there is none at the start, and the target is further along n.
+    """
+    if not isinstance(ocp, TrackingOcp):
+        return ocp
+    contact, n, sensing = sensed_contact(scenario), ocp.direction, sensing_of(scenario)
+    tip = np.append(ocp.model.task_pose(start[: ocp.model.size])[:3], np.zeros(3))
+    known = updated_contact_state(contact.walls, sensing, np.zeros((2, 2)),
+                                  initial_contact_state(sensing), tip, np.zeros(3))
+    margin = safe_depth_margin(scenario)
+    depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
+    across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n
+    return ocp.aimed(TrackingTarget(across + (depth + SEARCH_DEPTH) * n,
+                                    bounds(contact.walls, known.apex, margin)))
+
+
+def retargeted_ocp(scenario: Scenario, model: ContactModel, force: np.ndarray) -> Ocp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
     The tube stays the scenario's: it holds for all forces within `limits.static_force`.
@@ -114,7 +162,7 @@ def retargeted_ocp(scenario: "Scenario", model: ContactModel, force: np.ndarray)
     return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)), model)
 
 
-def posed_task(scenario: "Scenario", model: ContactModel) -> tuple[np.ndarray, dict[str, Limit]]:
+def posed_task(scenario: Scenario, model: ContactModel) -> tuple[np.ndarray, dict[str, Limit]]:
     """Returns y_des (6+n,) and the tightened limits."""
     surface, task = model.surface, scenario.task
     limits = tighten(limits_of(scenario, model), scenario.tube)
@@ -139,13 +187,7 @@ def _at(model: ContactModel, y: np.ndarray) -> Points:
     return Points(model, model.configuration(y), y)
 
 
-def task_place(scenario: "Scenario") -> np.ndarray:
-    """Returns the position of the task's pose in Σ_I (3,) [m]."""
-    with within("task"):
-        return vector("pose", scenario.task.pose, 6)[:3]
-
-
-def start_state(scenario: "Scenario", ocp: Ocp) -> np.ndarray:
+def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
     """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
 
     Raises:
@@ -174,7 +216,7 @@ def _check_pose(limits: dict[str, Limit], at: Points,
         require(bool(np.all(limit.excess(at) <= 0.0)), *owners[limit.owner], limit.complaint(at))
 
 
-def check_inputs(scenario: "Scenario", model: ContactModel | None = None) -> ContactModel:
+def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:
     """Returns the controller's model, if the scenario would have a meaning without any tube.
 
     Args:

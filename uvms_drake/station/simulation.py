@@ -142,7 +142,7 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
         "state_lost": logs["state_lost"].reshape(-1),
         "input_limited": logs["input_limited"].reshape(-1),
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
-        "chi_des": scenario.contact.goal(scenario, model, logs),
+        "chi_des": _goal(scenario, model, logs),
         "joint_lower": joint_lower,
         "joint_upper": joint_upper,
         "certified": np.array(certified),
@@ -183,3 +183,14 @@ def sent_input(model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
     M = model.mass_matrix(model.kinematics(logs["state"][:, : model.size]))
     sent: np.ndarray = np.linalg.solve(M, logs["zoh_command"][..., None])[..., 0]
     return sent
+
+
+def _goal(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
+    """Returns the pose χ_des (6,) that the end-effector was to have at the end.
+
+    In a sensed contact it is the last target, in the attitude of the task.
+    """
+    pose = model.surface.pose_for(logs["desired_force"][-1], scenario.task.pose)
+    if "target" not in logs:
+        return pose
+    return np.concatenate([logs["target"][-1], pose[3:]])

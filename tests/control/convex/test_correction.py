@@ -18,7 +18,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import TrackingPlan
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.station.problem import load_model, make_ocp, start_state
+from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario
 
 
@@ -68,7 +68,7 @@ def test_another_plan_has_the_values_of_its_own_program(name):
     ocp = make_ocp(scenario, model)
     start = start_state(scenario, ocp)[: ocp.state_size]
     if isinstance(ocp, TrackingOcp):
-        ocp = scenario.contact.first_problem(scenario, model, ocp, start)
+        ocp = first_problem(scenario, ocp, start)
     revalued_is_the_program(ocp, ocp.resting_plan(0.0, start))
 
 

@@ -19,7 +19,7 @@ from uvms_drake.control.mpc.planner import committed_intervals
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
-from uvms_drake.station.command_path import command_path_of
+from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import load_scenario
 
 H, N = 0.2, 6

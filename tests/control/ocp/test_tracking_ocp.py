@@ -9,8 +9,7 @@ from pydrake.solvers import SnoptSolver
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.costs.level_vehicle import LevelVehicle
-from uvms_drake.control.costs.offset_cost import OffsetCost
+from uvms_drake.control.costs.costs import LevelVehicle, OffsetCost
 from uvms_drake.control.limits.pose import TipBox
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver

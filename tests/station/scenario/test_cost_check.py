@@ -3,8 +3,7 @@
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.station.scenario.cost_check import check_cost
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import check_cost, load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 USUAL = {"duration": 20.0, "log_period": 0.02, "max_step_size": 0.02, "time_step": 0.2,

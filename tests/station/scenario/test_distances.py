@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from uvms_drake.report.signals import surface_depth
-from uvms_drake.station.contact import SensedContact
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import load_model, true_surface
+from uvms_drake.station.scenario.contact import SensedContact
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from uvms_drake.station.scenario.remarks import remarks
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario, remarks
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 

@@ -7,9 +7,8 @@ from support.tiny_robots import tiny_robot
 
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.control.laws.outputs import outputs_of
+from uvms_drake.control.laws.outputs import outputs_of, tip_rows
 from uvms_drake.control.laws.tip_first import BlockGains
-from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, reading_input

@@ -27,8 +27,7 @@ from uvms_drake.common.constraints import AtLeast, NotNegative, OneOf, Positive
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.schema import check_values
 from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram, TerminalLimit
-from uvms_drake.control.costs.task_cost import TaskCost
-from uvms_drake.control.costs.term import CostTerm
+from uvms_drake.control.costs.costs import CostTerm, TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp.limit_stack import Inputs, LimitStack, Values
 from uvms_drake.control.plan.plan import Plan, advance, advance_derivatives

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uvms_drake.certificate.certify import declared_set
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.control.ocp.ocp import FEASIBLE
@@ -93,11 +94,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
         ("mpc.terminal_set", "none", not mpc.terminal_set),
         ("joints of weight zero", "which no terminal set covers", free))]
     # Tube, and the rest of the limits.
-    roll, pitch, tip_pitch, *q_upper = bounds.upper
-    nu1, nu2, qdot = bounds.speeds
-    declared = ConstraintSet(
-        q_lower=bounds.lower[3:], q_upper=np.array(q_upper), roll=roll, pitch=pitch,
-        tip_pitch=tip_pitch, nu1=nu1, nu2=nu2, qdot=qdot, force_max=1.0)
+    declared = declared_set(scenario.limits, model)
     law, w_bound = scenario.ancillary, scenario.disturbance.d_bound
     found = (of_transpose(law, model, declared, w_bound, settings)
              if isinstance(law, Transpose) else

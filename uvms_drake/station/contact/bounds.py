@@ -2,11 +2,11 @@
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, within
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.signals.sensor_actuator import ForceReading
@@ -14,13 +14,11 @@ from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.sensing.force_fault_detector import run_of_frozen
+from uvms_drake.station.scenario.contact import SensedContact
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-
-if TYPE_CHECKING:
-    from uvms_drake.station.contact.sensed_contact import SensedContact
-    from uvms_drake.station.scenario.scenario import Scenario
 
 SAFE_REGION = "control/theory.md#safe-region-of-an-unknown-wall"
 """Theorem of the conditions on readings and forces."""
@@ -31,14 +29,14 @@ LONGEST_FREEZE = 0.25
 region allows for it at every reading. A sensor that needs longer has no detection."""
 
 
-def sensed_contact(scenario: "Scenario") -> "SensedContact":
+def sensed_contact(scenario: Scenario) -> SensedContact:
     """Returns the declared data of the wall."""
-    assert isinstance(scenario.contact, UnknownContact)  # Else there is another contact.
-    with within("contact"):
-        return cast("SensedContact", scenario.contact.checked())
+    wall = scenario.contact.declared_wall()
+    assert wall is not None  # Else there is another contact.
+    return wall
 
 
-def reading_of(scenario: "Scenario") -> ForceReading:
+def reading_of(scenario: Scenario) -> ForceReading:
     """Returns the error bounds of the measured force until the end."""
     reading = known_reading(scenario)
     if reading is not None:
@@ -47,7 +45,7 @@ def reading_of(scenario: "Scenario") -> ForceReading:
                            "as !ForceSensor, for a sensed contact")
 
 
-def known_reading(scenario: "Scenario") -> ForceReading | None:
+def known_reading(scenario: Scenario) -> ForceReading | None:
     """Returns the error bounds of the measured force; None if no part measures it."""
     readings = {i: reading for i, part in enumerate(scenario.sensing) if (
         reading := part.reading(scenario.duration, turning_of(scenario))) is not None}
@@ -59,7 +57,7 @@ def known_reading(scenario: "Scenario") -> ForceReading | None:
                  for reading in readings.values()), None)
 
 
-def _read_of_payload(scenario: "Scenario", reading: ForceReading) -> tuple[float, float]:
+def _read_of_payload(scenario: Scenario, reading: ForceReading) -> tuple[float, float]:
     """Returns bounds of the force [N] and torque [N m] that are read of a payload.
 
     With a tare that is the change since then, at most twice the payload's own wrench:
@@ -75,7 +73,7 @@ def _read_of_payload(scenario: "Scenario", reading: ForceReading) -> tuple[float
     return times * force, times * torque
 
 
-def largest_reading_error(scenario: "Scenario", force: MeasuredForceBounds, uneven: float) -> float:
+def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds, uneven: float) -> float:
     """Returns the largest difference of a reading from the normal forces of the last `delay` [N].
 
     Added is the motion between two readings: damping by a velocity v off the line between them,
@@ -102,13 +100,13 @@ def largest_reading_error(scenario: "Scenario", force: MeasuredForceBounds, unev
     return float(force.error + force.size * missing + turned + unseen)
 
 
-def turning_of(scenario: "Scenario") -> float:
+def turning_of(scenario: Scenario) -> float:
     """Returns a bound of the angular velocity of the tip [rad/s], whatever the arm."""
     joints = len(np.asarray(scenario.task.posture))
     return scenario.limits.nu2 + float(np.sqrt(joints)) * scenario.limits.qdot
 
 
-def sensing_of(scenario: "Scenario") -> EstimatorSettings:
+def sensing_of(scenario: Scenario) -> EstimatorSettings:
     """Returns the declared bounds of readings for the contact estimator.
 
     Equal readings are a fault only if the sensor's noise exceeds its resolution; a sensor slower
@@ -135,19 +133,19 @@ def largest_normal_force(contact: UnknownContact) -> float:
     return contact.peak(contact.force, fastest_advance(contact)) + contact.force_error
 
 
-def safe_depth_margin(scenario: "Scenario") -> float:
+def safe_depth_margin(scenario: Scenario) -> float:
     """Returns E = E_n + √2 αE_t [m], the largest depth of the real tip beyond the planned one."""
     tube, walls = resolved_radii(scenario.tube), sensed_contact(scenario).walls
     parts = tube.depth, np.sqrt(2.0) * walls.tilt * (tube.position or 0.0), tube.between_knots
     return float(sum(part or 0.0 for part in parts))
 
 
-def pressing_force(scenario: "Scenario") -> float:
+def pressing_force(scenario: Scenario) -> float:
     """Returns the desired force along n [N]."""
     return scenario.task.force_along(sensed_contact(scenario).direction)
 
 
-def largest_force(scenario: "Scenario") -> float:
+def largest_force(scenario: Scenario) -> float:
     """Returns the largest desired force [N].
 
     The safe region lets the planned tip press at F as long as (F_max − (F + 2ν)/a₋)/κ₊ is more than
@@ -161,18 +159,7 @@ def largest_force(scenario: "Scenario") -> float:
     return contact.walls.share * left - 2.0 * contact.force_error
 
 
-def depth_left(scenario: "Scenario") -> float:
-    """Returns the radius of the depth with which the largest force would be the task's [m].
-
-    It takes 2κ₊ of the force per depth.
-    """
-    contact = sensed_contact(scenario)
-    return (resolved_radii(scenario.tube).depth or 0.0) + (
-        largest_force(scenario) - pressing_force(scenario)) / (
-            2.0 * contact.stiffness * contact.walls.share)
-
-
-def mission_conditions(scenario: "Scenario") -> list[Condition]:
+def mission_conditions(scenario: Scenario) -> list[Condition]:
     """Returns the conditions of each mission step on the safe region and the tangential speed.
 
     They do not depend on place and time of a step: model and limits are the same everywhere, and

@@ -1,25 +1,22 @@
 """Radii in a hold of a sensed contact, from the declared data of a scenario."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.station.contact.bounds import fastest_advance, sensed_contact
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold import HoldLaw, settled
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.ultimate_bounds import error_along
 
-if TYPE_CHECKING:
-    from uvms_drake.station.scenario.scenario import Scenario
-
 STANDING = np.array([0.002, 0.002, 0.01])
 """Largest speeds of a plan that stands: advance of the tip [m/s], ‖ν̄₂‖ and ‖q̄̇‖ [rad/s]."""
 
 
-def hold_radii(scenario: "Scenario", law: HoldLaw, approach: MeasuredForceBounds, *,
+def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, *,
                likely: bool = False) -> tuple[HoldRadii | None, Condition]:
     """Returns the radii in a hold, None if there are none, and the condition for them.
 

@@ -4,17 +4,15 @@ A system that stands between a sensor and the law may change a measurement whose
 bounds, so each is named here with the theorem that covers it; an empty theorem is "not covered".
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.sensing.force_fault_detector import CHANCE
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.contact.bounds import LONGEST_FREEZE, sensed_contact, sensing_of
-from uvms_drake.station.parts import faults_at
-
-if TYPE_CHECKING:
-    from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scenario.parts import faults_at
+from uvms_drake.station.scenario.scenario import Scenario
 
 ERROR_BOUND = "sensing/theory.md#error-bound-of-the-force-sensor"
 DETECTION = "sensing/theory.md#detection-of-a-frozen-force"
@@ -34,7 +32,7 @@ class PathElement(NamedTuple):
     """Person or maker that has to guarantee the assumption."""
 
 
-def measurement_path(scenario: "Scenario") -> list[PathElement]:
+def measurement_path(scenario: Scenario) -> list[PathElement]:
     """Returns the systems of a scenario with a sensed contact, from the sensors to the law."""
     elements, measures_state = [], False
     if faults_at("sensing", scenario.faults):
@@ -66,7 +64,7 @@ def _of_part(part: Part, measures_state: bool) -> list[PathElement]:
     return [sensor, attitude] if measures_state else [sensor]
 
 
-def _detector(scenario: "Scenario") -> PathElement:
+def _detector(scenario: Scenario) -> PathElement:
     """Returns the detector of frozen and saturated readings."""
     repeats = sensing_of(scenario).repeats
     if not repeats:

@@ -14,7 +14,7 @@ from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from uvms_drake.actuation import IdealWrench, Thrusters
 from uvms_drake.common.constraints import AtMost, NotNegative, OneOf, Positive, Vector
-from uvms_drake.common.errors import require, shortened, within
+from uvms_drake.common.errors import require, shortened, vector, within
 from uvms_drake.common.schema import check_values, conform, dump_typed, read_yaml
 from uvms_drake.control.laws import AncillaryLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
@@ -23,14 +23,14 @@ from uvms_drake.mission.steps import Mission
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.signals.sensor_actuator import Actuator, Sensor
 from uvms_drake.model.surface import Surface, UnilateralPlane
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant import Disturbance, SinusoidalDisturbance
-from uvms_drake.plant.model_error import ModelError, check_model_error
-from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import ModelError, Unknowns, check_model_error
+from uvms_drake.plant.surface import SurfaceError, check_surface_error
 from uvms_drake.plant.waves import Wave
-from uvms_drake.station.contact import Contact, KnownSurface
-from uvms_drake.station.scenario.cost_check import check_cost
+from uvms_drake.station.scenario.contact import Contact, KnownSurface
 from uvms_drake.station.scenario.modules import import_modules
+from uvms_drake.station.scenario.parts import keyed
 from uvms_drake.station.scenario.scenario_file import (
     apply_overrides,
     refuse_gone,
@@ -46,6 +46,19 @@ from uvms_drake.visual.config import VisualConfig, check_visual
 LARGEST_SEED = 2**63 - 1
 LONGEST_NAME = 100
 """Largest length of a scenario's name [bytes in UTF-8]; file systems allow 255, with a suffix."""
+
+SAMPLE_BYTES = 4e3
+"""Memory of a sample of all logged signals [B]."""
+PLAN_BYTES = 2.5e3
+"""Memory of a plan's program, over the square of its horizon [B]."""
+STEP_SECONDS = 1e-3
+"""Time of a step of the integrator [s]."""
+INTERVAL_SECONDS = 1e-3
+"""Time of making a plan, over its horizon [s]."""
+MOST_BYTES = 4e9
+"""Memory that a run may take [B]."""
+MOST_HOURS = 8.0
+"""Time that a run may take [h]."""
 
 
 @dataclass
@@ -85,6 +98,11 @@ class Task:
         force = float(np.linalg.norm(self.force))
         require(force == 0.0 or self.force_tolerance < force, "force_tolerance",
                 self.force_tolerance, f"smaller than the desired force itself, {force:g} N")
+
+    @property
+    def place(self) -> np.ndarray:
+        """Position of its pose in Σ_I (3,) [m]."""
+        return vector("task.pose", self.pose, 6)[:3]
 
     def force_along(self, direction: np.ndarray) -> float:
         """Returns the desired force along a direction (3,) [N]."""
@@ -158,17 +176,17 @@ class Scenario:
                 f"at most the duration, {self.duration:g} s")
         with within("mission"):
             self.mission.checked()
-        self.contact.check_in(self)
+        require(not self.mission.steps or self.contact.declared_wall() is not None,
+                "mission.steps", self.mission.steps, "left out, without a sensed contact")
         # Errors, parts and faults, the integrator, and the picture.
         with within("model_error"):
             check_model_error(self.model_error)
         with within("surface_error"):
             check_surface_error(self.surface_error)
-        for i, part in enumerate(self.actuation):
-            require(not isinstance(part, IdealWrench) or (
-                len(self.actuation) == i + 1 and not any(
-                    type(each) is Thrusters for each in self.actuation)), f"actuation[{i}]",
-                "IdealWrench", "the last part, and left out beside !Thrusters")
+        allocated = any(type(part) is Thrusters for part in self.actuation)
+        for key, part in keyed("actuation", self.actuation[:None if allocated else -1]).items():
+            require(not isinstance(part, IdealWrench), key, "IdealWrench",
+                    "the last part, and left out beside !Thrusters")
         for i, fault in enumerate(self.faults):
             require(type(fault) not in map(type, self.faults[:i]), f"faults[{i}]",
                     type(fault).__name__, "of a kind that is not declared twice")
@@ -242,3 +260,57 @@ def _check_simulator(settings: SimulatorConfig) -> None:
             ("max_step_size", NotNegative), ("target_realtime_rate", NotNegative)):
         constraint.check(f"simulator.{key}", getattr(settings, key))
     require(settings.start_time == 0.0, "simulator.start_time", settings.start_time, "0")
+
+
+def check_cost(duration: float, log_period: float, max_step_size: float, time_step: float,
+               horizon: int) -> None:
+    """Raises `InvalidParameter` for the first size that makes a run too large.
+
+    Args:
+        duration: Simulated time [s].
+        log_period: Time between two samples of the log [s].
+        max_step_size: Largest step of the integrator [s].
+        time_step: Time between two plans [s].
+        horizon: Number of intervals of a plan.
+    """
+    plan = PLAN_BYTES * float(horizon) * float(horizon)
+    require(plan <= MOST_BYTES, "mpc.horizon", horizon,
+            f"at most {(MOST_BYTES / PLAN_BYTES) ** 0.5:.0f}: one plan would take "
+            f"{plan / 1e9:.2g} GB of memory")
+    for key, period, cost, most, unit in (
+            ("log_period", log_period, SAMPLE_BYTES / 1e9, MOST_BYTES / 1e9, "GB of memory"),
+            ("simulator.max_step_size", max_step_size, STEP_SECONDS / 3600.0, MOST_HOURS, "hours"),
+            ("mpc.time_step", time_step, INTERVAL_SECONDS / 3600.0 * horizon, MOST_HOURS, "hours")):
+        if period > 0.0:  # Other values are refused elsewhere.
+            total = duration / period * cost
+            require(total <= most, key, period,
+                    f"at least {duration * cost / most:.2g} s, or the duration shorter: "
+                    f"{duration:g} s would take about {total:.2g} {unit}")
+
+
+def remarks(scenario: Scenario) -> list[str]:
+    """Returns a line for every accepted value without effect."""
+    lines = [f"faults[{i}].start = {start:g} s is after the end of the run: it never happens"
+             for i, fault in enumerate(scenario.faults)
+             if (start := getattr(fault, "start", 0.0)) >= scenario.duration]
+    task, step = scenario.task, scenario.simulator.max_step_size
+    if task.pose is not None:
+        surface = scenario.contact.controller_surface(check_surface(scenario.surface))
+        pose, force = np.asarray(task.pose, dtype=float), np.asarray(task.force, dtype=float)
+        off = surface.pose_for(force, pose)[:3] - pose[:3]
+        depth = surface.penetration_for(float(np.linalg.norm(force[:3]))) or 0.0
+        if np.linalg.norm(off) > 2.0 * depth:
+            lines.append(f"task.pose is {np.linalg.norm(off):.3g} m off the surface: along its "
+                         "normal, the desired force determines the position")
+    if scenario.mpc.hover >= scenario.duration:
+        lines.append(f"mpc.hover = {scenario.mpc.hover:g} s is not before the end of the run: the "
+                     "robot only hovers, and no tube is monitored without a certificate")
+    forces = [part.reading(0.0, 0.0) is not None for part in scenario.sensing]
+    if True in forces and not all(forces[(first := forces.index(True)):]):
+        lines.append(f"sensing[{first}] measures the force in the true attitude: parts that "
+                     "change the measured one come after it")
+    shortest = min(scenario.log_period, scenario.mpc.time_step)
+    if step > shortest:
+        lines.append(f"simulator.max_step_size = {step:g} s is cut to {shortest:g} s by the log or "
+                     "the MPC")
+    return lines

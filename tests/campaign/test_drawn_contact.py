@@ -1,17 +1,11 @@
-"""Tests of `uvms_drake.station.contact.drawn_contact`: draws of scenarios with unknown surfaces."""
+"""Tests of `uvms_drake.campaign.drawn_contact`: draws of scenarios with unknown surfaces."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
-from uvms_drake.model.surface import ShapedSurface
-from uvms_drake.model.surface.contact_laws import Linear
-from uvms_drake.plant.surface_error import SurfaceError
-from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
-from uvms_drake.station.contact.drawn_contact import (
+from uvms_drake.campaign.drawn_contact import (
     FARTHEST,
     FORCES,
     PART,
@@ -22,11 +16,16 @@ from uvms_drake.station.contact.drawn_contact import (
     steepest_friction,
     tips,
 )
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
+from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.model.surface.contact_laws import Linear
+from uvms_drake.plant.surface import SurfaceError
+from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.contact.drawn_surfaces import is_member
-from uvms_drake.station.problem import load_model, make_ocp, start_state
+from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.step_bounds import friction_rate
-from uvms_drake.station.step_size import with_step
+from uvms_drake.station.step_size import friction_rate, with_step
 from uvms_drake.tube.terminal_set import TerminalLoop
 
 pytestmark = pytest.mark.long
@@ -42,7 +41,7 @@ def ocp(base):
     """The problem at t = 0, with the safe region before any contact."""
     model = load_model(base)
     problem = make_ocp(base, model)
-    return base.contact.first_problem(base, model, problem, start_state(base, problem))
+    return first_problem(base, problem, start_state(base, problem))
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +54,7 @@ def test_a_wall_that_is_known_is_not_drawn_anew():
     scenario = load_scenario("girona500_ideal")
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    assert scenario.contact.drawn(scenario, None, rng) is scenario
+    assert drawn_contact(scenario, None, rng) is scenario
     assert rng.bit_generator.state == before
 
 

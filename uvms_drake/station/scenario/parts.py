@@ -1,14 +1,16 @@
-"""Lists of a scenario, of parts and of faults: their keys, and the kinds of faults."""
+"""Lists of a scenario, of parts and of faults: their keys, kinds of faults, path of a command."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from uvms_drake.actuation.joint_brake import StuckJoint
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import within
 from uvms_drake.common.kinds import offer
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.model.signals.fault import Fault
-from uvms_drake.model.signals.sensor_actuator import Part
+from uvms_drake.model.signals.sensor_actuator import Actuator, Part
+from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.sensing.faults import (
     FrozenForce,
@@ -25,7 +27,6 @@ offer(Fault, SolverFailure, SolverTimeout, DroppedPeriod, FrozenState, LostState
 
 def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
     """Returns the parts of a scenario's list by their keys."""
-    require(isinstance(parts, Sequence), key, parts, "a list of parts")
     return {f"{key}[{i}]": part for i, part in enumerate(parts)}
 
 
@@ -37,3 +38,12 @@ def faults_at(place: str, faults: Sequence[Fault]) -> dict[str, Any]:
 def uncovered(faults: Sequence[Fault]) -> list[str]:
     """Returns the names of the faults under which no certificate holds."""
     return [type(fault).__name__ for fault in faults if fault.assumption() is not None]
+
+
+def command_path_of(actuation: Sequence[Actuator], model: UvmsModel) -> CommandPath:
+    """Returns the path of a law's commands through actuation, by the controller's model."""
+    path = IDEAL_PATH
+    for key, part in keyed("actuation", actuation).items():
+        with within(key):
+            path = path.then(part.command_path(model))
+    return path

@@ -7,7 +7,6 @@ wherever they may touch it.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +15,8 @@ from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, 
 from uvms_drake.control.mpc.planner import committed_intervals
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
-from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface import ShapedSurface
-from uvms_drake.model.surface.unknown_contact import UnknownContact
-from uvms_drake.plant.surface_error import SurfaceError
-from uvms_drake.station.command_path import command_path_of
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.station.contact.bounds import (
     largest_force,
     pressing_force,
@@ -35,10 +31,9 @@ from uvms_drake.station.contact.drawn_mission import (
     seconds_of,
 )
 from uvms_drake.station.contact.drawn_surfaces import AT_THE_BOUND, SOFTEST, draw_wall
-from uvms_drake.station.step_bounds import friction_rate, largest_rate
-
-if TYPE_CHECKING:
-    from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scenario.parts import command_path_of
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.step_size import friction_rate, largest_rate
 
 FORCES = (5.0, 30.0)
 """Range of the desired force, limited to the largest that the class allows [N]."""
@@ -53,8 +48,10 @@ LEAST_CREEP = 0.005
 ATTEMPTS = 1000
 
 
-def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "Scenario":
+def drawn_contact(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Scenario:
     """Returns the scenario with an unknown wall of the class, and any admissible desired force.
+
+    One with a known surface stays as it is.
 
     Its distance is limited so that it should be reached and pressed in time; a very soft one, or a
     long slide along it, may take longer all the same. A run lasts as long as its wall should need,
@@ -64,7 +61,8 @@ def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "
     Raises:
         RunFailed: No draw is in the class.
     """
-    assert isinstance(ocp, TrackingOcp)  # The problem of a sensed contact.
+    if not isinstance(ocp, TrackingOcp):
+        return scenario
     contact, mission = sensed_contact(scenario), scenario.mission
     force = float(rng.uniform(*drawn_forces(scenario)))
     steepest = steepest_friction(scenario, ocp)
@@ -102,7 +100,7 @@ def drawn_contact(scenario: "Scenario", ocp: Ocp, rng: np.random.Generator) -> "
     raise RunFailed(f"none of {ATTEMPTS} drawn walls is in the class")
 
 
-def drawn_forces(scenario: "Scenario") -> tuple[float, float]:
+def drawn_forces(scenario: Scenario) -> tuple[float, float]:
     """Returns the smallest and the largest desired force that is drawn [N].
 
     With a mission both are the task's, of the first plan.
@@ -114,9 +112,11 @@ def drawn_forces(scenario: "Scenario") -> tuple[float, float]:
     return float(low), float(high)
 
 
-def about_drawn(contact: UnknownContact, mission: Mission, forces: tuple[float, float]
-                ) -> Iterator[str]:
-    """Yields the sentences on the mission, or the least and largest desired force, and the wall."""
+def about_drawn(scenario: Scenario) -> Iterator[str]:
+    """Yields the sentences on the mission or the force, and on the wall, if it is drawn."""
+    if scenario.contact.declared_wall() is None:
+        return
+    contact, mission, forces = sensed_contact(scenario), scenario.mission, drawn_forces(scenario)
     if mission.steps:
         yield f"mission, the same in every run: {in_words(mission)}"
     else:
@@ -131,12 +131,12 @@ def about_drawn(contact: UnknownContact, mission: Mission, forces: tuple[float, 
               if mission.steps else ""))
 
 
-def tips(scenario: "Scenario", ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:
+def tips(scenario: Scenario, ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:
     """Returns the start of the tip, and its desired position but for the depth (3,) [m]."""
     return ocp.model.task_pose(scenario.start.config)[:3], ocp.y_des[:3]
 
 
-def pace(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: float
+def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
          ) -> tuple[float, float]:
     """Returns the approach speed v to a wall [m/s], and the time to press [s].
 
@@ -165,23 +165,23 @@ def pace(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: flo
     return PART * speed, float(pressing) / PART
 
 
-def press_time(scenario: "Scenario", ocp: TrackingOcp, wall: ShapedSurface, force: float) -> float:
+def press_time(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float) -> float:
     """Returns the time to press of `pace` without its safety factor [s]."""
     return PART * pace(scenario, ocp, wall, force)[1]
 
 
-def _committed(scenario: "Scenario", ocp: TrackingOcp) -> int:
+def _committed(scenario: Scenario, ocp: TrackingOcp) -> int:
     """Returns the number of committed intervals at the beginning of a plan."""
     return committed_intervals(
         scenario.ancillary, command_path_of(scenario.actuation, ocp.model), ocp.time_step)
 
 
-def _lag(scenario: "Scenario", ocp: TrackingOcp) -> float:
+def _lag(scenario: Scenario, ocp: TrackingOcp) -> float:
     """Returns the lag of a tip behind a moving target [s]."""
     return ocp.following_lag(_committed(scenario, ocp))
 
 
-def steepest_friction(scenario: "Scenario", ocp: Ocp) -> float:
+def steepest_friction(scenario: Scenario, ocp: Ocp) -> float:
     """Returns the largest rate of a drawn wall's friction [1/s], see `with_step`.
 
     It is that of the scenario's own wall, for which the step is short enough; if that has no

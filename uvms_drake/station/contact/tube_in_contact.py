@@ -1,0 +1,183 @@
+"""Tube of a law in contact with an unknown wall, and the conditions of its safe region."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from uvms_drake.control.limits import TubeRadii, resolved_radii
+from uvms_drake.control.plan.plan import off_parabola, stopping_distance
+from uvms_drake.model.surface.unknown_contact import UnknownContact
+from uvms_drake.sensing.force_fault_detector import CHANCE, chance_of_run, run_of_frozen
+from uvms_drake.station.contact.bounds import (
+    BETWEEN_KNOTS,
+    SAFE_REGION,
+    between_knots,
+    fastest_advance,
+    largest_force,
+    largest_normal_force,
+    largest_reading_error,
+    mission_conditions,
+    pressing_force,
+    reading_of,
+    safe_depth_margin,
+    sensed_contact,
+    sensing_of,
+    slower,
+)
+from uvms_drake.station.contact.hold import hold_radii
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
+from uvms_drake.tube.contact.tip_motion import JERK, second_jerk, tip_jerk, unevenness
+from uvms_drake.tube.estimates import Estimate, largest_of, together
+from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+
+SAFETY_OF_JERK = 1.1
+"""Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
+
+
+def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:
+    """Returns the bounds of the force of all walls of the class, and of its measurement.
+
+    None: the surface is known, and its force is modelled.
+    """
+    if scenario.contact.declared_wall() is None:
+        return None
+    contact, reading = sensed_contact(scenario), reading_of(scenario)
+    speed = fastest_advance(contact)
+    return MeasuredForceBounds(
+        size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
+        rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
+        tangential_rate=contact.force_rate, tangential_ripple=contact.force_ripple,
+        reading=reading, tool_angle=contact.tool_angle)
+
+
+def in_contact(tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
+    """Returns the tube with the contact's input error, and the contact's conditions.
+
+    With a known surface, and where a law has no radii of the input, it is the tube as it is.
+    """
+    measured = force_bounds(scenario)
+    if measured is None or not np.size(tube.radii.u):
+        return tube
+    contact, step = sensed_contact(scenario), scenario.mpc.time_step
+    own = resolved_radii(tube.radii)
+    planned = slower(basis.declared, own)
+    remainder, check_remainder = _input_remainder(contact, own, basis)
+    jerk, check_jerk = _plan_jerk(contact, planned, basis, step)
+    # The tube that plans are tightened by: input errors in contact, and the way between knots.
+    u_remainder, tau_remainder = np.split(remainder, 2)
+    tau = tube.radii.tau
+    radii = replace(tube.radii, u=tube.radii.u + u_remainder,
+                    tau=None if tau is None else tau + tau_remainder,
+                    between_knots=off_parabola(jerk, step), **between_knots(planned, step))
+    widened = replace(scenario, tube=radii)
+    conditions = [
+        *_of_sensor(scenario, measured, _unevenness(scenario, tube, measured, jerk)),
+        *_of_safe_region(widened, 0.125 * step**2 * jerk), *mission_conditions(widened)]
+    # Smaller radii once a plan stands.
+    if tube.hold is not None:
+        hold, decay = hold_radii(scenario, tube.hold, measured)
+        likely_hold, _ = hold_radii(scenario, tube.hold, measured, likely=True)
+        radii = replace(radii, hold=hold, likely_hold=likely_hold)
+        conditions.insert(0, decay)
+    return tube._replace(
+        radii=radii, conditions=(*tube.conditions, *conditions),
+        check=together(tube.check, lambda: (check_remainder(), check_jerk())))
+
+
+def _input_remainder(contact: UnknownContact, radii: TubeRadii, basis: Basis
+                     ) -> tuple[np.ndarray, Callable[[], Estimate]]:
+    """Returns the contact's part of the tube of u and τ (2(6+n),), and its second search."""
+    declared, settings = basis.declared, basis.settings
+    assert radii.joints is not None and radii.orientation is not None  # They are filled in.
+    worst, second = contact_input_remainder(
+        basis.model, declared.q_lower, declared.q_upper,
+        np.hypot(1.0, contact.friction) * largest_normal_force(contact), radii.joints,
+        radii.orientation, settings.seed)
+    remainder = settings.safety_factor * worst
+    return remainder, lambda: largest_of("remainder of u in contact", remainder, second)
+
+
+def _plan_jerk(contact: UnknownContact, planned: ConstraintSet, basis: Basis, step: float
+               ) -> tuple[float, Callable[[], Estimate]]:
+    """Returns the jerk of a planned tip [m/s³], and its second search.
+
+    By it a plan leaves its limits between knots, with a facet's part across n.
+    """
+    model, settings = basis.model, basis.settings
+    tangential = np.sqrt(2.0) * contact.walls.tilt
+    cone = contact.tool_angle + np.arctan(tangential)
+    tip = SAFETY_OF_JERK * tip_jerk(
+        model, planned, step, cone, 10 * settings.constant_samples, settings.seed)
+    return np.hypot(1.0, tangential) * tip, lambda: Estimate(
+        JERK, tip, second_jerk(model, planned, step, cone, settings.seed))
+
+
+def _of_sensor(scenario: Scenario, measured: MeasuredForceBounds, uneven: float
+               ) -> list[Condition]:
+    """Returns the conditions that a reading has no more than the declared error.
+
+    Nor leaves the sensor's range, nor counts as frozen while the sensor works; and that no wall is
+    near during the tare.
+    """
+    contact, reading = sensed_contact(scenario), reading_of(scenario)
+    off = largest_reading_error(scenario, measured, uneven)
+    return [
+        Condition("contact.force_error, not less than the sensor's error", contact.force_error,
+                  ">=", off, f"--set contact.force_error={np.ceil(10.0 * off) / 10.0:.3g}"
+                  if np.isfinite(off) else "", theorem=SAFE_REGION, topic="contact.force_error"),
+        Condition("sensing, largest force within the range [N]", reading.largest, ">",
+                  measured.size + measured.error, theorem=SAFE_REGION),
+        Condition("sensing, probability that a working sensor is taken for frozen, a reading",
+                  chance_of_run(reading.repeated, run_of_frozen(reading.repeated))
+                  if sensing_of(scenario).repeats else 0.0, "<=", CHANCE,
+                  theorem="sensing/theory.md#detection-of-a-frozen-force"),
+        Condition("contact.clearance, not less than the path of the tip in the tare [m]",
+                  contact.clearance, ">=", fastest_advance(contact) * reading.tare,
+                  theorem=SAFE_REGION, topic="contact.clearance")]
+
+
+def _of_safe_region(scenario: Scenario, faster: float) -> list[Condition]:
+    """Returns the conditions that the safe region admits the desired force, with the tube in it.
+
+    And that the tip is not much faster between the knots of a plan: by `faster` [m/s].
+    """
+    contact, margin = sensed_contact(scenario), safe_depth_margin(scenario)
+    share = max(contact.walls.share, np.finfo(float).tiny)
+    free = stopping_distance(
+        contact.force, contact.force_error / share, contact.stiffness, margin,
+        retreat=contact.dissipation * fastest_advance(contact))
+    return [
+        Condition("contact.speed, excess between two knots [m/s]", faster, "<=",
+                  BETWEEN_KNOTS * min(contact.speed, contact.speed_across),
+                  theorem="control/theory.md#motion-between-two-knots", topic="contact.speed"),
+        Condition("safe region, margin from a reading without touch [m]", free, ">", 0.0,
+                  theorem=SAFE_REGION, topic="safe region"),
+        Condition("task.force, largest force in the safe region [N]", pressing_force(scenario),
+                  "<", largest_force(scenario), theorem=SAFE_REGION, topic="task.force")]
+
+
+def _unevenness(scenario: Scenario, tube: LawTube, force: MeasuredForceBounds, jerk: float
+                ) -> float:
+    """Returns the largest variation of the tip's acceleration between two readings [m/s²].
+
+    A knot of a plan is between two readings unless its step is a multiple of their period, and
+    so is a reading of the sensor. The velocity of a plan is within its limit at its knots.
+    """
+    contact, step = sensed_contact(scenario), scenario.mpc.time_step
+    if tube.along is None:
+        return np.inf
+    planned = jerk * contact.period
+    if not _multiple(step, contact.period):
+        planned += 2.0 * (2.0 * contact.speed / step + 0.5 * jerk * step)
+    return unevenness(tube.along, force, contact.period, planned,
+                      read_between=not _multiple(force.period, contact.period))
+
+
+def _multiple(longer: float, period: float) -> bool:
+    """Returns whether a time is a whole number of periods, but for rounding."""
+    return round(longer / period) >= 1 and bool(
+        np.isclose(longer / period, round(longer / period), rtol=0.0, atol=1e-6))
