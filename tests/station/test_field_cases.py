@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.divers import diver
 from support.random_robots import OBJ
-from support.robots import altered
+from support.robots import altered, diver
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
