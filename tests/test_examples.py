@@ -59,7 +59,7 @@ def test_a_robot_without_thrust_comes_to_the_speed_of_the_current(tmp_path):
     """In a process of its own."""
     done = subprocess.run(
         [sys.executable, str(EXAMPLES / "drift_in_current.py"), "--duration=60"], cwd=tmp_path,
-        capture_output=True, text=True, timeout=120, check=False)
+        capture_output=True, text=True, timeout=900, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert list(tmp_path.iterdir()) == []
     text = done.stdout

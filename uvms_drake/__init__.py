@@ -26,14 +26,13 @@ if TYPE_CHECKING:
     from uvms_drake.actuation import Actuator as Actuator
     from uvms_drake.certificate.certificate import Certificate as Certificate
     from uvms_drake.certificate.certify import certify as certify
-    from uvms_drake.certificate.text import format_certificate as format_certificate
     from uvms_drake.common.errors import InvalidParameter as InvalidParameter
     from uvms_drake.common.errors import RunFailed as RunFailed
     from uvms_drake.common.kinds import register as register
     from uvms_drake.control import costs as costs
     from uvms_drake.control import laws as laws
     from uvms_drake.control import limits as limits
-    from uvms_drake.control.costs.term import CostTerm as CostTerm
+    from uvms_drake.control.costs.costs import CostTerm as CostTerm
     from uvms_drake.control.laws.law import AncillaryLaw as AncillaryLaw
     from uvms_drake.control.laws.law import Command as Command
     from uvms_drake.control.laws.law import Pair as Pair
@@ -98,10 +97,9 @@ _HOME = {
     "configuration_rate": "model.uvms_model",
     "Contact": "station.scenario.contact",
     "ContactModel": "model.contact_model",
-    "CostTerm": "control.costs.term",
+    "CostTerm": "control.costs.costs",
     "DirectedDisturbance": "plant.disturbance",
     "Disturbance": "plant.disturbance",
-    "format_certificate": "certificate.text",
     "InvalidParameter": "common.errors",
     "Limit": "control.limits.limit",
     "load_model": "station.problem",

@@ -20,7 +20,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.contact_laws import Linear
-from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.contact.drawn_surfaces import is_member
 from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state

@@ -13,7 +13,7 @@ from uvms_drake.certificate.certify import certify, first_plan
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms import slides
-from uvms_drake.plant.robot_loading import complaints_about
+from uvms_drake.plant.model_check import complaints_about
 from uvms_drake.station.problem import load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 

@@ -2,7 +2,7 @@
 
 import pytest
 from support.campaigns import SHORT, refusal
-from support.field import copied
+from support.robots import copied
 
 from uvms_drake.command.main import main
 

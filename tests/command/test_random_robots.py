@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from support.divers import diver
 from support.random_robots import write_random_robot
 from support.robot_agreement import differences
 from support.robot_reading import read_robot
+from support.robots import diver
 
 from uvms_drake.command.main import main
 from uvms_drake.model.robot import Robot

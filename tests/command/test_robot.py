@@ -9,7 +9,7 @@ from support.snapshot import check_snapshot
 
 from uvms_drake.command.main import main
 from uvms_drake.model.robot import Robot
-from uvms_drake.plant.robot_loading import complaints_about
+from uvms_drake.plant.model_check import complaints_about
 from uvms_drake.report.robot.robot_page import sweeps
 
 

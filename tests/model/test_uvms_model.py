@@ -220,17 +220,21 @@ def test_model_and_plant_accelerate_alike(uvms, states, surface, where):
         assert np.all(depth > 0.0) == (where != "free"), "the states are where they should be"
 
 
-def complex_derivatives(model: ContactModel, config: np.ndarray, zeta: np.ndarray):
-    """Returns ∂f/∂𝔮 and ∂f/∂ζ (m, 6+n, 6+n), one column at a time, by complex steps."""
-    f = model.drift(config, zeta)
+def check_derivatives(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> None:
+    """Compares ∂f/∂𝔮 and ∂f/∂ζ (m, 6+n, 6+n) with complex steps, one column at a time."""
+    f, *derivatives = model.drift_derivatives(config, zeta)
     M = model.mass_matrix(model.kinematics(config))
+    np.testing.assert_allclose(f, model.drift(config, zeta), rtol=1e-9, atol=1e-9)
     columns = []
     for direction in np.eye(2 * model.size):
         by_config, by_zeta = np.split(1e-30j * direction, 2)
         residual = model.inverse_dynamics(
             model.kinematics(config + by_config), zeta + by_zeta, f.astype(complex))
         columns.append(-np.linalg.solve(M, residual.imag[..., None] / 1e-30))
-    return np.split(np.concatenate(columns, axis=-1), 2, axis=-1)
+    for found, expected in zip(derivatives, np.split(np.concatenate(columns, axis=-1), 2, axis=-1),
+                               strict=True):
+        np.testing.assert_allclose(
+            found, expected, rtol=1e-9, atol=1e-10 * max(np.max(np.abs(expected)), 10.0))
 
 
 def tilted(surface) -> ContactModel:
@@ -248,12 +252,7 @@ def test_the_derivatives_of_f_are_those_of_complex_steps(uvms, model, states, ki
     if kind != "plane":
         surface = check_surface(SPRING)
         model = ContactModel(uvms, surface) if kind == "spring" else tilted(surface)
-    config, zeta = np.split(states[where], 2, axis=1)
-    _, f_config, f_zeta = model.drift_derivatives(config, zeta)
-    for value, expected in zip(
-            (f_config, f_zeta), complex_derivatives(model, config, zeta), strict=True):
-        np.testing.assert_allclose(
-            value, expected, rtol=1e-9, atol=1e-10 * np.max(np.abs(expected)))
+    check_derivatives(model, *np.split(states[where], 2, axis=1))
 
 
 @pytest.mark.parametrize("robot", [
@@ -262,19 +261,13 @@ def test_robots_with_other_joints_have_their_derivatives_too(robot):
     rng = np.random.default_rng(12)
     config, zeta = rng.uniform(-1.0, 1.0, size=(2, 4, robot.size))
     config[:, 0] += 0.01 - robot.task_pose(config)[:, 0]
-    _, *values = robot.drift_derivatives(config, zeta)
-    for value, expected in zip(values, complex_derivatives(robot, config, zeta), strict=True):
-        np.testing.assert_allclose(
-            value, expected, rtol=1e-9, atol=1e-10 * np.max(np.abs(expected)))
+    check_derivatives(robot, config, zeta)
 
 
 def test_the_derivatives_exist_where_the_vehicle_stands_on_its_nose(model):
     """𝔮 is singular there, f is not."""
     config = np.array([[-2.0, 0.0, 0.0, 0.3, 0.5 * np.pi, 0.2, 0.2, 0.9, 0.2, 0.1]])
-    zeta = np.linspace(-0.3, 0.3, 10)[None]
-    _, *values = model.drift_derivatives(config, zeta)
-    for value, expected in zip(values, complex_derivatives(model, config, zeta), strict=True):
-        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
+    check_derivatives(model, config, np.linspace(-0.3, 0.3, 10)[None])
 
 
 def test_the_equilibrium_input_holds_the_robot_still_on_the_wall(uvms, model, states, plane):
@@ -375,10 +368,7 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
     np.testing.assert_array_equal(
         bare.tip_kinematics(config).J_chi, bare.kinematics(config).J_chi)
     config[0], zeta = -0.595, np.linspace(-0.2, 0.3, 6)
-    _, *values = bare.drift_derivatives(config[None], zeta[None])
-    for value, expected in zip(
-            values, complex_derivatives(bare, config[None], zeta[None]), strict=True):
-        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
+    check_derivatives(bare, config[None], zeta[None])
     ahead, behind = (bare.task_jacobian(moved(config, zeta, s)) for s in (1e-5, -1e-5))
     np.testing.assert_allclose(
         bare.task_motion(config, zeta)[2], (ahead - behind) / 2e-5, atol=1e-8)

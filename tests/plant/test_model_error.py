@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
-from support.field import FIELD_CASES
+from support.robots import FIELD_CASES
 from support.true_model import model_with_error
 
 from uvms_drake.common.errors import InvalidParameter

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from support.field import FIELD_CASES
+from support.robots import FIELD_CASES
 
 from uvms_drake.command.main import main
 from uvms_drake.model.frames.euler import rotation_matrix

@@ -1,4 +1,4 @@
-"""`plant.robot_loading`."""
+"""`plant.model_check`."""
 
 import re
 from dataclasses import replace
@@ -14,8 +14,7 @@ from uvms_drake.model.links import read_links
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture, trim_of
 from uvms_drake.model.uvms_model import read_uvms
-from uvms_drake.plant.model_check import model_complaints
-from uvms_drake.plant.robot_loading import complaints_about, sound_robot
+from uvms_drake.plant.model_check import complaints_about, model_complaints, sound_robot
 from uvms_drake.setup.make_scenario import make_scenario
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario

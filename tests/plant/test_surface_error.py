@@ -8,7 +8,7 @@ from uvms_drake.model.frames.euler import euler_angles, rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.plant.surface_error import (
+from uvms_drake.plant.surface import (
     SurfaceError,
     displaced,
     rotation_by,

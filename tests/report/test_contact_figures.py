@@ -9,7 +9,7 @@ from support.drawings import bands, levels, panels_of, shown
 from support.synthetic import desiring, synthetic_record, synthetic_sensed_record
 
 from uvms_drake.control.limits.radii import HoldRadii
-from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report.contact_figures import contact_drawing, depths_of, marks_of
 from uvms_drake.report.figure_style import COLUMN_WIDTH, STYLE
 from uvms_drake.report.figures import make_figures
@@ -54,12 +54,6 @@ def test_without_a_touch_depths_are_counted_from_the_start(record):
     assert [panel.label for panel in panels(never)] == PANELS[:4]
 
 
-def test_nothing_is_shown_of_what_is_not_explored(record):
-    signals = {**record.signals, "safe_depth": np.full((len(record.time), 1), -np.inf)}
-    assert np.all(np.isnan(value(
-        panels(replace(record, signals=signals))[1], "explored up to")))
-
-
 def test_its_panels_show_the_logs(record):
     found = panels(record)
     assert [panel.label for panel in found] == PANELS
@@ -84,15 +78,6 @@ def test_the_enlarged_panel_has_the_wall_and_the_front_in_view(record):
     close = panels(record)[4]
     assert close.limits[0] < 0.0 < np.max(depths_of(record)["explored"]) < close.limits[1]
     assert close.window == pytest.approx((2.02 - 1.5, 4.0))
-
-
-def test_the_force_along_n_is_the_part_of_it_along_n(record):
-    n = np.array([0.8, 0.6, 0.0])
-    contact = replace(record.scenario.contact, direction=n)
-    force = panels(replace(record, scenario=replace(record.scenario, contact=contact)))[0]
-    np.testing.assert_allclose(value(force, "real"), 0.8 * record.force[:, 0])
-    np.testing.assert_allclose(
-        value(force, "measured"), record.signals["force_last_valid"][:, :3] @ n)
 
 
 def test_what_happened_is_marked_and_named(record):

@@ -5,8 +5,7 @@ import re
 import numpy as np
 import pytest
 from support.arms import write_arm
-from support.field import copied
-from support.robots import TEMPLATE, altered, without_an_arm
+from support.robots import TEMPLATE, altered, copied, without_an_arm
 
 from uvms_drake.certificate.certify import certify
 from uvms_drake.command.main import main

@@ -4,8 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from support.field import copied
-from support.robots import altered
+from support.robots import altered, copied
 
 from uvms_drake.command.main import main
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.divers import diver
 from support.random_robots import OBJ
-from support.robots import altered
+from support.robots import altered, diver
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
@@ -18,7 +17,7 @@ from uvms_drake.model.description.hydrodynamics_file import added_mass_about_ori
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import trim_of
 from uvms_drake.model.uvms import add_uvms
-from uvms_drake.plant.robot_loading import complaints_about, sound_robot
+from uvms_drake.plant.model_check import complaints_about, sound_robot
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.report.robot.robot_sheet import notes_of, sheet_of
 

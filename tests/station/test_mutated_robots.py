@@ -10,15 +10,15 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from support.divers import FOLDER, diver
 from support.robot_agreement import differences
 from support.robot_mutations import mutated
 from support.robot_reading import read_robot, words
+from support.robots import DIVER, diver
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.robot import Robot
-from uvms_drake.plant.robot_loading import sound_robot
+from uvms_drake.plant.model_check import sound_robot
 
 ROBOTS = ("box_uvms", "bluerov2_alpha5")
 MORE = {("link", "visual", "twice"), ("model", "frame", "twice"), ("robot", "frame", "twice")}
@@ -27,12 +27,12 @@ MORE = {("link", "visual", "twice"), ("model", "frame", "twice"), ("robot", "fra
 
 @pytest.fixture(scope="module")
 def sources() -> list[Path]:
-    return [FOLDER, *map(model_dir, ROBOTS)]
+    return [DIVER, *map(model_dir, ROBOTS)]
 
 
 @pytest.mark.parametrize("name", ["diver", *ROBOTS, "girona500_arm5e"])
 def test_both_readers_agree_on_a_robot_without_mistakes(name):
-    folder = FOLDER if name == "diver" else model_dir(name)
+    folder = DIVER if name == "diver" else model_dir(name)
     robot = Robot.load(folder)
     assert robot.notes == ()
     assert differences(robot, read_robot(folder)) == []
@@ -83,5 +83,5 @@ def test_no_mistake_changes_a_robot_in_silence(seeds, sources, tmp_path):
     ("thrusters.yaml", "[0.2, 0, 0]", "[0.2, 0.1, 0]", "thruster bow")])
 def test_the_comparison_would_show_it(suffix, old, new, what, tmp_path):
     """The loaded robot beside a reading of other files."""
-    found = differences(Robot.load(FOLDER), read_robot(diver(tmp_path, (suffix, old, new))))
+    found = differences(Robot.load(DIVER), read_robot(diver(tmp_path, (suffix, old, new))))
     assert found and all(each.startswith(what) for each in found)

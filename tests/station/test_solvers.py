@@ -6,7 +6,7 @@ from pydrake.solvers import SnoptSolver, SolverOptions
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.convex.drake_convex import DrakeConvexSolver
+from uvms_drake.control.convex.staged_solver import DrakeConvexSolver
 from uvms_drake.control.mpc.planner import KEPT, SOLVED
 from uvms_drake.control.ocp.ocp import SOLVERS, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver

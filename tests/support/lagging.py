@@ -7,8 +7,7 @@ import numpy as np
 
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.control.laws.outputs import outputs_of
-from uvms_drake.control.laws.tip_rows import tip_rows
+from uvms_drake.control.laws.outputs import outputs_of, tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
 
 CONFIG = np.array([-1.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 1.0, 0.4, 0.2])
@@ -69,7 +68,7 @@ def run(model, law, disturbance: Callable, duration: float, *, lag: float = 0.0,
         out = outputs_of(now, rows)
         estimate = rates * (out.rate[0] - seen)
         if tip_first:
-            now = now._replace(wrench=wrench if lag else None, estimate=estimate,
+            now = now.given(wrench=wrench if lag else None, estimate=estimate,
                                preview=None if preview is None else preview(time))
         command = law.command(model, now, lambda: nominal_acceleration, None)
         asked, M = command.tau, command.M

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from uvms_drake.control.costs.offset_cost import OffsetCost
+from uvms_drake.control.costs.costs import OffsetCost
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.ocp.scp import SequentialConvexSolver

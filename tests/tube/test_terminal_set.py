@@ -9,7 +9,7 @@ from support.limits import bounded
 from support.terminal_checks import check_penalty, check_terminal
 from support.tracking import DIRECTION, tracking_ocp
 
-from uvms_drake.control.costs.task_cost import TaskCost
+from uvms_drake.control.costs.costs import TaskCost
 from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.pose import Joints, TipPitch, VehicleAngle
 from uvms_drake.control.limits.speeds import Speed

@@ -18,7 +18,6 @@ from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.contact import (
     COLORS,
     DOT,
-    EXPLORED,
     SIZE,
     Coverage,
     DrawnEstimate,
@@ -26,7 +25,6 @@ from uvms_drake.visual.contact import (
     color_of,
     draw_surface,
     palette,
-    pane,
 )
 from uvms_drake.visual.scene import Illustration, Scene
 from uvms_drake.visual.stage import VANISHED, Stage
@@ -140,13 +138,6 @@ def test_the_numbers_are_the_force_along_n_the_way_explored_and_the_stiffness(ca
             "explored": round(1e3 * (0.1 + 0.004 - start @ ASLANT))}
 
 
-def test_the_pane_is_glass_with_a_rim():
-    picture = pane()
-    assert np.min(picture[[0, -1], :, 3]) > 200 < np.min(picture[:, [0, -1], 3])
-    assert 0 < picture[120, 120, 3] < 100
-    np.testing.assert_array_equal(picture[120, 120, :3], (255.0 * np.array(EXPLORED)).astype(int))
-
-
 @pytest.mark.parametrize("known", [True, False])
 def test_an_illustration_shows_what_its_ports_say(known, canvas):
     record = synthetic_record(0.2)
@@ -155,7 +146,8 @@ def test_an_illustration_shows_what_its_ports_say(known, canvas):
     context, moment = system.CreateDefaultContext(), moment_of(record, 0)
     config = np.tile(record.nominal_config[0], (setting.horizon + 1, 1))
     values = {"state": moment.state, "nominal_state": moment.nominal_state, "u": moment.u,
-              "nominal_input": moment.nominal_input, "plan": Value(SimpleNamespace(config=config)),
+              "nominal_input": moment.nominal_input, "force": moment.force,
+              "desired_force": moment.desired_force, "plan": Value(SimpleNamespace(config=config)),
               **(estimate(0.08, 0.05, 800.0) if known else {})}
     for name, value in values.items():
         system.GetInputPort(name).FixValue(context, value)

@@ -16,7 +16,7 @@ from uvms_drake.control.mpc.planner import committed_intervals
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface import ShapedSurface
-from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.station.contact.bounds import (
     largest_force,
     pressing_force,

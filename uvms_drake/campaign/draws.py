@@ -26,8 +26,7 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.plant.model_error import FACTORS
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import FACTORS, Unknowns
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start

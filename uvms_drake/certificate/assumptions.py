@@ -17,7 +17,7 @@ from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import Unknowns
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.contact.measurement_path import SENSOR_MAKER, measurement_path
 from uvms_drake.station.problem import load_model

@@ -42,14 +42,14 @@ def list_errata(args: argparse.Namespace) -> int:
     With an output folder, writes them as Markdown, and the figures of `choices`.
     """
     from uvms_drake.papers.nikou2018.errata import all_errata, errata_markdown, errata_table
-    from uvms_drake.papers.nikou2018.errata.choices import CHOICES, draw_choices
+    from uvms_drake.papers.nikou2018.errata.choices import FIGURES, draw_choices
 
     LOGGER.setLevel(logging.ERROR)  # The drawn runs fail on purpose.
     with closing(Bar("computing the errata", stream_of(args))) as progress:
         if args.output is None:
             errata = all_errata(progress)
         else:
-            with output_folder(args.output, [ERRATA_FILE, *CHOICES]) as output:
+            with output_folder(args.output, [ERRATA_FILE, *FIGURES]) as output:
                 errata = all_errata(part_of(progress, 0.0, 0.3))
                 text = errata_markdown(errata) + "\n"
                 (output.folder / ERRATA_FILE).write_text(text, encoding="utf-8")

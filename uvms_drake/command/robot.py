@@ -60,7 +60,7 @@ def show_robot(args: argparse.Namespace) -> int:
         write_template(args.new)
         print(f"written to {args.new}; '{PROGRAM} robot {args.new}' shows it")
         return 0
-    from uvms_drake.plant.robot_loading import sound_robot
+    from uvms_drake.plant.model_check import sound_robot
 
     try:
         robot = sound_robot(args.model)

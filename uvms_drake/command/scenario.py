@@ -103,7 +103,7 @@ def compass(offset: np.ndarray) -> str:
 
 def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall, and which a run takes."""
-    from uvms_drake.plant.robot_loading import sound_robot
+    from uvms_drake.plant.model_check import sound_robot
     from uvms_drake.setup.first_scenario import first_scenario, format_first_scenario
 
     file: Path = args.new

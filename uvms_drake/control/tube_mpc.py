@@ -79,7 +79,7 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
         targets: Problems of other desired forces; None: the desired force is constant.
         limits: Limits of the real robot, to which `u` and `tau` are clipped; None: no clipping.
         command_path: Path of the commands, for a law that takes the thrusters' wrench; see
-            `control.feedback.feedforward_preview` and `control.plan.commitment`.
+            `control.feedback.feedforward_preview` and `control.mpc.planner`.
         solver: Solver of the problem; that of its `MpcConfig` if None, see `make_solver`.
         press: Press on an unknown wall by the measured force, for a `TrackingOcp`; None: the model
             has the force.

@@ -14,7 +14,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.wiring import added
-from uvms_drake.plant.workspace import declare_workspace
+from uvms_drake.plant.hydrodynamics import declare_workspace
 
 
 def generalized_force(plant: MultibodyPlant, context: Context,

@@ -15,12 +15,20 @@ References: Fossen (2021), *Handbook of Marine Craft Hydrodynamics and Motion Co
 """
 
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder, InputPort, LeafSystem
+from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces, RigidBody
+from pydrake.systems.framework import (
+    CacheEntry,
+    Context,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem,
+    ValueProducer,
+)
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import require
@@ -32,7 +40,32 @@ from uvms_drake.model.description.hydrodynamics_file import (
     check_hydrodynamics,
 )
 from uvms_drake.model.frames.spatial import cross, cross_force, skew, times
-from uvms_drake.plant.workspace import declare_workspace
+
+
+class Workspace(NamedTuple):
+    """Scratch data of a calculation."""
+
+    context: Context
+    """Context of the plant, with the parameters of the default Context."""
+    forces: MultibodyForces
+    """Forces of the plant."""
+
+
+def declare_workspace(system: LeafSystem, plant: MultibodyPlant) -> CacheEntry:
+    """Returns a cache entry of a system with a `Workspace` that is never out of date.
+
+    Args:
+        system: System that computes.
+        plant: A finalized plant.
+    """
+    return system.DeclareCacheEntry(
+        description="workspace",
+        value_producer=ValueProducer(
+            allocate=lambda: AbstractValue.Make(
+                Workspace(plant.CreateDefaultContext(), MultibodyForces(plant))),
+            calc=ValueProducer.NoopCalc),
+        prerequisites_of_calc={system.nothing_ticket()})
+
 
 _FROM_DRAKE = np.array([3, 4, 5, 0, 1, 2])  # Drake's spatial vectors have the angular part first.
 

@@ -11,10 +11,12 @@ import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 from pydrake.systems.framework import Context
 
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidFile, InvalidParameter
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.frames.spatial import cross
+from uvms_drake.model.robot import Robot
+from uvms_drake.model.robot_check import robot_complaints
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 from uvms_drake.plant.hydrodynamics import Hydrodynamics, drag_force
@@ -148,3 +150,20 @@ def _velocity(uvms: Uvms, context: Context, body: RigidBody) -> np.ndarray:
     R_WB = body.EvalPoseInWorld(context).rotation()
     V = body.EvalSpatialVelocityInWorld(context)
     return np.concatenate([R_WB.inverse() @ V.translational(), R_WB.inverse() @ V.rotational()])
+
+
+def complaints_about(robot: Robot) -> list[InvalidParameter]:
+    """Returns the complaints about a robot whose files can be read; empty if it is sound."""
+    return robot_complaints(robot) or model_complaints(robot.uvms)
+
+
+def sound_robot(model: Robot | str) -> Robot:
+    """Returns a robot, given itself, the name of a shipped one, or its folder.
+
+    Raises:
+        InvalidParameter: Its files cannot be used, or a certificate of it would be worth nothing.
+    """
+    robot = model if isinstance(model, Robot) else Robot.load(model)
+    if complaints := complaints_about(robot):
+        raise InvalidFile([str(complaint) for complaint in complaints])
+    return robot

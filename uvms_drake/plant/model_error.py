@@ -1,6 +1,7 @@
-"""Model errors: differences of the simulated robot from the controller's model."""
+"""Declared unknowns: differences of the simulated robot and water from the controller's model."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -19,6 +20,7 @@ from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.payload import Payload, with_payload
+from uvms_drake.plant.waves import Wave
 
 INERTIAL = re.compile(r"<(mass|i[xyz][xyz])>\s*([^<]*?)\s*</\1>")
 """An element of SDFormat that is scaled."""
@@ -144,3 +146,20 @@ def _scaled(body: BodyHydrodynamics, error: ModelError, com: np.ndarray) -> Body
         drag=[replace(item, linear=error.drag * np.asarray(item.linear, dtype=float),
                       quadratic=error.drag * np.asarray(item.quadratic, dtype=float))
               for item in body.drag])
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Differences of the simulated robot and water from the controller's model; none by default."""
+
+    error: ModelError = field(default_factory=ModelError)
+    """Errors of the robot."""
+    current: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Velocity of the water in Σ_I (3,) [m/s]."""
+    waves: Sequence[Wave] = ()
+    """Waves on top of it."""
+
+    @property
+    def present(self) -> bool:
+        """Whether there is one."""
+        return bool(self.error.size > 0.0 or np.any(self.current) or self.waves)

@@ -6,7 +6,8 @@ conjugate to χ̇: a force in World and a torque conjugate to Euler-angle rates.
 that of a `Surface`.
 """
 
-from typing import cast
+from dataclasses import dataclass, field
+from typing import Annotated, cast
 
 import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
@@ -14,10 +15,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
+from uvms_drake.common.constraints import Between, Constraint, Vector
 from uvms_drake.common.wiring import added, cached, output_of
 from uvms_drake.model.frames.euler import WORLD, euler_angles, rate_matrix
+from uvms_drake.model.frames.spatial import skew
 from uvms_drake.model.surface.law import Surface, check_surface
-from uvms_drake.plant.workspace import declare_workspace
+from uvms_drake.plant.hydrodynamics import declare_workspace
 
 _ORIGIN = np.zeros(3)
 AXES_OF_WORLD = RotationMatrix()
@@ -130,3 +133,38 @@ class CompliantSurface(LeafSystem):
         chi, J = pose_and_jacobian(self._plant, workspace, self._tip, self._R_TW)
         chi_dot = J @ plant_state[-J.shape[1]:]
         return chi, J, self._law.force(chi, chi_dot)
+
+
+Rotation = Constraint("a rotation of at most π", lambda x: np.linalg.norm(x) <= np.pi)
+
+
+@dataclass
+class SurfaceError:
+    """Difference of the simulated surface from the controller's: stiffness, shift and turn."""
+
+    stiffness: Annotated[float, Between(0.01, 100)] = 1.0
+    """Factor of the stiffness: the true one over the controller's."""
+    shift: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
+    """Shift of the surface in Σ_I [m]."""
+    turn: Annotated[np.ndarray, Vector(3), Rotation] = field(default_factory=lambda: np.zeros(3))
+    """Rotation vector in Σ_I, about the surface's anchor [rad]."""
+
+    @property
+    def size(self) -> float:
+        """Largest of relative error, ‖shift‖ and ‖turn‖; zero if there is none."""
+        return max(abs(self.stiffness - 1.0), float(np.linalg.norm(self.shift)),
+                   float(np.linalg.norm(self.turn)))
+
+
+def displaced(surface: Surface, error: SurfaceError) -> Surface:
+    """Returns the simulated surface for the controller's `surface`, turned about its anchor."""
+    if error.size == 0.0:
+        return surface
+    R, anchor = rotation_by(error.turn), np.asarray(surface.anchor, dtype=float)
+    return surface.stiffened(error.stiffness).moved(R, anchor - R @ anchor + error.shift)
+
+
+def rotation_by(turn: np.ndarray) -> np.ndarray:
+    """Returns R (3, 3) of a rotation vector (3,) [rad], by Rodrigues' formula."""
+    S, angle = skew(np.asarray(turn, dtype=float)), float(np.linalg.norm(turn))
+    return np.eye(3) + np.sinc(angle / np.pi) * S + 0.5 * np.sinc(0.5 * angle / np.pi)**2 * S @ S

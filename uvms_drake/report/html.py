@@ -4,6 +4,7 @@ import base64
 import html
 from collections.abc import Sequence
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from uvms_drake.certificate.certificate import (
@@ -22,36 +23,8 @@ from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import SCENARIO_FILE, Record, load_record, unusable_folder
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
-PAGE_STYLE = """
-:root { color-scheme: light; --ink: #1a1a1a; --soft: #5a5f66; --rule: #d5d9de; --blue: #0072b2; }
-* { box-sizing: border-box; }
-body { font: 15px/1.5 "Charter", "Bitstream Charter", "Iowan Old Style", Georgia, serif;
-       color: var(--ink); background: #fff;
-       max-width: 60rem; margin: 2.5rem auto; padding: 0 1.5rem; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .3rem; }
-h2 { font-size: 1.1rem; margin: 2.2rem 0 .6rem; padding-bottom: .2rem;
-     border-bottom: 1px solid var(--rule); }
-p { margin: .4rem 0; }
-.lead { font-size: 1.05rem; color: var(--soft); }
-.verdict { border-left: 4px solid var(--blue); padding: .3rem .8rem; margin: 1rem 0; }
-.verdict.no { border-left-style: dashed; border-color: #d55e00; }
-.figures { display: grid; grid-template-columns: repeat(2, 1fr); gap: 1rem 2rem;
-           grid-auto-flow: dense; align-items: start; }
-figure { margin: 0; break-inside: avoid; }
-figure.wide { grid-column: span 2; }
-figure img { width: 100%; height: auto; display: block; }
-figcaption { font-size: .85em; color: var(--soft); }
-pre, code { font: 12px/1.45 "DejaVu Sans Mono", Consolas, Menlo, monospace; }
-pre { background: #fbfcfd; padding: .7rem .9rem; overflow-x: auto; white-space: pre-wrap; }
-summary { cursor: pointer; color: var(--blue); }
-@page { size: A4; margin: 16mm; }
-@media print {
-  body { margin: 0; padding: 0; max-width: none; font-size: 10pt; }
-  pre, code { font-size: 6.5pt; }
-  h2 { break-after: avoid; }
-  .verdict { break-inside: avoid; }
-}
-"""
+PAGE = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+"""The page, with `$name` for each of its parts."""
 
 PORTRAIT = "robot.png"
 """First figure of the report."""
@@ -123,32 +96,35 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
         certificate: Certificate of the run, if any.
         failed: With a certificate in probability, the ways in which the run itself failed.
     """
-    scenario = record.scenario
-    summary: dict[str, Any] = summarise(record, certificate)
-    title = html.escape(scenario.name)
+    scenario, summary = record.scenario, summarise(record, certificate)
     captions = CAPTIONS | (SENSED_CAPTIONS if ESTIMATE in record.signals else {})
     drawn = {path.name: _figure(path, captions.get(path.name)) for path in figures}
-    portrait = drawn.pop(PORTRAIT, "")
-    parts = [
-        f"<h1>{title}</h1>",
-        f'<p class="lead">{html.escape(" ".join(scenario.description.split()))}</p>',
-        _verdict(certificate, summary, failed), portrait,
-        "<h2>Summary</h2>", f"<pre>{html.escape(format_summary(summary, event_lines=None))}</pre>",
-        "<h2>Figures</h2>",
-        f'<div class="figures">{"".join(drawn.values())}</div>' if drawn
-        else "<p>Made without figures.</p>",
-        "<h2>Certificate</h2>",
-        _certificate(certificate, scenario),
-        "<h2>Scenario</h2>",
-        "<details><summary>Every value, with the defaults filled in "
-        f"({SCENARIO_FILE})</summary><pre>{html.escape(dump_scenario(scenario))}</pre></details>",
-        "<h2>Run it again</h2>", _reproduction(summary, certificate),
-    ]
-    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            '<meta name="viewport" content="width=device-width">\n'
-            '<link rel="icon" href="data:,">\n'
-            f"<title>{title}: report</title>\n<style>{PAGE_STYLE}</style>\n</head>\n<body>\n"
-            + "\n".join(parts) + "\n</body>\n</html>\n")
+    kept, verdict = _verdict(certificate, summary, failed)
+    texts = {
+        "title": scenario.name, "description": " ".join(scenario.description.split()),
+        "summary": format_summary(summary, event_lines=None), "scenario": dump_scenario(scenario),
+        "file": SCENARIO_FILE, "version": VERSION, "seed": str(scenario.seed),
+        "command": f"uvms-drake run {SCENARIO_FILE}{'' if certificate else ' --uncertified'}",
+        "drake": summary["versions"]["drake"], "python": summary["versions"]["python"]}
+    return PAGE.substitute(
+        {name: html.escape(text) for name, text in texts.items()},
+        portrait=drawn.pop(PORTRAIT, ""), kept="" if kept else " no",
+        figures="".join(drawn.values()) or "<p>Made without figures.</p>",
+        verdict="<br>".join(f"{html.escape(line[:1].upper() + line[1:])}." for line in verdict),
+        certificate=_certificate(certificate, scenario))
+
+
+def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any], failed: Sequence[str]
+             ) -> tuple[bool, list[str]]:
+    """Returns whether a run is as its certificate has it, and the sentences that say it."""
+    if certificate is None:
+        return False, ["run without a certificate: the tube is declared, and nothing is guaranteed"]
+    if isinstance(certificate, ProbabilityCertificate):
+        outside = summary["in_probability"]["outside"]
+        own = [f"this run FAILED: {', '.join(failed)}"] if failed else []
+        return not (outside or failed), [*own, "; ".join(outside) or certificate.verdict]
+    return certificate.certified, [*scope(certificate), certificate.verdict,
+                                   *filter(None, [certificate.force_sentence])]
 
 
 def _certificate(certificate: AnyCertificate | None, scenario: Scenario) -> str:
@@ -162,37 +138,9 @@ def _certificate(certificate: AnyCertificate | None, scenario: Scenario) -> str:
             f"<pre>{html.escape(str(certificate))}</pre></details>")
 
 
-def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any], failed: Sequence[str]
-             ) -> str:
-    if certificate is None:
-        return ('<p class="verdict no">Run without a certificate: the tube is declared, and '
-                "nothing is guaranteed.</p>")
-    if isinstance(certificate, ProbabilityCertificate):
-        outside = summary["in_probability"]["outside"]
-        text = "; ".join(outside) or certificate.verdict
-        own = f"This run FAILED: {html.escape(', '.join(failed))}.<br>" if failed else ""
-        return (f'<p class="verdict{" no" if outside or failed else ""}">{own}'
-                f"{html.escape(text[:1].upper() + text[1:])}.</p>")
-    sentence = certificate.force_sentence
-    finally_ = f" {sentence[:1].upper()}{sentence[1:]}." if sentence else ""
-    return (f'<p class="verdict{"" if certificate.certified else " no"}">'
-            f"{'<br>'.join(map(html.escape, scope(certificate)))}<br>"
-            f"{html.escape(certificate.verdict[:1].upper() + certificate.verdict[1:])}."
-            f"{finally_}</p>")
-
-
 def _figure(path: Path, caption: str | None) -> str:
     data = base64.b64encode(path.read_bytes()).decode()
     caption = html.escape(caption or path.stem.replace("_", " "))
     wide = ' class="wide"' if path.name in WIDE else ""
     return (f'<figure{wide}><img alt="{caption}" src="data:image/png;base64,{data}">'
             f"<figcaption>{caption}</figcaption></figure>")
-
-
-def _reproduction(summary: dict[str, Any], certificate: AnyCertificate | None) -> str:
-    versions = summary["versions"]
-    command = f"uvms-drake run {SCENARIO_FILE}{'' if certificate else ' --uncertified'}"
-    return (f"<p>With the scenario above in <code>{SCENARIO_FILE}</code>:</p>"
-            f"<pre>{command}</pre>"
-            f"<p>uvms_drake {VERSION}, Drake {html.escape(versions['drake'])}, "
-            f"Python {html.escape(versions['python'])}, seed {summary['seed']}.</p>")

@@ -1,7 +1,7 @@
 """The summary of a run: its figures of merit and its claim as data, and as a table."""
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
@@ -24,6 +24,14 @@ EVENT_LINES = 12
 """Largest number of lines for events in the table for a terminal."""
 BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
 """Names of the bands of the force of a sensed contact."""
+MISSION_COLUMNS = (
+    ("begin_s", "from", "s", 1.0, ".1f"), ("seconds", "for", "s", 1.0, ".1f"),
+    ("mean_force", "mean", "N", 1.0, ".2f"), ("force_rms", "rms", "N", 1.0, ".2f"),
+    ("force_worst", "worst", "N", 1.0, ".2f"), ("certified", "cert.", "N", 1.0, ".2f"),
+    ("held", "held", "N", 1.0, ".2f"), ("certified_hold", "cert.", "N", 1.0, ".2f"),
+    ("within", "within", "%", 100.0, ".1f"), ("off_rms", "off rms", "mm", 1e3, ".2f"),
+    ("off_worst", "worst", "mm", 1e3, ".2f"), ("behind", "behind", "mm", 1e3, ".1f"))
+"""Columns of the table of a mission: key, name, unit, unit's factor, and format."""
 NAMED = ("tube", "limit", "contact")
 """Kinds of `in_probability.FAILURES` that `broken` names."""
 
@@ -174,11 +182,20 @@ def _mission(mission: dict[str, Any]) -> str:
 def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
     """Returns the summary as a table, with at most so many lines of events; None is no limit."""
     return "\n".join([
-        headline(summary), "", *_format_run(summary), "", *_format_force(summary),
-        *format_mission(summary["mission"]), "",
-        *_format_constraints(summary["constraints"]), *format_thrusters(summary["thrusters"]), "",
-        *_format_robustness(summary), "",
-        *_format_events(summary["events"], event_lines)])
+        headline(summary), "", *_format_run(summary), "",
+        *_block("force", [*_format_force(summary), *_format_contact(summary["contact"])]),
+        *_format_mission(summary["mission"]), "",
+        *_format_constraints(summary["constraints"]),
+        *_block("thrusters", _format_thrusters(summary["thrusters"])), "",
+        *_block("disturbance", _format_disturbance(summary["disturbance"])),
+        *_block("tube", _format_tube(summary["tube"], summary.get("in_probability") is not None)),
+        *_block("certified", _format_certified(summary)), "",
+        *_block("events", _format_events(summary["events"], event_lines))])
+
+
+def _block(label: str, lines: Iterable[str]) -> list[str]:
+    """Returns lines with a label beside the first one."""
+    return [f"{'' if i else label:<14}{line}" for i, line in enumerate(lines)]
 
 
 def _format_run(summary: dict) -> list[str]:
@@ -186,69 +203,58 @@ def _format_run(summary: dict) -> list[str]:
     ends = [" and ".join(f"{1e3 * np.linalg.norm(task[end][part]):.3g} {unit}" for part, unit in (
         (slice(0, 3), "mm"), (slice(3, 6), "mrad"))) for end in ("initial", "final")]
     return [
-        f"{'scenario':<14}{summary['scenario']}, seed {summary['seed']}: "
-        f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s "
-        f"({_number(summary['real_time_factor'], '.2f')} times real time)",
-        f"{'MPC':<14}" + ", ".join(
-            f"{mpc[key]} {key.replace('_', ' ')}" for key in COUNTERS
-            if mpc[key] or key == "solves"),
-        f"{'':<14}step {_number(step['p50'], '.1f')} ms median, "
-        f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
-        f"{'':<14}plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the "
-        f"terminal set by {_number(mpc['worst_terminal_slack'], '.2g')} at most",
-        f"{'task error':<14}{ends[0]} at the start, {ends[1]} at the end",
-    ]
+        *_block("scenario", [
+            f"{summary['scenario']}, seed {summary['seed']}: {summary['duration_s']:g} s in "
+            f"{summary['wall_time_s']:.1f} s ({_number(summary['real_time_factor'], '.2f')} times "
+            "real time)"]),
+        *_block("MPC", [
+            ", ".join(f"{mpc[key]} {key.replace('_', ' ')}" for key in COUNTERS
+                      if mpc[key] or key == "solves"),
+            f"step {_number(step['p50'], '.1f')} ms median, {_number(step['p99'], '.1f')} ms p99, "
+            f"{_number(step['max'], '.1f')} ms max",
+            f"plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the terminal "
+            f"set by {_number(mpc['worst_terminal_slack'], '.2g')} at most"]),
+        *_block("task error", [f"{ends[0]} at the start, {ends[1]} at the end"])]
 
 
 def _format_force(summary: dict) -> list[str]:
-    """Returns the lines of the force: along its direction first, then across, then the contact."""
-    force, contact = summary["force"], summary["contact"]
+    """Returns the lines of the force: along its direction first, then across."""
+    force = summary["force"]
     overshoot, last, unit = force["overshoot"], force["last_5_s"], wrench_unit(force["desired"])
     if summary["mission"]:
-        return [f"{'force':<14}of the mission's steps, below", *_format_contact(contact)]
+        return ["of the mission's steps, below"]
     if not np.any(force["desired"]):
-        return [f"{'force':<14}no force desired", *_format_contact(contact)]
+        return ["no force desired"]
     settled = (f"within the tolerance for good after {force['settling_time_s']:.2f} s"
                if force["settling_time_s"] is not None else "never settled within the tolerance")
-    lines = [f"{'force':<14}{np.linalg.norm(force['desired']):.4g} {unit} desired, {settled}"]
+    first = f"{np.linalg.norm(force['desired']):.4g} {unit} desired, {settled}"
     window = f"the last {min(LAST_SECONDS, summary['duration_s']):g} s"
     if force["peak_normal"] is None:  # A torque alone.
-        lines.append(f"{'':<14}error {force['final_error_norm']:.3g} {unit} at the end, "
-                     f"{last['mean_error_norm']:.3g} {unit} on average in {window}")
-        return [*lines, *_format_contact(contact)]
+        return [first, f"error {force['final_error_norm']:.3g} {unit} at the end, "
+                f"{last['mean_error_norm']:.3g} {unit} on average in {window}"]
     impact = "started in contact" if overshoot is None else (
         "never in contact" if force["peak_normal"] == 0.0 else
         f"overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
-    lines += [
-        f"{'':<14}normal error {abs(force['final_error_normal']):.3g} N at the end, at most "
-        f"{last['worst_normal_error']:.3g} N in {window}",
-        f"{'':<14}tangential error {force['final_error_tangential']:.3g} N at the end, at most "
-        f"{last['worst_tangential_error']:.3g} N in {window}",
-        f"{'':<14}normal force {force['peak_normal']:.4g} N at its peak, {impact}"]
-    return [*lines, *_format_contact(contact)]
+    return [first, *(
+        f"{name} error {abs(force[f'final_error_{name}']):.3g} N at the end, at most "
+        f"{last[f'worst_{name}_error']:.3g} N in {window}" for name in ("normal", "tangential")),
+        f"normal force {force['peak_normal']:.4g} N at its peak, {impact}"]
 
 
 def _format_contact(contact: dict) -> list[str]:
+    """Returns the lines of the contact: forces, touch, certified bands, bounds of its class."""
     if contact["first_touch_s"] is None:
         return []
     lost = f", contact lost {contact['losses']} times" if contact["losses"] else ""
-    return [f"{'':<14}largest force in contact {contact['largest_force']:.4g} N, static force at "
-            f"most {contact['largest_static_force']:.4g} N",
-            f"{'':<14}first touch at {contact['first_touch_s']:.2f} s{lost}",
-            *format_bands(contact.get("force_bands", {})), *_format_class(contact)]
-
-
-def _format_class(contact: dict) -> list[str]:
-    out = contact.get("out_of_class", {})
-    return [f"{'' if i else 'NOT OF ITS CLASS':<18}contact.{key} is {row['specified']:.3g}, "
-            f"seen was {row['observed']:.3g}" for i, (key, row) in enumerate(out.items())]
-
-
-def format_bands(bands: dict[str, Any]) -> list[str]:
-    """Returns a line for each phase."""
-    return [f"{'':<14}{BANDS[name]} ({100.0 * row['share']:.0f} % of the run) off by at most "
-            f"{row['worst_error']:.3g} N, {row['worst_ratio']:.3g} of the certified band, which is "
-            f"{row['least_bound']:.3g} N at least" for name, row in bands.items() if row]
+    bands = [f"{BANDS[name]} ({100.0 * row['share']:.0f} % of the run) off by at most "
+             f"{row['worst_error']:.3g} N, {row['worst_ratio']:.3g} of the certified band, which "
+             f"is {row['least_bound']:.3g} N at least"
+             for name, row in contact.get("force_bands", {}).items() if row]
+    departed = [f"NOT OF ITS CLASS: contact.{key} is {row['specified']:.3g}, seen was "
+                f"{row['observed']:.3g}" for key, row in contact.get("out_of_class", {}).items()]
+    return [f"largest force in contact {contact['largest_force']:.4g} N, static force at most "
+            f"{contact['largest_static_force']:.4g} N",
+            f"first touch at {contact['first_touch_s']:.2f} s{lost}", *bands, *departed]
 
 
 def _format_constraints(constraints: dict) -> list[str]:
@@ -260,105 +266,79 @@ def _format_constraints(constraints: dict) -> list[str]:
     return rows
 
 
-def format_thrusters(rows: dict[str, dict[str, float]]) -> list[str]:
-    """Returns a line for each thruster."""
-    lines = [
-        f"{name}: {row['least']:.3g} to {row['largest']:.3g} N of {row['lower']:.4g} to "
-        f"{row['upper']:.4g} N, {row['rms']:.3g} N rms, at a limit {100.0 * row['at_limit']:.2g} % "
-        "of the time" for name, row in rows.items()]
-    return [f"{'' if i else 'thrusters':<14}{line}" for i, line in enumerate(lines)]
+def _format_thrusters(rows: dict[str, dict[str, float]]) -> list[str]:
+    return [f"{name}: {row['least']:.3g} to {row['largest']:.3g} N of {row['lower']:.4g} to "
+            f"{row['upper']:.4g} N, {row['rms']:.3g} N rms, at a limit "
+            f"{100.0 * row['at_limit']:.2g} % of the time" for name, row in rows.items()]
 
 
-def format_mission(mission: dict[str, Any]) -> list[str]:
-    """Returns the table; empty without a mission."""
+def _format_mission(mission: dict[str, Any]) -> list[str]:
+    """Returns the table of the steps; empty without a mission."""
     if not mission:
         return []
     when = "" if mission["over_s"] is None else f" after {mission['over_s']:.1f} s"
     left = f", {mission['not_begun']} steps not begun" if mission["not_begun"] else ""
-    lines = ["", f"{'mission':<14}{mission['outcome']}{when}, "
-             f"{mission['failures']} steps failed{left}",
-             f"{'':<14}{'':<10}{'from':>7}{'for':>7}{'mean':>8}{'rms':>7}{'worst':>7}"
-             f"{'cert.':>7}{'held':>7}{'cert.':>7}{'within':>8}"
-             f"{'off rms':>9}{'worst':>7}{'behind':>8}",
-             f"{'':<14}{'':<10}{'s':>7}{'s':>7}{'N':>8}{'N':>7}{'N':>7}{'N':>7}{'N':>7}{'N':>7}{'%':>8}"
-             f"{'mm':>9}{'mm':>7}{'mm':>8}"]
+    head, units = ("".join(f"{cell:>8}" for cell in row) for row in zip(
+        *((name, unit) for _, name, unit, _, _ in MISSION_COLUMNS), strict=True))
+    lines = [f"{mission['outcome']}{when}, {mission['failures']} steps failed{left}",
+             f"{'':<11}{head}", f"{'':<11}{units}"]
     for row in mission["steps"]:
-        line = f"{row['step']:>12}  {row['kind']:<10}{row['begin_s']:>7.1f}{row['seconds']:>7.1f}"
-        line += "" if "within" not in row else (
-            f"{row['mean_force']:>8.2f}{row['force_rms']:>7.2f}{row['force_worst']:>7.2f}"
-            + "".join("      -" if row[key] is None else f"{row[key]:>7.2f}"
-                      for key in ("certified", "held", "certified_hold")) +
-            f"{100.0 * row['within']:>8.1f}{1e3 * row['off_rms']:>9.2f}"
-            f"{1e3 * row['off_worst']:>7.2f}{1e3 * row['behind']:>8.1f}")
-        lines.append(f"{line:<106}  {row['ended']}".rstrip())
-    return lines
+        cells = [f"{'-' if row[key] is None else format(factor * row[key], spec):>8}"
+                 for key, _, _, factor, spec in MISSION_COLUMNS if key in row]
+        lines.append(f"{row['step']:>2} {row['kind']:<8}{''.join(cells):<96}  {row['ended']}")
+    return ["", *_block("mission", lines)]
 
 
-def _semi_axes(bounds: list[float] | None) -> str:
-    """Returns the norm that a weighted disturbance is measured in; empty without weights."""
-    return "" if bounds is None else (
-        " in the norm of the ellipsoid of semi-axes " + ", ".join(f"{each:.3g}" for each in bounds))
-
-
-def _format_robustness(summary: dict) -> list[str]:
-    tube, disturbance = summary["tube"], summary["disturbance"]
-    return [
-        f"{'disturbance':<14}{disturbance['worst']:.4g} at most with the part that the controller "
-        f"does not know ({disturbance['applied']:.4g} applied)",
-        f"{'':<14}" + ("no bound is declared" if disturbance["exceeded"] is None else
-                       f"bound {disturbance['bound']:.4g} [{disturbance['unit']}]"
-                       + _semi_axes(disturbance["semi_axes"])
-                       + (f", exceeded {disturbance['exceeded']} times"
-                          if disturbance["exceeded"] else "")),
-        *_format_tube(tube, summary.get("in_probability") is not None),
-        *_format_certified(summary),
-        *(f"{'':<14}{about}: {statement}" for about, statement in scope_of(
-            [Assumption(**each) for each in summary["assumptions"]]).items()),
-    ]
+def _format_disturbance(disturbance: dict) -> list[str]:
+    axes, exceeded = disturbance["semi_axes"], disturbance["exceeded"]
+    norm = "" if axes is None else " in the norm of the ellipsoid of semi-axes " + ", ".join(
+        f"{each:.3g}" for each in axes)
+    return [f"{disturbance['worst']:.4g} at most with the part that the controller does not know "
+            f"({disturbance['applied']:.4g} applied)",
+            "no bound is declared" if exceeded is None else
+            f"bound {disturbance['bound']:.4g} [{disturbance['unit']}]{norm}"
+            + (f", exceeded {exceeded} times" if exceeded else "")]
 
 
 def _format_certified(summary: dict) -> list[str]:
-    """Returns the kind of certificate that the run has."""
+    """Returns the kind of certificate that the run has, and the scope of a worst-case one."""
     claim = summary.get("in_probability")
-    if claim is None:
-        known = "yes, for" if summary["tube"]["certified"] else "no (declared tube)"
-        return [f"{'certified':<14}{known}"]
-    kind = claim["verdict"].removeprefix("certified ")
-    return [f"{'certified':<14}{kind} ({claim['failures']} of {claim['runs']} drawn runs failed)",
-            *(f"{'':<14}{each}" for each in claim["outside"])]
+    if claim is not None:
+        kind = claim["verdict"].removeprefix("certified ")
+        return [f"{kind} ({claim['failures']} of {claim['runs']} drawn runs failed)",
+                *claim["outside"]]
+    scope = scope_of([Assumption(**each) for each in summary["assumptions"]])
+    return ["yes, for" if summary["tube"]["certified"] else "no (declared tube)",
+            *(f"{about}: {statement}" for about, statement in scope.items())]
 
 
 def _format_tube(tube: dict, in_probability: bool) -> list[str]:
     error, first = tube["error"], tube["first_exit_s"]
-    since = "" if first is None else f" (first at {first:.2f} s)"
     if tube["worst_e"] is None:
-        return [f"{'tube':<14}law {tube['law']}; not watched: the robot hovered until the end"]
-    along = tube["worst_ratio"]["trajectory"]
+        return [f"law {tube['law']}; not watched: the robot hovered until the end"]
+    along, since = tube["worst_ratio"]["trajectory"], "" if first is None else (
+        f" (first at {first:.2f} s)")
     exits = [f"{tube['exits']} set-wise{since}"] * bool(tube["exits"]) + [
         f"{tube['exits_along_the_run']} along the run"] * bool(tube["exits_along_the_run"])
     return [
-        f"{'tube':<14}law {tube['law']}; "
-        f"|{error} - {error}_nominal| {1e3 * tube['worst_e']:.3g} mm, mrad "
+        f"law {tube['law']}; |{error} - {error}_nominal| {1e3 * tube['worst_e']:.3g} mm, mrad "
         f"(bound {1e3 * tube['bound_e']:.3g}),",
-        f"{'':<14}|zeta - zeta_nominal| {1e3 * tube['worst_z']:.3g} mm/s, mrad/s "
+        f"|zeta - zeta_nominal| {1e3 * tube['worst_z']:.3g} mm/s, mrad/s "
         f"(bound {1e3 * tube['bound_z']:.3g})",
-        f"{'':<14}{used(tube, in_probability)}"
+        used(tube, in_probability)
         + ("" if along is None else f", {100.0 * along:.3g} % of the bound along the run"),
-        *([f"{'':<14}exits: {', '.join(exits)}"] if exits else []),
-    ]
+        *([f"exits: {', '.join(exits)}"] if exits else [])]
 
 
 def _format_events(events: list[dict], most: int | None) -> list[str]:
     """Returns the lines of the events: alarms, others, kept plans, each in order of time."""
-    if not events:
-        return [f"{'events':<14}none"]
     ordered = sorted(events, key=lambda event: (event["kind"] not in ALARMING,
                                                 event["kind"] == "plan_kept"))
     shown = ordered if most is None or len(events) <= most else ordered[: most - 1]
     lines = [f"{_span(event):<18}  {event['text']}" for event in shown]
     if len(shown) < len(events):
         lines.append(f"... and {len(events) - len(shown)} more in summary.json")
-    return [f"{'events' if i == 0 else '':<14}{line}" for i, line in enumerate(lines)]
+    return lines or ["none"]
 
 
 def _span(event: dict) -> str:

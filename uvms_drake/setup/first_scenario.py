@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import RunFailed, require
-from uvms_drake.control.laws.tip_rows import best_rows
+from uvms_drake.control.laws.outputs import best_rows
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms import Uvms

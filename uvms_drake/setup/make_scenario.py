@@ -17,7 +17,7 @@ from uvms_drake.model.signals.sensor_actuator import Sensor
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
-from uvms_drake.plant.robot_loading import sound_robot
+from uvms_drake.plant.model_check import sound_robot
 from uvms_drake.setup.first_scenario import Choices, first_scenario, format_first_scenario
 from uvms_drake.station.problem import check_inputs, load_model
 from uvms_drake.station.scenario.contact import Contact

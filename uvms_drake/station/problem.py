@@ -20,8 +20,8 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.model.surface.law import Surface, check_surface
-from uvms_drake.plant.robot_loading import sound_robot
-from uvms_drake.plant.surface_error import displaced
+from uvms_drake.plant.model_check import sound_robot
+from uvms_drake.plant.surface import displaced
 from uvms_drake.station.contact.bounds import (
     largest_normal_force,
     safe_depth_margin,

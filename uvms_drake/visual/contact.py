@@ -28,6 +28,8 @@ SKIN, LINES = Rgba(0.70, 0.75, 0.79, 0.4), Rgba(0.16, 0.22, 0.27, 0.9)
 SPRING, CONTACT = Rgba(0.3, 0.3, 0.3), Rgba(1.0, 0.9, 0.2)
 REAL_TEXT, WHITE = (1.0, 0.62, 0.42), (1.0, 1.0, 1.0)
 EXPLORED, ESTIMATED = (0.3, 1.0, 0.65), (1.0, 0.9, 0.2)
+GLASS_OPACITY = 54.0
+"""Opacity of the pane, of 255."""
 ARROW = 0.3
 """Length of the arrow of the largest force expected, as a fraction of the scene's size."""
 NUMBER_OFFSET = 0.07
@@ -94,8 +96,7 @@ class Pressing:
 
     def __init__(self, stage: Stage, law: Surface, goal: np.ndarray, force: np.ndarray,
                  unit: float, facing: RotationMatrix):
-        self._stage, self._law, self._unit = stage, law, unit
-        self._facing = facing
+        self._stage, self._unit, self._facing = stage, unit, facing
         largest = max(float(np.linalg.norm(force[:3])),
                       float(law.static_force(np.array([*goal, 0.0, 0.0, 0.0]))))
         self._newton = ARROW * unit / (largest or 1.0)
@@ -109,16 +110,15 @@ class Pressing:
                           HEIGHT * unit, color)
             for name, color in (("real", REAL_TEXT), ("desired", WHITE))}
 
-    def show(self, chi: np.ndarray, force: np.ndarray | None, desired: np.ndarray) -> None:
+    def show(self, chi: np.ndarray, force: np.ndarray, desired: np.ndarray) -> None:
         """Draws surface and forces with the end-effector at χ.
 
         Args:
             chi: Pose χ of the end-effector (6,).
-            force: 𝔉 (6,) [N, N m]; None: the force of the surface's law at the pose at rest.
+            force: 𝔉 (6,) [N, N m].
             desired: 𝔉_des (6,).
         """
-        tip = chi[:3]
-        real = (self._law.force(chi, np.zeros(6)) if force is None else force)[:3]
+        tip, real = chi[:3], force[:3]
         self._deform(chi)
         self._force.show(tip, self._newton * real)
         self._desired.show(tip, self._newton * desired[:3])
@@ -156,11 +156,13 @@ class DrawnEstimate:
         self._stage, self._n, self._margin = stage, direction, margin
         self._origin = float(direction @ start)
         corners = self.SIDE * SQUARE
-        stage.make(f"{self.SAFE_END}/size/pane", picture(corners, pane()))
-        for i, end in enumerate(corners):
-            along = corners[(i + 1) % 4] - end
-            stage.make(f"{self.WALL}/size/{i}", Cylinder(self.ROD, self.SIDE + self.ROD),
-                       Rgba(*ESTIMATED), frame_at(end + 0.5 * along, along))
+        glass = np.full((2, 2, 4), [*(255.0 * np.array(EXPLORED)), GLASS_OPACITY])
+        stage.make(f"{self.SAFE_END}/size/pane", picture(corners, glass.astype(np.uint8)))
+        for path, color in ((self.SAFE_END, EXPLORED), (self.WALL, ESTIMATED)):
+            for i, end in enumerate(corners):
+                along = corners[(i + 1) % 4] - end
+                stage.make(f"{path}/size/{i}", Cylinder(self.ROD, self.SIDE + self.ROD),
+                           Rgba(*color), frame_at(end + 0.5 * along, along))
         self._numbers = {}
         for i, (name, unit, color) in enumerate((
                 ("measured", " N measured", ESTIMATED), ("stiffness", " N/m", ESTIMATED),
@@ -187,15 +189,6 @@ class DrawnEstimate:
 def at_depth(point: np.ndarray, depth: float, direction: np.ndarray) -> np.ndarray:
     """Returns the projection (3,) of a point (3,) along n (3,) onto n·𝔭 = depth [m]."""
     return point + (depth - direction @ point) * direction
-
-
-def pane() -> np.ndarray:
-    """Returns the picture of a pane of glass with a rim, RGBA (rows, columns, 4)."""
-    at = np.abs(np.arange(240.0) - 119.5)
-    rim = np.maximum(at, at[:, None]) > 116.0
-    image = np.empty((*rim.shape, 4))
-    image[..., :3], image[..., 3] = 255.0 * np.array(EXPLORED), np.where(rim, 240, 54)
-    return image.astype(np.uint8)
 
 
 class Coverage:

@@ -21,7 +21,6 @@ from uvms_drake.visual.stage import NED, UP, Stage, frame_at
 REAL = Rgba(0.84, 0.25, 0.0, 1.0)
 PLAN = Rgba(1.0, 1.0, 1.0, 1.0)
 GLASS = Rgba(1.0, 1.0, 1.0, 0.3)
-FAINT = Rgba(1.0, 1.0, 1.0, 0.06)
 GREY = Rgba(0.7, 0.7, 0.7, 1.0)
 TUBE = Rgba(1.0, 1.0, 1.0, 0.2)
 FAR_SIDE = 1.0
@@ -98,17 +97,13 @@ class Arrow:
 
 
 class Polyline:
-    """A line through points, with a tube about it to scale."""
+    """A line through points."""
 
-    def __init__(self, stage: Stage, path: str, points: int, color: Rgba, radius: float,
-                 tube: float = 0.0):
+    def __init__(self, stage: Stage, path: str, points: int, color: Rgba, radius: float):
         self._stage = stage
         self._rods = [f"{path}/{i}" for i in range(points - 1)]
-        middle = frame_at([0.0, 0.0, 0.5])
         for rod in self._rods:
-            stage.make(f"{rod}/size/line", Cylinder(radius, 1.0), color, middle)
-            if tube > radius:
-                stage.make(f"{rod}/size/tube", Cylinder(tube, 1.0), FAINT, middle)
+            stage.make(f"{rod}/size/line", Cylinder(radius, 1.0), color, frame_at([0.0, 0.0, 0.5]))
 
     def show(self, points: np.ndarray) -> None:
         """Draws the line through `points` (K, 3)."""

@@ -58,8 +58,8 @@ class Moment:
     """Desired force 𝔉_des (6,) [N, N m]."""
     path: np.ndarray
     """Planned path of the nominal end-effector (N+1, 3) [m]."""
-    force: np.ndarray | None = None
-    """Force 𝔉 (6,) [N, N m]; None: the one that the surface's law gives for the pose at rest."""
+    force: np.ndarray
+    """Force 𝔉 (6,) [N, N m]."""
     estimate: Estimate = field(default_factory=dict)
     """Estimate of an unknown surface; empty for a known one."""
 
@@ -87,9 +87,9 @@ class LimitUse:
 
         Args:
             state: (𝔮, ζ) (2(6+n),).
-            u: 𝔲 (6+n,); not read if the motion is kinematic.
+            u: 𝔲 (6+n,).
             nominal_state: (𝔮̄, ζ̄) (2(6+n),).
-            nominal_input: ū (6+n,); not read if the motion is kinematic.
+            nominal_input: ū (6+n,).
         """
         return np.maximum(self._lengths(self._limits, state, u),
                           self._lengths(self._nominal, nominal_state, nominal_input))
@@ -163,7 +163,7 @@ class Scene:
         self._robot = DrawnRobot(stage, "uvms", setting.robot)
         self._ghost = DrawnRobot(stage, "nominal", setting.robot, GHOST)
         self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * unit)
-        self._path = Polyline(stage, f"{NED}/path", setting.horizon + 1, PLAN, 0.003 * unit, radius)
+        self._path = Polyline(stage, f"{NED}/path", setting.horizon + 1, PLAN, 0.003 * unit)
         level = float(CELL * np.ceil((BELOW * unit - middle[2]) / CELL))
         draw_floor(stage, f"{NED}/floor", np.array([*(middle * UP)[:2], level]),
                    int(np.ceil(2.5 * unit / CELL)))
@@ -264,14 +264,13 @@ class Illustration(LeafSystem):
         - u
         - nominal_input
         - plan
-        - force (optional)
-        - desired_force (optional)
+        - force
+        - desired_force
         - force_last_valid, safe_depth, contact_depth, stiffness_estimate (optional)
 
     - `state`, `nominal_state` (2(6+n)), `u`, `nominal_input` (6+n): as from a station.
     - `plan`: the current `Plan` (abstract).
-    - `force` (6) [N, N m]: 𝔉; unconnected means the force of the surface's law at the pose at rest.
-    - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
+    - `force`, `desired_force` (6) [N, N m]: 𝔉 and 𝔉_des.
     - `force_last_valid` (6), `safe_depth`, `contact_depth`, `stiffness_estimate` (1): the estimate
       of an unknown surface, see `KNOWN`; empty unless all of them are connected.
 
@@ -288,13 +287,13 @@ class Illustration(LeafSystem):
     def __init__(self, meshcat: Meshcat, setting: Setting):
         super().__init__()
         self._scene, self._model = Scene(meshcat, setting), setting.model
-        self._task_force, self._rate = setting.force, setting.visual.rate
+        self._rate = setting.visual.rate
         self._knots = setting.horizon + 1
         self._last_time = np.inf
         size = self._model.size
-        for name, width in (("state", 2 * size), ("nominal_state", 2 * size), ("u", size),
-                            ("nominal_input", size), ("force", 6), ("desired_force", 6),
-                            *KNOWN.items()):
+        self._signals = {"state": 2 * size, "nominal_state": 2 * size, "u": size,
+                         "nominal_input": size, "force": 6, "desired_force": 6}
+        for name, width in (self._signals | KNOWN).items():
             self.DeclareVectorInputPort(name, width)
         self.DeclareAbstractInputPort("plan", Value(object()))
         self.DeclarePerStepPublishEvent(self._draw_if_due)
@@ -310,19 +309,13 @@ class Illustration(LeafSystem):
         def value(name: str) -> np.ndarray:
             return cast(np.ndarray, self.GetInputPort(name).Eval(context))
 
-        def has(name: str) -> bool:
-            return self.GetInputPort(name).HasValue(context)
-
         self._last_time = context.get_time()
+        known = all(self.GetInputPort(name).HasValue(context) for name in KNOWN)
         plan = self.GetInputPort("plan").Eval(context)
         self._scene.show(Moment(
-            state=value("state"), nominal_state=value("nominal_state"), u=value("u"),
-            nominal_input=value("nominal_input"),
-            desired_force=value("desired_force") if has("desired_force") else self._task_force,
+            **{name: value(name) for name in self._signals},
             path=self._model.task_pose(plan.config[: self._knots])[:, :3],
-            force=value("force") if has("force") else None,
-            estimate={name: value(name) for name in KNOWN} if all(map(has, KNOWN)) else {}),
-            self._last_time)
+            estimate={name: value(name) for name in KNOWN} if known else {}), self._last_time)
         return EventStatus.Succeeded()
 
 

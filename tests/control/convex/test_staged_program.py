@@ -19,9 +19,9 @@ from uvms_drake.control.convex.staged_program import (
     RadiusBound,
     StagedProgram,
     TerminalLimit,
+    WorkingSet,
 )
 from uvms_drake.control.convex.staged_solver import solve_staged
-from uvms_drake.control.convex.working_set import WorkingSet
 from uvms_drake.control.ocp.tracking_ocp import TrackingTarget
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.surface.surface_class import SurfaceClass

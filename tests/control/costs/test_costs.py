@@ -8,8 +8,7 @@ import pytest
 from pydrake.solvers import SnoptSolver
 
 from uvms_drake.certificate.assumptions import assumed_conditions
-from uvms_drake.control.costs.level_vehicle import LevelVehicle
-from uvms_drake.control.costs.term import CostTerm
+from uvms_drake.control.costs.costs import CostTerm, LevelVehicle
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver

@@ -1,9 +1,9 @@
-"""Tests of `uvms_drake.control.costs.offset_cost`."""
+"""Tests of `uvms_drake.control.costs.costs`."""
 
 import numpy as np
 import pytest
 
-from uvms_drake.control.costs.offset_cost import OffsetCost
+from uvms_drake.control.costs.costs import OffsetCost
 
 COST = OffsetCost(slope=60.0, width=0.01)
 

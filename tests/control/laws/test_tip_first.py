@@ -11,9 +11,8 @@ from support.tiny_robots import tiny_robot, turret
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.control.laws.outputs import outputs_of
+from uvms_drake.control.laws.outputs import outputs_of, tip_rows
 from uvms_drake.control.laws.tip_first import BlockGains
-from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
 
 LAW = TipFirst(BlockGains(1.5, 0.4), BlockGains(20.0, 10.0))
@@ -50,7 +49,7 @@ def left(model, derivative, state, nominal, zeta_dot, nominal_zeta_dot) -> np.nd
 
 def command(model, state, nominal, acceleration, law=LAW, **known) -> np.ndarray:
     """Returns τ."""
-    now = pair_of(model, state, nominal)._replace(**known)
+    now = pair_of(model, state, nominal).given(**known)
     return law.command(model, now, lambda: acceleration, not_asked).tau
 
 

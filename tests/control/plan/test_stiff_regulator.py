@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.field import copied
+from support.robots import copied
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.robots import TEMPLATE, altered
 
-from uvms_drake.control.laws.tip_rows import POSE
+from uvms_drake.control.laws.outputs import POSE
 from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.description.thruster_file import (
     CurveData,
@@ -19,7 +19,7 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
-from uvms_drake.plant.robot_loading import complaints_about
+from uvms_drake.plant.model_check import complaints_about
 from uvms_drake.report.robot.robot_sheet import (
     Thrust,
     format_sheet,

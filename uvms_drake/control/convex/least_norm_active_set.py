@@ -24,8 +24,7 @@ import numpy as np
 from uvms_drake.control.convex.dual_active_set import BROKEN, NO_ROWS, multipliers
 from uvms_drake.control.convex.least_norm_conic import LeastNorm
 from uvms_drake.control.convex.regulator import Regulator
-from uvms_drake.control.convex.staged_program import ActiveLimits, StagedProgram
-from uvms_drake.control.convex.working_set import KEPT, WorkingSet
+from uvms_drake.control.convex.staged_program import KEPT, ActiveLimits, StagedProgram, WorkingSet
 
 ROUNDS = 25
 """Largest number of times that limits are added or directions of cones are changed."""

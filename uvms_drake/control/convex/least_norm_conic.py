@@ -14,8 +14,7 @@ import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from uvms_drake.control.convex.regulator import Regulator
-from uvms_drake.control.convex.staged_program import StagedProgram
-from uvms_drake.control.convex.working_set import WorkingSet
+from uvms_drake.control.convex.staged_program import StagedProgram, WorkingSet
 
 
 class Form(NamedTuple):

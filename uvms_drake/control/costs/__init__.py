@@ -1,8 +1,7 @@
 """Terms of the nominal MPC's cost, one kind a file."""
 
 from uvms_drake.common.kinds import offer
-from uvms_drake.control.costs.level_vehicle import LevelVehicle
-from uvms_drake.control.costs.term import CostTerm
+from uvms_drake.control.costs.costs import CostTerm, LevelVehicle
 
 __all__ = ["CostTerm", "LevelVehicle"]
 

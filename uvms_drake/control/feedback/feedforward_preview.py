@@ -8,7 +8,7 @@ with ℓ the sum of the dead times, half the periods of the holds, and the time 
 `CommandPath.preview`. The remaining error is of second order, (e^{sT} − 1 − Ts)/(Ts + 1) behind a
 lag T, and no average of the plan's forces has a smaller one. The reaction of an unknown wall is
 predicted with its estimated stiffness and inclination, n·𝐅 + κ̂(n + 𝔱)·Δ𝔭̄, not below zero; before
-the first touch none is. A new plan keeps the commands that were issued, see `commitment`; beyond
+the first touch none is. A new plan keeps the commands that were issued, see `planner`; beyond
 the end of a plan its last forces are used. Derivation:
 control/feedback/theory.md#feedforward-preview.
 """

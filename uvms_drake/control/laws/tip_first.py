@@ -24,8 +24,7 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, require_period, within
 from uvms_drake.control.laws.law import AncillaryLaw, Command, Observed, Pair
-from uvms_drake.control.laws.outputs import outputs_of
-from uvms_drake.control.laws.tip_rows import POSE, tip_rows
+from uvms_drake.control.laws.outputs import POSE, outputs_of, tip_rows
 from uvms_drake.model.uvms_model import UvmsModel
 
 MAY_BE_UNDRIVEN = ("roll", "pitch")

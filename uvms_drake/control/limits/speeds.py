@@ -82,7 +82,7 @@ class ContactSpeed(Limit):
     name = "contact_speed"
     about: ClassVar[About] = "speed"
     unit = "m/s"
-    titles = ("tip along n", "tip across n, first axis", "tip across n, second axis")
+    titles = ("tip along n", "tip across n, t₁", "tip across n, t₂")
     radius = ("depth_speed", "tip_speed", "tip_speed")
 
     axes: np.ndarray

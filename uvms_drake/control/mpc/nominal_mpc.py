@@ -51,7 +51,7 @@ class NominalMpc(LeafSystem):
     observers to settle; only the first plan after it can fail: `RunFailed`, too.
 
     The first n intervals of a plan may be committed: each plan then has those of the last one, and
-    the first one coasts (from rest, hovers) there; see `commitment`.
+    the first one coasts (from rest, hovers) there; see `planner`.
 
     A measured state that is not finite counts as missing: there is no first plan from it, and a
     problem with the initial state `measured` plans from the nominal state instead.

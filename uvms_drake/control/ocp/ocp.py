@@ -27,8 +27,7 @@ from uvms_drake.common.constraints import AtLeast, NotNegative, OneOf, Positive
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.schema import check_values
 from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram, TerminalLimit
-from uvms_drake.control.costs.task_cost import TaskCost
-from uvms_drake.control.costs.term import CostTerm
+from uvms_drake.control.costs.costs import CostTerm, TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp.limit_stack import Inputs, LimitStack, Values
 from uvms_drake.control.plan.plan import Plan, advance, advance_derivatives
@@ -60,9 +59,9 @@ class MpcConfig:
     weight_y: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Diagonal of Q for y − y_des, y = (𝔭, 𝔬, q)."""
     weight_zeta: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Diagonal of Q for ζ; of R, where ζ is the input."""
+    """Diagonal of Q for ζ."""
     weight_u: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Diagonal of R for ū − ū_eq; not read where ζ is the input."""
+    """Diagonal of R for ū − ū_eq."""
     terminal_set: bool = True
     """Whether plans must end in a terminal set; without it nothing is certified."""
     terminal_radius: Annotated[float, Positive] = 0.1

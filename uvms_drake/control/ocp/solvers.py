@@ -23,7 +23,7 @@ from pydrake.solvers import (
 )
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.convex.drake_convex import DrakeConvexSolver
+from uvms_drake.control.convex.staged_solver import DrakeConvexSolver
 from uvms_drake.control.ocp.ocp import SOLVERS, STRUCTURED, Ocp
 from uvms_drake.control.ocp.ocp_program import OcpProgram
 from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution, Solver

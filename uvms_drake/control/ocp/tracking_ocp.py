@@ -23,8 +23,7 @@ import numpy as np
 from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram
 from uvms_drake.control.convex.tracking_program import with_place
-from uvms_drake.control.costs.offset_cost import OffsetCost
-from uvms_drake.control.costs.task_cost import TaskCost
+from uvms_drake.control.costs.costs import OffsetCost, TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.speeds import SafeDepth, SafeDepthBetweenKnots
 from uvms_drake.control.ocp.ocp import Evaluation, MpcConfig, Ocp, PlanPoints

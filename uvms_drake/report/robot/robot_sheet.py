@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.solvers import MathematicalProgram, Solve
 
-from uvms_drake.control.laws.tip_rows import best_rows, row_names
+from uvms_drake.control.laws.outputs import best_rows, row_names
 from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     added_mass_about_origin,

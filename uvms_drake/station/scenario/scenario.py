@@ -25,9 +25,8 @@ from uvms_drake.model.signals.sensor_actuator import Actuator, Sensor
 from uvms_drake.model.surface import Surface, UnilateralPlane
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant import Disturbance, SinusoidalDisturbance
-from uvms_drake.plant.model_error import ModelError
-from uvms_drake.plant.surface_error import SurfaceError
-from uvms_drake.plant.unknowns import Unknowns
+from uvms_drake.plant.model_error import ModelError, Unknowns
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.scenario.contact import Contact, KnownSurface
 from uvms_drake.station.scenario.modules import import_modules

@@ -12,8 +12,8 @@ there is no tube. See tube/theory.md#tube-of-the-law-tip-first.
 
 import numpy as np
 
+from uvms_drake.control.laws.outputs import tip_rows
 from uvms_drake.control.laws.tip_first import TipFirst
-from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants import checked_constants

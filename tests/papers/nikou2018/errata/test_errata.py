@@ -6,12 +6,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_drake.papers.nikou2018.errata import Erratum, errata_markdown, errata_table
-from uvms_drake.papers.nikou2018.errata.paper import (
-    numbers,
+from uvms_drake.papers.nikou2018.errata import Erratum, all_errata, errata_markdown, errata_table
+from uvms_drake.papers.nikou2018.errata.choices import (
+    CHOICES,
+    FIGURES,
+    TASK_ERROR,
+    draw_choices,
+    panels_of,
 )
+from uvms_drake.papers.nikou2018.errata.paper import numbers
+from uvms_drake.papers.nikou2018.kinematics import simulate
+from uvms_drake.station.scenario.scenario import load_scenario
 
 pytestmark = pytest.mark.long
+
+
+@pytest.fixture(scope="module")
+def errata() -> list[Erratum]:
+    return all_errata()
+
 
 PRINTED = re.compile(r"[-−]?\d+(?:\.\d+)?")
 
@@ -67,3 +80,22 @@ def test_the_table_of_the_readme_is_the_output(errata):
         assert cells_of(number.sub("#", here)) == cells_of(number.sub("#", there))
         for one, other in zip(number.findall(here), number.findall(there), strict=True):
             assert float(one) == pytest.approx(float(other), rel=0.1, abs=1e-3), here[:60]
+
+
+def test_the_choices_show_what_the_errata_state(tmp_path):
+    """E9: the nominal motion jumps at every sample; E5: the paper's law leaves the joints alone."""
+    draw_choices(tmp_path, overrides=["duration=0.6"])
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in FIGURES)
+    (nominal, measured), (resolved, transpose) = (
+        [simulate(load_scenario("paper_kinematic", [each])) for each in CHOICES[name]]
+        for name in ("initial_state.png", "law.png"))
+    jumps = [np.max(np.linalg.norm(np.diff(run.chi_nominal, axis=0), axis=1)[300:])
+             for run in (nominal, measured)]
+    assert jumps[1] > 2.0 * jumps[0]
+    late = nominal.time > 4.5
+    errors = panels_of([nominal, measured])[TASK_ERROR]
+    assert np.max(errors[1][late]) > 1.4 * np.max(errors[0][late])
+    drift = [np.max(np.abs((run.config - run.nominal_config)[:, 6:]))
+             for run in (resolved, transpose)]
+    assert drift[0] < 1e-6
+    assert drift[1] > 0.2

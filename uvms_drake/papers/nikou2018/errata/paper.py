@@ -1,7 +1,9 @@
-"""Numbers and robot of the paper."""
+"""Numbers and robot of the paper, an erratum, and the table of all."""
 
 import math
+import textwrap
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -11,10 +13,10 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.model.uvms import Uvms
-from uvms_drake.papers.nikou2018.transpose import LemmaConstants
+from uvms_drake.papers.nikou2018.transpose import TRANSPOSE, LemmaConstants
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.constants import sampled_values
+from uvms_drake.tube.constants import norms
 
 # (sec:simulation_results), SI units and radians.
 NUM_JOINTS = 4
@@ -43,22 +45,61 @@ SAME = 1e-9
 """Difference below which two poses are the same, up to rounding [m, rad]."""
 SAMPLES = 1000
 """States at which the constants of the Lemma are sampled."""
-CANDIDATES, SEARCHES, ROUNDS, CHILDREN = 20_000, 20, 60, 30
-"""Numbers of `local_search`: random points, starts among them, rounds, trials a round."""
-SHRINK = 0.9
-"""Factor by which its steps become shorter, round by round."""
 
 
-@cache
-def uvms() -> Uvms:
-    """Returns the paper's robot."""
-    return Robot.load("girona500_arm5e").uvms
+@dataclass(frozen=True)
+class Erratum:
+    """A statement of the paper and the result of a computation about it."""
+
+    number: str
+    """Number in the list: E1, E2, ..."""
+    title: str
+    where: str
+    """LaTeX labels of the paper, with ", " between them."""
+    printed: str
+    """Statement of the paper."""
+    computed: str
+    """Result of the computation, made of computed numbers."""
+    consequence: str
+    wrong: bool
+    """Verdict of the computation: whether the paper's statement fails."""
+
+    @property
+    def verdict(self) -> str:
+        """Word for a table."""
+        return "confirmed" if self.wrong else "not confirmed"
+
+
+def errata_table(errata: list[Erratum], width: int = 100) -> str:
+    """Returns the errata as plain text, `width` characters wide."""
+    lines = [f"{sum(item.wrong for item in errata)} of {len(errata)} errata confirmed by "
+             "computation"]
+    for item in errata:
+        lines += ["", *textwrap.wrap(
+            f"{item.number:<5}{item.title} ({item.where}): {item.verdict}", width,
+            subsequent_indent=" " * 5, break_on_hyphens=False)]
+        for label in ("printed", "computed", "consequence"):
+            lines += textwrap.wrap(
+                getattr(item, label), width, initial_indent=f"     {label + ':':<13}",
+                subsequent_indent=" " * 18, break_on_hyphens=False)
+    return "\n".join(lines)
+
+
+def errata_markdown(errata: list[Erratum]) -> str:
+    """Returns the errata as a table for the README."""
+    rows = [("", "erratum", "printed", "computed", "consequence", ""), ("---",) * 6]
+    for item in errata:
+        labels = ", ".join(f"`{label}`" for label in item.where.split(", "))
+        rows.append((item.number, f"**{item.title}** ({labels})", item.printed, item.computed,
+                     item.consequence, item.verdict))
+    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |"
+                     for row in rows)
 
 
 @cache
 def robot() -> ContactModel:
     """Returns the paper's robot on the paper's spring, K = I₆ and χ_eq = 0."""
-    return ContactModel(uvms(), check_surface(BilateralSpring()))
+    return ContactModel(Robot.load("girona500_arm5e").uvms, check_surface(BilateralSpring()))
 
 
 @cache
@@ -68,43 +109,13 @@ def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
     J (6, 10) is the sample of largest norm. The constants are estimates, on the small side.
     """
     scenario = load_scenario("girona500_ideal")
-    model = ContactModel(uvms(), check_surface(scenario.surface))
-    declared = declared_set(scenario.limits, model)
-    config, zeta = declared.sample(model, SAMPLES, np.random.default_rng(0))
-    names = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
-    values = sampled_values(model, config, zeta, names)
+    model = load_model(scenario)
+    config, zeta = declared_set(scenario.limits, model).sample(
+        model, SAMPLES, np.random.default_rng(0))
+    values = {name: norms(name, model, config, zeta) for name in TRANSPOSE}
     largest = model.kinematics(config[np.argmax(values["J_max"])]).J_chi
-    return LemmaConstants(float(np.min(values["J_min"])), *(
-        float(np.max(values[name])) for name in names[1:])), largest
-
-
-@cache
-def estimated_J_min() -> float:
-    """Returns J̲ over the printed joint ranges and |θ| ≤ π/2 − 0.1: an estimate, from above."""
-    model = robot()
-
-    def value(x: np.ndarray) -> np.ndarray:
-        """Returns λ_min(J Jᵀ) at x = (φ, θ, q); position and yaw do not matter."""
-        config = np.zeros((len(x), model.size))
-        config[:, 3:5], config[:, 6:] = x[:, :2], x[:, 2:]
-        return smallest_eigenvalue(config)
-
-    edge = np.array([np.pi, PITCH_LIMIT])
-    return local_search(value, np.concatenate([-edge, model.q_lower]),
-                        np.concatenate([edge, model.q_upper]))[0]
-
-
-@cache
-def best_posture() -> tuple[float, np.ndarray]:
-    """Returns the largest λ_min(J Jᵀ) found at χ_des within joint and pitch limits, and its q."""
-    model = robot()
-
-    def cost(q: np.ndarray) -> np.ndarray:
-        config = configuration(CHI_DES, q)
-        return np.where(np.abs(config[:, 4]) <= PITCH_LIMIT, -smallest_eigenvalue(config), 0.0)
-
-    value, q = local_search(cost, model.q_lower, model.q_upper)
-    return -value, q
+    first, *others = (float(np.max(each)) for each in values.values())
+    return LemmaConstants(first**-2, *others), largest
 
 
 def configuration(chi: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -124,6 +135,32 @@ def smallest_eigenvalue(config: np.ndarray) -> np.ndarray:
     return np.linalg.svd(robot().kinematics(config).J_chi, compute_uv=False)[..., -1] ** 2
 
 
+@cache
+def estimated_J_min() -> float:
+    """Returns J̲ over the printed joint ranges and |θ| ≤ π/2 − 0.1: an estimate, from above."""
+    model, edge = robot(), np.array([np.pi, PITCH_LIMIT])
+
+    def value(x: np.ndarray) -> np.ndarray:
+        """Returns λ_min(J Jᵀ) at x = (φ, θ, q); position and yaw do not matter."""
+        return smallest_eigenvalue(np.insert(x, [0, 0, 0, 2], 0.0, axis=1))
+
+    return local_search(value, np.concatenate([-edge, model.q_lower]),
+                        np.concatenate([edge, model.q_upper]))[0]
+
+
+@cache
+def best_posture() -> tuple[float, np.ndarray]:
+    """Returns the largest λ_min(J Jᵀ) found at χ_des within joint and pitch limits, and its q."""
+    model = robot()
+
+    def cost(q: np.ndarray) -> np.ndarray:
+        config = configuration(CHI_DES, q)
+        return np.where(np.abs(config[:, 4]) <= PITCH_LIMIT, -smallest_eigenvalue(config), 0.0)
+
+    value, q = local_search(cost, model.q_lower, model.q_upper)
+    return -value, q
+
+
 def local_search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray,
                  upper: np.ndarray, seed: int = 0) -> tuple[float, np.ndarray]:
     """Returns the smallest value found in a box, and where: samples, then ever smaller steps.
@@ -135,18 +172,18 @@ def local_search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray
         seed: Seed of samples and steps.
     """
     rng = np.random.default_rng(seed)
-    x = rng.uniform(lower, upper, (CANDIDATES, len(lower)))
+    x = rng.uniform(lower, upper, (20_000, len(lower)))
     values = function(x)
-    order = np.argsort(values, kind="stable")[:SEARCHES]
+    order = np.argsort(values, kind="stable")[:20]
     best, value, width = x[order], values[order], 0.1 * (upper - lower)
-    for _ in range(ROUNDS):
-        steps = rng.normal(size=(SEARCHES, CHILDREN, len(lower)))
+    for _ in range(60):
+        steps = rng.normal(size=(20, 30, len(lower)))
         tried = np.clip(best[:, None] + width * steps, lower, upper)
-        found = function(tried.reshape(-1, len(lower))).reshape(SEARCHES, CHILDREN)
-        row, child = np.arange(SEARCHES), np.argmin(found, axis=1)
+        found = function(tried.reshape(-1, len(lower))).reshape(20, 30)
+        row, child = np.arange(20), np.argmin(found, axis=1)
         better = found[row, child] < value
         best[better], value[better] = tried[row, child][better], found[row, child][better]
-        width = SHRINK * width
+        width = 0.9 * width
     return float(np.min(value)), best[np.argmin(value)]
 
 

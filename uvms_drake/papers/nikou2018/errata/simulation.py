@@ -1,13 +1,17 @@
-"""Errata of (sec:simulation_results): E8 to E11."""
+"""Errata of the MPC's cost and of (sec:simulation_results): E6 to E11."""
 
 import math
+from copy import copy
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import pose_difference, wrap_angle
-from uvms_drake.papers.nikou2018.errata.erratum import Erratum
 from uvms_drake.papers.nikou2018.errata.paper import (
     AMPLITUDE,
     CHI_DES,
@@ -26,6 +30,8 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     TUBE,
     W_BOUND,
     WEIGHT,
+    Erratum,
+    best_posture,
     configuration,
     estimated_J_min,
     is_allowed,
@@ -35,16 +41,99 @@ from uvms_drake.papers.nikou2018.errata.paper import (
 )
 from uvms_drake.papers.nikou2018.kinematic_certificate import kinematic_tubes
 from uvms_drake.papers.nikou2018.kinematics import FIRST_ITERATIONS, Bounds, KinematicMpc
+from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.scenario.scenario import load_scenario
 
-HOLDING = 40
-"""Samples for the MPC to hold the task against a constant w."""
-SMALL = 0.01
-"""ε below which a terminal set counts as small; ‖e(0)‖_P = 1.6."""
-TINY = 1e-4
-"""Weight of all but the end of the horizon, to look for the smallest ε."""
+SETTLING, HOLDING = 100, 40
+"""Samples until the MPC of E6 settles, and for that of E9 to hold the task against w."""
+SMALL, TINY = 0.01, 1e-4
+"""ε below which a terminal set counts as small (‖e(0)‖_P = 1.6), and weight of all but the end of
+the horizon, to look for the smallest ε."""
 
 
-# The numbers -------------------------------------------------------------------------------------
+def settled(u_ref: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Returns how the nominal MPC of `girona500_bilateral` settles, started at the task.
+
+    Args:
+        u_ref: Input without cost, as a fraction of u_eq; zero is printed.
+
+    Returns:
+        χ − χ_des (SETTLING, 6) at the samples [m, rad], the force part of 𝔉 − 𝔉_des at the end (3,)
+        [N], the norm of u_eq, and that of ζ̄ at the end.
+    """
+    ocp = copy(make_ocp(load_scenario("girona500_bilateral")))
+    ocp.task_cost = replace(ocp.task_cost, u_ref=u_ref * ocp.u_eq)
+    model, solver, errors = ocp.model, SequentialConvexSolver(ocp), []
+    assert isinstance(model, ContactModel)
+    start = np.concatenate([model.configuration(ocp.y_des), np.zeros(model.size)])
+    plan = ocp.resting_plan(0.0, start)
+    plan = solver.solve(plan, FIRST_SOLVE_ITERATIONS).plan or plan
+    for _ in range(SETTLING):
+        guess = ocp.continued(plan)
+        plan = solver.solve(guess, 1).plan or guess
+        errors.append(model.task_pose(plan.config[0])[:6] - ocp.y_des[:6])
+    chi = ocp.y_des[:6] + np.array([errors[-1], np.zeros(6)])
+    force = model.surface.force(chi, np.zeros_like(chi))[:, :3]
+    return (np.array(errors), force[0] - force[1], float(np.linalg.norm(ocp.u_eq)),
+            float(np.linalg.norm(plan.zeta[0])))
+
+
+def hold_input(fraction: float = 0.0) -> Erratum:
+    """E6: the equilibrium of the loop with a stage cost ‖ū − u_ref‖²_R.
+
+    Args:
+        fraction: u_ref as a fraction of ū_eq; the printed one is zero.
+    """
+    (errors, force, needed, _), (own_errors, own_force, *_) = settled(fraction), settled(1.0)
+    tip, own_tip = (float(np.linalg.norm(each[-1, :3])) for each in (errors, own_errors))
+    return Erratum(
+        "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
+        "ξ = 0 is an equilibrium for u = 0, and the stage cost has ‖ū‖²_R",
+        f"‖f(𝔮_des, 0)‖ = {needed:.3g} m/s², rad/s² in girona500_bilateral; with ‖ū‖²_R the "
+        f"nominal loop comes to rest {1e3 * tip:.1f} mm and {np.linalg.norm(force):.1f} N off its "
+        f"20 N task, with ‖ū − ū_eq‖²_R {1e3 * own_tip:.1f} mm and "
+        f"{np.linalg.norm(own_force):.1f} N",
+        "Even without a disturbance 𝔉 does not go to 𝔉_des; the stage cost here has "
+        "ū_eq = −f(𝔮_des, 0).",
+        wrong=tip > 1e-5 > own_tip)
+
+
+def decrease_gains(J_min: float) -> tuple[float, float] | None:
+    """Returns the interval of c with c ≥ ½ + ½c²/J̲, None if it is empty.
+
+    With ζ = −cJ⁺e, J⁺ the pseudoinverse, V = ½‖e‖² falls at c‖e‖² and the stage cost is
+    ½‖e‖² + ½c²eᵀ(J Jᵀ)⁻¹e. The ends are the roots of c² − 2J̲c + J̲.
+    """
+    discriminant = J_min**2 - J_min
+    if discriminant < 0.0:
+        return None
+    return J_min - math.sqrt(discriminant), J_min + math.sqrt(discriminant)
+
+
+def least_increase(J: np.ndarray) -> float:
+    """Returns max over ‖e‖ = 1 of min over ζ of V̇ + ½‖e‖² + ½‖ζ‖², V = ½‖e‖².
+
+    The best ζ is −Jᵀe, which leaves ½eᵀ(I − J Jᵀ)e: no controller does better.
+    """
+    return 0.5 * (1.0 - float(np.linalg.eigvalsh(J @ J.T)[0]))
+
+
+def terminal_penalty(J_min: float = J_MIN) -> Erratum:
+    """E7: the smallest J̲ for which P = ½I₆ is a terminal penalty, and λ_min(J Jᵀ) at χ_des."""
+    low, high = 1e-6, 2.0
+    while high - low > 1e-12:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if decrease_gains(middle) else (middle, high)
+    best, q = best_posture()
+    left = least_increase(robot().kinematics(configuration(CHI_DES, q)).J_chi)
+    return Erratum(
+        "E7", "P = ½I₆ is no terminal penalty", "sec:simulation_results, eq:terminal_set_F",
+        f"P = Q = ½I₆ and R = ½I₁₀, with J̲ = {J_min:.4g}",
+        f"ζ_loc = −cJ⁺e needs c ≥ ½ + ½c²/J̲, so J̲ ≥ {high:.3f}; the best posture at χ_des has "
+        f"λ_min(J Jᵀ) = {best:.3f} (estimated), where there are e for which no ζ whatsoever makes "
+        f"V̇ + ℓ less than {left:.3f}‖e‖²",
+        "The optimal cost need not fall from sample to sample; P has to be computed, and checked.",
+        wrong=decrease_gains(J_min) is None and left > 0.0)
 
 
 class TubeNumbers(NamedTuple):
@@ -118,9 +207,6 @@ def initial_configuration(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_O
         wrong=off < SAME and apart > 0.1 and allowed)
 
 
-# The kinematic MPC -------------------------------------------------------------------------------
-
-
 def printed_mpc(stage_weight: float) -> KinematicMpc:
     """Returns the FHOCP of (sec:simulation_results) with P = ½I₆ and any weight of Q and R."""
     model = robot()
@@ -135,36 +221,29 @@ def printed_mpc(stage_weight: float) -> KinematicMpc:
         np.concatenate([angles, model.q_upper])))
 
 
-class Holding(NamedTuple):
-    """The kinematic tube MPC at χ_des, under a constant w."""
+def hold(measured: bool) -> tuple[float, float]:
+    """Returns the largest jump of ȳ at a sample, and ‖χ − χ_des‖ at the end [m, rad].
 
-    jump: float
-    """Largest jump of ȳ at a sample [m, rad]."""
-    deviation: float
-    """Deviation ‖χ − χ_des‖ at the end [m, rad]."""
-
-
-def hold(measured: bool, sigma: float = SIGMA, w_bound: float = W_BOUND) -> Holding:
-    """Returns the paper's MPC at χ_des, with solves from the measured or the nominal state.
+    The paper's MPC is at χ_des, with solves from the measured or the nominal state.
 
     Weights, limits, T and h are the printed ones. The feedback is `resolved`, for which
     𝔢̇_y = −σ𝔢_y + (w, 0) exactly; w̃ acts along the first axis.
     """
     mpc = printed_mpc(WEIGHT)
     model = mpc.model
-    w = w_bound * np.eye(model.size)[0]
-    decay = math.exp(-sigma * TIME_STEP)
+    w = W_BOUND * np.eye(model.size)[0]
+    decay = math.exp(-SIGMA * TIME_STEP)
     error, jump = np.zeros(model.size), 0.0
     plan, y = mpc.resting(configuration(CHI_DES, Q_DES)), mpc.y_des
     for _ in range(HOLDING):
         plan = mpc.continued(mpc.solve(plan, 1))
-        error = decay * error + (1.0 - decay) / sigma * w
+        error = decay * error + (1.0 - decay) / SIGMA * w
         y = model.task_pose(plan.config[0]) + error
         if measured:
             jump = max(jump, float(np.linalg.norm(error)))
             plan = mpc.plan(model.configuration(y), plan.zeta)
             error = np.zeros(model.size)
-    return Holding(jump, float(np.linalg.norm(pose_difference(y[:6], CHI_DES))))
+    return jump, float(np.linalg.norm(pose_difference(y[:6], CHI_DES)))
 
 
 def initial_state(measured: bool = True) -> Erratum:
@@ -173,61 +252,51 @@ def initial_state(measured: bool = True) -> Erratum:
     Args:
         measured: Whether a solve starts at the measured state, as printed.
     """
-    printed, nominal, radius = hold(measured), hold(False), W_BOUND / SIGMA
-    smallest = math.sqrt(WEIGHT) * (printed.deviation - radius)
+    (jump, off), (own_jump, own_off), radius = hold(measured), hold(False), W_BOUND / SIGMA
+    smallest = math.sqrt(WEIGHT) * (off - radius)
     return Erratum(
         "E9", "The FHOCP starts at the wrong state", "eq:diff_mpc, eq:theom_ineq_1",
         "each solve starts at the measured state, ξ̄(t_k) = ξ(t_k)",
         f"the printed MPC at χ_des with the law `resolved` and w = {W_BOUND:g} along x: the "
-        f"nominal trajectory jumps by {1e3 * printed.jump:.1f} mm at a sample, and χ is "
-        f"{1e3 * printed.deviation:.0f} mm off after {HOLDING * TIME_STEP:g} s, beyond "
+        f"nominal trajectory jumps by {1e3 * jump:.1f} mm at a sample, and χ is "
+        f"{1e3 * off:.0f} mm off after {HOLDING * TIME_STEP:g} s, beyond "
         f"ε/√λ_min(P) plus the radius w̃/σ = {1e3 * radius:.1f} mm for ε < {smallest:.2g}; started "
-        f"at the predicted state it jumps by {1e3 * nominal.jump:.0f} mm, and χ is "
-        f"{1e3 * nominal.deviation:.1f} mm off",
+        f"at the predicted state it jumps by {1e3 * own_jump:.0f} mm, and χ is "
+        f"{1e3 * own_off:.1f} mm off",
         "The deviation that the feedback acts on is reset at every sample. Here solves start at "
         "the predicted nominal state, as the proof has it.",
-        wrong=printed.jump > 1e-9 and printed.deviation > radius >= nominal.deviation)
+        wrong=jump > 1e-9 and off > radius >= own_off)
 
 
-class Reach(NamedTuple):
-    """The first plan from χ(0)."""
+def reach(q: np.ndarray, stage_weight: float) -> tuple[float, float, float]:
+    """Returns ‖ē(T)‖_P, the largest ‖d𝔭̄/dt‖ [m/s] and violation of the first plan from q.
 
-    radius: float
-    """Distance ‖ē(T)‖_P at the end of the horizon."""
-    tip_speed: float
-    """Largest ‖d𝔭̄/dt‖ at a knot [m/s]."""
-    violation: float
-    """Largest violation of a limit, in the limit's own unit."""
-
-
-def reach(q: np.ndarray, stage_weight: float) -> Reach:
-    """Returns the first plan of the paper's FHOCP with the joints at q; `TINY` for the smallest ε.
-
-    A local optimum from a plan that stays: a smaller ε may exist.
+    `TINY` is for the smallest ε: a local optimum from a plan that stays, a smaller one may exist.
     """
     mpc = printed_mpc(stage_weight)
     plan = mpc.solve(mpc.resting(configuration(CHI_START, q)), FIRST_ITERATIONS)
     end = pose_difference(mpc.model.task_pose(plan.config[-1])[:6], CHI_DES)
     J = mpc.model.kinematics(plan.config[:-1]).J_chi
     speeds = np.linalg.norm((J @ plan.zeta[..., None])[:, :3, 0], axis=1)
-    return Reach(math.sqrt(WEIGHT) * float(np.linalg.norm(end)), float(np.max(speeds)),
-                 mpc.value(plan).violation)
+    return (math.sqrt(WEIGHT) * float(np.linalg.norm(end)), float(np.max(speeds)),
+            mpc.value(plan).violation)
 
 
 def first_horizon(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:
     """E11: the smallest ε that the first horizon reaches, from two 𝔮(0) with the printed χ(0)."""
-    a, b, printed = reach(q_a, TINY), reach(q_b, TINY), reach(q_a, WEIGHT)
+    (a, _, over_a), (b, speed, over_b), (printed, *_) = (
+        reach(q_a, TINY), reach(q_b, TINY), reach(q_a, WEIGHT))
     distance = float(np.linalg.norm(CHI_START[:3] - CHI_DES[:3]))
-    small = [item.radius < SMALL and item.violation < 1e-6 for item in (a, b)]
+    small = [radius < SMALL and over < 1e-6 for radius, over in ((a, over_a), (b, over_b))]
     return Erratum(
         "E11", "The data of feasibility at t = 0 are not printed",
         "theorem_main, sec:simulation_results",
         "the FHOCP is supposed to be feasible at t = 0; T = 0.7 s, and neither ε nor 𝔮(0) is given",
-        f"the smallest ‖ē(T)‖_P found (P = ½I₆, local optima) is {a.radius:.2g} from "
-        f"q(0) = {numbers(q_a)} and {b.radius:.1g} from q(0) = {numbers(q_b)}; the printed weights "
-        f"end at {printed.radius:.2g}. At 2 m/s the {distance:.2f} m to go take "
+        f"the smallest ‖ē(T)‖_P found (P = ½I₆, local optima) is {a:.2g} from "
+        f"q(0) = {numbers(q_a)} and {b:.1g} from q(0) = {numbers(q_b)}; the printed weights "
+        f"end at {printed:.2g}. At 2 m/s the {distance:.2f} m to go take "
         f"{distance / SPEED:.2f} s, but vehicle and arm together move the tip at up to "
-        f"{b.tip_speed:.1f} m/s",
+        f"{speed:.1f} m/s",
         "Theorem 1 has an assumption that cannot be checked. Here the terminal set is softened "
         "by an exact penalty whose slack is reported.",
         wrong=small[0] != small[1])

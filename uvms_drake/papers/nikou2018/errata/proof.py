@@ -1,12 +1,15 @@
-"""Errata of the model, of the feedback law and of (lemma:tube): E1 to E5 and E12 to E14."""
+"""Errata of the model, of the feedback law and of (lemma:tube): E1 to E5 and E12 to E14.
+
+A function has the robot's or the printed numbers as defaults; with others it can be wrong itself.
+"""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import pose_difference
-from uvms_drake.papers.nikou2018.errata.erratum import Erratum
 from uvms_drake.papers.nikou2018.errata.paper import (
     CHI_DES,
     CHI_START,
@@ -15,20 +18,17 @@ from uvms_drake.papers.nikou2018.errata.paper import (
     Q_START,
     Q_START_OTHER,
     SAME,
+    Erratum,
     configuration,
     numbers,
     robot,
 )
-from uvms_drake.papers.nikou2018.lemma import paper_conditions
 from uvms_drake.papers.nikou2018.transpose import LemmaConstants
 
 DIRECTIONS = 4000
 """Number of random (𝔢, 𝔯) at which V̇ is evaluated."""
 D_BOUND = 0.1
 """d̃ of the tube in `invariant_sets`; it only scales the tube."""
-
-
-# Input and law -----------------------------------------------------------------------------------
 
 
 def acceleration_input(model: ContactModel | None = None, tolerance: float = 1e-10) -> Erratum:
@@ -81,7 +81,36 @@ def law_shapes(num_joints: int = NUM_JOINTS) -> Erratum:
         wrong=bool(faults[0] or faults[1]) and rows == size)
 
 
-# The proof ---------------------------------------------------------------------------------------
+class QuadraticForm(NamedTuple):
+    """Bound V̇ ≤ −σ̲‖𝔢‖² + Λ₁‖𝔢‖‖𝔯‖ − (k − Λ₂)‖𝔯‖² + d̃‖𝔯‖ of the Lemma.
+
+    Proof: papers/nikou2018/theory.md#lemma-of-the-paper.
+    """
+
+    sigma_lower: float
+    Lambda_1: float
+    """Λ₁ as printed."""
+    corrected: float
+    """Λ₁ with the terms that the proof loses."""
+    Lambda_2: float
+
+    def radius(self, k: float, d_bound: float, Lambda_1: float | None = None) -> float:
+        """Returns d̃ over the smaller eigenvalue of the form, the radius of the ball; or inf.
+
+        It is d̃/min(α₁, α₂) at the best ρ. Λ₁ is the corrected one if it is left out.
+        """
+        half = -0.5 * (self.corrected if Lambda_1 is None else Lambda_1)
+        least = np.linalg.eigvalsh([[self.sigma_lower, half], [half, k - self.Lambda_2]])[0]
+        return d_bound / float(least) if least > 0.0 else math.inf
+
+
+def quadratic_form(c: LemmaConstants, sigma: float) -> QuadraticForm:
+    """Returns the bound of V̇ by constants of the robot and a gain σ."""
+    L, J = max(c.L_1, c.L_2), c.J_max
+    return QuadraticForm(
+        sigma * c.J_min - c.L_c, L + J + sigma * (c.L_c + c.J_dot),
+        L * (1.0 + sigma * J) + J + sigma * (c.L_c * J + c.J_dot) + sigma**2 * J**3,
+        L + sigma * J**2)
 
 
 def needed_lambda(constants: LemmaConstants, J: np.ndarray, sigma: float, seed: int = 0) -> float:
@@ -91,7 +120,7 @@ def needed_lambda(constants: LemmaConstants, J: np.ndarray, sigma: float, seed: 
     terms in k and d, which are left out. 𝔟, 𝔩 and J̇ maximise V̇ within the constants; 𝔢 and 𝔯,
     about the leading singular directions of J, and ‖𝔯‖/‖𝔢‖ are random.
     """
-    c, L = constants, max(constants.L_1, constants.L_2)
+    c, L, form = constants, max(constants.L_1, constants.L_2), quadratic_form(constants, sigma)
     rng = np.random.default_rng(seed)
     U, _, Vh = np.linalg.svd(J)
     sign = rng.choice([-1.0, 1.0], (2, DIRECTIONS, 1))
@@ -105,8 +134,7 @@ def needed_lambda(constants: LemmaConstants, J: np.ndarray, sigma: float, seed: 
     drift = L * (1.0 + np.linalg.norm(z, axis=1))[:, None] * along
     r_dot = drift + sigma * c.J_dot * along + sigma * e_dot @ J
     growth = np.sum(e * e_dot, axis=1) + np.sum(r * r_dot, axis=1)
-    sigma_lower, Lambda_2 = sigma * c.J_min - c.L_c, L + sigma * c.J_max**2
-    return float(np.max((growth + sigma_lower - Lambda_2 * R**2) / R))
+    return float(np.max((growth + form.sigma_lower - form.Lambda_2 * R**2) / R))
 
 
 def lost_terms(constants: LemmaConstants, J: np.ndarray, sigma: float,
@@ -119,9 +147,8 @@ def lost_terms(constants: LemmaConstants, J: np.ndarray, sigma: float,
         sigma: σ.
         claimed: The Λ₁ to check; the printed one if None.
     """
-    tubes = paper_conditions(constants, 1.0, sigma, 0.0)
-    printed = tubes.printed.Lambda_1 if claimed is None else claimed
-    corrected = tubes.corrected.Lambda_1
+    form = quadratic_form(constants, sigma)
+    printed, corrected = form.Lambda_1 if claimed is None else claimed, form.corrected
     needed = needed_lambda(constants, J, sigma)
     return Erratum(
         "E3", "The proof of the Lemma loses terms", "lemma:tube, eq:Lambda_1",
@@ -178,9 +205,6 @@ def self_motion(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> E
         wrong=apart < SAME and max(J_gap, f_gap) > 1e-6)
 
 
-# Further ones ------------------------------------------------------------------------------------
-
-
 def corner_motion(s: float, k: float, sigma: float, z: float) -> tuple[float, float]:
     """Returns the rate of ‖𝔢‖ at the start [1/s], and its peak, from ‖𝔢‖ = 1 and ‖𝔷‖ = z.
 
@@ -217,20 +241,20 @@ def invariant_sets(J: np.ndarray, sigma: float = 1.0, z_radius: float | None = N
     singular = np.linalg.svd(J, compute_uv=False)
     constants = LemmaConstants(
         float(singular[-1]) ** 2, float(singular[0]), J_dot=0.0, L_c=0.0, L_1=0.0, L_2=0.0)
-    least = paper_conditions(constants, 1.0, sigma, 0.0).corrected
-    k = 2.0 * (least.Lambda_1**2 / (4.0 * least.sigma_lower) + least.Lambda_2)
-    tube = paper_conditions(constants, k, sigma, D_BOUND).corrected
-    z = tube.z if z_radius is None else z_radius
-    rate, peak = corner_motion(constants.J_max, k, sigma, z / tube.e)
+    form = quadratic_form(constants, sigma)
+    k = 2.0 * (form.corrected**2 / (4.0 * form.sigma_lower) + form.Lambda_2)
+    e = form.radius(k, D_BOUND)
+    z = math.hypot(1.0, sigma * constants.J_max) * e if z_radius is None else z_radius
+    rate, peak = corner_motion(constants.J_max, k, sigma, z / e)
     decay = -ball_rate(J, k, sigma)
-    ball_is_kept = decay * tube.e >= D_BOUND  # V̇ ≤ −decay ρ² + d̃ρ on its boundary
+    ball_is_kept = decay * e >= D_BOUND  # V̇ ≤ −decay ρ² + d̃ρ on its boundary
     return Erratum(
         "E12", "Ω₁ and Ω₂ are not invariant", "lemma:tube, eq:omega_1, eq:omega_2",
         "the law renders Ω₁ and Ω₂ RCI sets, and the tube is Ω₁ × Ω₂",
         f"with the corrected radii, J constant, f = 0, d = 0 and k = {k:.0f} 1/s, ‖𝔢‖ grows at a "
         f"corner by {rate:.2g} of its radius per second, whatever the input, to {peak:.3f} of it; "
         f"the ball of (𝔢, 𝔯) is kept: V̇ ≤ −{decay:.3g}‖(𝔢, 𝔯)‖² + d̃‖(𝔢, 𝔯)‖, radius "
-        f"{tube.e / D_BOUND:.3g} d̃",
+        f"{e / D_BOUND:.3g} d̃",
         "𝔢̇ has no input in it. Both radii hold for a start in the ball, as from 𝔢 = 𝔷 = 0; a "
         "state is not safe because 𝔢 and 𝔷 are within them.",
         wrong=peak > 1.0 + 1e-9 and ball_is_kept)
