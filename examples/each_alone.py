@@ -14,7 +14,6 @@ import uvms_drake as uv
 REAL = ["start.eta=[-1.04, -0.04, -0.04, 0.0, 0.0, 0.02]", "start.q=[0.0, 1.17, 0.4, 0.0]",
         "current=[0.0, 0.0, 0.0]", "model_error.mass=1.0"]
 BEFORE = ["disturbance.bound=0.0"]
-TO_AND_FRO = ["waves=[{amplitude: 0.3236, period: 6.0, depth: 10.0, sea_depth: 10.0}]"]
 ROUND = ["waves=[{amplitude: 0.25, period: 6.0, depth: 2.4}]"]
 FOR_WAVES = [  # A faster vehicle, a more bent elbow, and limits and a tube wide enough for both.
     "ancillary.vehicle.k=4.0", "ancillary.vehicle.observer=3.0", "task.pose=[0, 0, 0, 0, -0.17, 0]",
@@ -31,14 +30,13 @@ ROBOT = {
     "friction 0.5 N m": ["model_error.joint_friction={coulomb: [0.5], creep: 0.02}",
                          "simulator.max_step_size=0.002"],
     "current 0.25 m/s": ["current=[0.0, 0.25, 0.0]"],
-    "waves to and fro": TO_AND_FRO, "waves round": ROUND,
+    "waves": ROUND,
     "wall 50 mm off": ["surface_error.shift=[0.05, 0.0, 0.0]"],
     "wall turned by 5 deg": ["surface_error.turn=[0.0, 0.0, 0.0873]"],
     **{f"wall of {by} x N/m": [f"surface_error.stiffness={by}"] for by in (1.4, 0.5)}}
 """Errors of robot, water and wall, unknown to the controller; waves of 0.2 m/s, 6 s."""
 LOOP: dict[str, tuple[list[str], list[str] | None]] = {
-    "to and fro, for it": (TO_AND_FRO + FOR_WAVES, None),
-    "round, for it": (ROUND + FOR_WAVES, None),
+    "waves, for them": (ROUND + FOR_WAVES, None),
     "thrusters + 10 %": (["actuation.1.error=[0.1]"], None),
     "thrusters - 10 %": (["actuation.1.error=[-0.1]"], None),
     "20 Hz": (AT_20_HZ, ["actuation=[!SampledCommand {period: 0.05, delay: 0.01}]"]),

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from uvms_drake.actuation import Actuator as Actuator
     from uvms_drake.certificate.certificate import Certificate as Certificate
     from uvms_drake.certificate.certify import certify as certify
-    from uvms_drake.certificate.text import format_certificate as format_certificate
     from uvms_drake.common.errors import InvalidParameter as InvalidParameter
     from uvms_drake.common.errors import RunFailed as RunFailed
     from uvms_drake.common.kinds import register as register
@@ -101,7 +100,6 @@ _HOME = {
     "CostTerm": "control.costs.costs",
     "DirectedDisturbance": "plant.disturbance",
     "Disturbance": "plant.disturbance",
-    "format_certificate": "certificate.text",
     "InvalidParameter": "common.errors",
     "Limit": "control.limits.limit",
     "load_model": "station.problem",

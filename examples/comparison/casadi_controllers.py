@@ -165,12 +165,9 @@ def plain_step(problem: Problem) -> ca.Function:
 def expert_step(problem: Problem) -> ca.Function:
     """Returns `plain_step` with Jacobians chained by hand through the four stages."""
     x, u, rate = _rate(problem)
-    if problem.dynamic:
-        config, zeta = x[:10], x[10:]
-        by_x = ca.vertcat(ca.jacobian(model.configuration_rate(config, zeta), x),
-                          model.drift_jacobian(config, zeta, CHI_EQ, SMOOTHING))
-    else:
-        by_x = ca.jacobian(rate, x)
+    config, zeta = x[:10], x[10:]
+    by_x = ca.vertcat(ca.jacobian(model.configuration_rate(config, zeta), x),
+                      model.drift_jacobian(config, zeta, CHI_EQ, SMOOTHING))
     rates = ca.Function("rates", [x, u], [rate, by_x, ca.jacobian(rate, u)])
     plain = ca.Function("rate", [x, u], [rate])
     X, U = ca.MX.sym("x", *x.shape), ca.MX.sym("u", *u.shape)
@@ -186,8 +183,6 @@ def expert_step(problem: Problem) -> ca.Function:
 def _rate(problem: Problem) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Returns the symbols x, u and ẋ."""
     x, u = ca.SX.sym("x", len(problem.start)), ca.SX.sym("u", 10)
-    if not problem.dynamic:
-        return x, u, model.configuration_rate(x, u)
     config, zeta = x[:10], x[10:]
     return x, u, ca.vertcat(model.configuration_rate(config, zeta),
                             model.drift(config, zeta, CHI_EQ, SMOOTHING) + u)
@@ -218,7 +213,7 @@ def transcribe(problem: Problem, step: ca.Function) -> Transcription:
         g.append(speeds)
         multipliers.append(ca.MX.sym(f"limit{k}", speeds.numel()))
         hessians.append(curvature(*arguments, multipliers[-1]))
-        free = problem.dynamic and k == 0  # x_0 is given
+        free = k == 0  # x_0 is given
         lbg.append(np.full(speeds.numel(), -np.inf))
         ubg.append(np.full(speeds.numel(), np.inf if free else SPEED_LIMIT**2))
     free = np.full(nx, np.inf)
@@ -239,7 +234,7 @@ def _stage(problem: Problem, last: bool) -> tuple[ca.Function, ca.Function]:
         residual = ca.vertcat(np.sqrt(problem.task_weight) * e,
                               np.sqrt(problem.terminal_velocity_weight) * zeta)
     else:
-        z, zeta = [x, u], x[10:] if problem.dynamic else u
+        z, zeta = [x, u], x[10:]
         residual = np.sqrt(STEP) * ca.vertcat(np.sqrt(problem.task_weight) * e,
                                               np.sqrt(problem.velocity_weight) * zeta,
                                               np.sqrt(problem.input_weight) * (u - U_EQ))

@@ -60,7 +60,7 @@ def run(controller: Controller, plant_step: Callable[[np.ndarray, np.ndarray], n
 
 def make_plant_step(problem: Problem) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Returns the plant x, u ↦ next x: one RK4 step of length h."""
-    rate = _dynamic_rate if problem.dynamic else configuration_rate
+    rate = _rate
 
     def step(x: np.ndarray, u: np.ndarray) -> np.ndarray:
         k1 = rate(x, u)
@@ -72,7 +72,7 @@ def make_plant_step(problem: Problem) -> Callable[[np.ndarray, np.ndarray], np.n
     return step
 
 
-def _dynamic_rate(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+def _rate(x: np.ndarray, u: np.ndarray) -> np.ndarray:
     config, zeta = x[:10], x[10:]
     acceleration = load_model().drift(config, zeta) + u
     return np.concatenate([configuration_rate(config, zeta), acceleration])

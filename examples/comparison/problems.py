@@ -1,14 +1,13 @@
-"""The two optimal control problems of the comparison: their numbers, closed-loop cost and limits.
+"""The optimal control problem of the comparison: its numbers, closed-loop cost and limits.
 
-Both move the end-effector of `models/ocp_robot` from the paper's χ(0) to its χ_des. ocp-k is the
-paper's kinematic problem, 𝔮̇ = Γ(𝔮)ζ with the velocity ζ as input; ocp-d adds the dynamics,
-ζ̇ = f(𝔮, ζ) + u, and a spring that the end-effector presses into.
+It moves the end-effector of `models/ocp_robot` from the paper's χ(0) to its χ_des, by the dynamics
+ζ̇ = f(𝔮, ζ) + u, and into a spring.
 
     minimise  Σ_{k<N} h L(x_k, u_k) + V(x_N)        subject to  x_{k+1} = one RK4 step, u_k const.
     L = a‖e‖² + b‖ζ‖² + c‖u − u_eq‖²,   V = a‖e‖² + d‖ζ‖²,   e = χ(𝔮) − χ_des
 
     limits (of the inputs at k < N, of the states at 0 < k ≤ N):
-    joint angles q,  |θ| ≤ π/2 − 0.1,  ‖ν₁‖² ≤ 2,  ‖ν₂‖² ≤ 2,  ‖q̇‖² ≤ 2,  ocp-d: |u_i| ≤ 2
+    joint angles q,  |θ| ≤ π/2 − 0.1,  ‖ν₁‖² ≤ 2,  ‖ν₂‖² ≤ 2,  ‖q̇‖² ≤ 2,  |u_i| ≤ 2
 
 A controller is judged by the closed loop: 60 steps, the plant is the same RK4 step.
 """
@@ -31,7 +30,7 @@ CLOSED_LOOP_STEPS = 60
 
 CHI_DES = np.array([0.0, 0.0, 0.0, np.pi / 3, np.pi / 10, 0.0])  # [m, rad]
 CHI_EQ = CHI_DES + np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
-"""Pose of the undeformed spring, K = I₆ (ocp-d)."""
+"""Pose of the undeformed spring, K = I₆."""
 CONFIG_START = np.array([-1.9714, 1.2019, -0.4671, -0.4135, 0.9147, -0.2439, 0.3, 0.5, -0.3, 0.0])
 """𝔮(0) [m, rad]: the end-effector is at the paper's χ(0) to within 0.1 mm."""
 U_EQ = np.array([0.0112, 0.0013, 0.0088, -0.0732, 0.9786, 0.0006, -0.2768, -1.0999, -0.3431,
@@ -48,11 +47,11 @@ SPEEDS = (slice(0, 3), slice(3, 6), slice(6, 10))
 
 @dataclass(frozen=True)
 class Problem:
-    """One of the two problems; a history is x_0, ..., x_n and u_0, ..., u_{n−1}."""
+    """The problem; a history is x_0, ..., x_n and u_0, ..., u_{n−1}."""
 
     name: str
     start: np.ndarray
-    """x_0: 𝔮 (10,) in ocp-k, (𝔮, ζ) (20,) in ocp-d."""
+    """x_0: (𝔮, ζ) (20,)."""
     task_weight: float
     """a."""
     velocity_weight: float
@@ -64,40 +63,29 @@ class Problem:
     input_limit: float
     """Largest |u_i| [m/s², rad/s²]."""
 
-    @property
-    def dynamic(self) -> bool:
-        """Whether ζ is part of the state, not the input."""
-        return len(self.start) == 20
-
-    def velocity(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        """Returns ζ_0, ..., ζ_{n−1} (n, 10) of a history."""
-        return states[:-1, 10:] if self.dynamic else inputs
-
     def closed_loop_cost(self, states: np.ndarray, inputs: np.ndarray) -> float:
         """Returns J = Σ h L(x_k, u_k) over all steps of a history; V of the last state is not in.
 
-        With all 60 steps the published values are J = 2.5769 (ocp-k) and J = 79.505 (ocp-d).
+        With all 60 steps the published value is J = 79.505.
         """
         e = load_model().task_pose(states[:-1, :10])[:, :6] - CHI_DES
         return STEP * float(self.task_weight * np.sum(e**2)
-                            + self.velocity_weight * np.sum(self.velocity(states, inputs)**2)
+                            + self.velocity_weight * np.sum(states[:-1, 10:]**2)
                             + self.input_weight * np.sum((inputs - U_EQ)**2))
 
     def violation(self, states: np.ndarray, inputs: np.ndarray) -> float:
         """Returns the largest violation of a limit in a history [rad, m/s, rad/s, m/s²]."""
         q, pitch = states[:, 6:10], states[:, 4]
-        zeta = states[:, 10:] if self.dynamic else inputs
+        zeta = states[:, 10:]
         excess = [JOINT_LOWER - q, q - JOINT_UPPER, np.abs(pitch) - PITCH_LIMIT,
                   np.abs(inputs) - self.input_limit,
                   *(np.linalg.norm(zeta[:, part], axis=1) - SPEED_LIMIT for part in SPEEDS)]
         return max(0.0, *(float(np.max(item)) for item in excess))
 
 
-OCP_K = Problem(name="ocp-k", start=CONFIG_START, task_weight=0.5, velocity_weight=0.5,
-                input_weight=0.0, terminal_velocity_weight=0.0, input_limit=np.inf)
-OCP_D = Problem(name="ocp-d", start=np.concatenate([CONFIG_START, np.zeros(10)]),
-                task_weight=25.0, velocity_weight=0.5, input_weight=0.05,
-                terminal_velocity_weight=2.5, input_limit=2.0)
+PROBLEM = Problem(name="ocp-d", start=np.concatenate([CONFIG_START, np.zeros(10)]),
+                  task_weight=25.0, velocity_weight=0.5, input_weight=0.05,
+                  terminal_velocity_weight=2.5, input_limit=2.0)
 
 
 @cache

@@ -27,10 +27,9 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import numpy as np
 from casadi_controllers import make_controllers
 from closed_loop import Controller, History, make_plant_step, run
-from problems import CLOSED_LOOP_STEPS, OCP_D, OCP_K, Problem
+from problems import CLOSED_LOOP_STEPS, PROBLEM, Problem
 from this_project import FastController, ReferenceController
 
-PROBLEMS = {problem.name: problem for problem in (OCP_K, OCP_D)}
 CONVERGED = 50
 """Most convex programs a step of the converged row."""
 
@@ -38,21 +37,18 @@ CONVERGED = 50
 def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--problem", choices=PROBLEMS, help="only this one")
     parser.add_argument("--repetitions", type=int, default=3, help="default: %(default)s")
     parser.add_argument("--reference", action="store_true", help="also SNOPT on the whole problem")
     parser.add_argument("--output", type=Path, help="write the numbers as JSON")
     arguments = parser.parse_args()
-    chosen = [PROBLEMS[arguments.problem]] if arguments.problem else list(PROBLEMS.values())
     out = {"versions": {"python": platform.python_version(), **{
         name: version(name) for name in ("casadi", "drake", "numpy")}}}
-    for problem in chosen:
-        ours = [FastController(problem, 1), FastController(problem, CONVERGED)]
-        if arguments.reference:
-            ours.append(ReferenceController(problem))
-        rows = compare(problem, [*ours, *make_controllers(problem)], arguments.repetitions)
-        print(format_rows(problem, rows), flush=True)
-        out[problem.name] = rows
+    ours = [FastController(PROBLEM, 1), FastController(PROBLEM, CONVERGED)]
+    if arguments.reference:
+        ours.append(ReferenceController(PROBLEM))
+    rows = compare(PROBLEM, [*ours, *make_controllers(PROBLEM)], arguments.repetitions)
+    print(format_rows(PROBLEM, rows), flush=True)
+    out[PROBLEM.name] = rows
     if arguments.output is not None:
         arguments.output.write_text(json.dumps(out, indent=2) + "\n", encoding="utf-8")
 

@@ -22,7 +22,6 @@ from problems import (
     load_model,
 )
 from pydrake.solvers import SnoptSolver
-from uvms_drake.papers.nikou2018.kinematics.ocp import KinematicOcp
 
 from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.pose import Joints, VehicleAngle
@@ -37,9 +36,7 @@ from uvms_drake.control.plan.points import Points
 
 
 class ZeroOrderHoldOcp(Ocp):
-    """The dynamic problem with ū constant on every interval."""
-
-    input_ends = 1
+    """The problem with ū constant on every interval."""
 
     def _inputs_at(self, plan: Plan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns the constant ū (N, 10), twice."""
@@ -48,28 +45,25 @@ class ZeroOrderHoldOcp(Ocp):
 
     def _inputs_by(self, plan: Plan, knots: Points, f_y: np.ndarray, f_zeta: np.ndarray,
                    xi_z: np.ndarray) -> Inputs:
-        """Returns the constant ū and its derivatives, once."""
+        """Returns the constant ū and its derivatives, twice."""
         at, y_z, zeta_z, u_z = super()._inputs_by(plan, knots, f_y, f_zeta, xi_z)
-        N = self.horizon
-        return Inputs(at, y_z[:N], zeta_z[:N], 0.5 * (u_z[:N] + u_z[N:]))
+        begin, end = np.split(u_z, 2)
+        return Inputs(at, y_z, zeta_z, np.tile(0.5 * (begin + end), (2, 1, 1)))
 
 
 def make_ocp(problem: Problem) -> Ocp:
     """Returns the problem for this project's solvers."""
     y_des = np.concatenate([CHI_DES, np.zeros(4)])  # The joints weigh nothing.
     task = np.repeat([problem.task_weight, 0.0], [6, 4])
-    terminal = (np.concatenate([task, np.full(10, problem.terminal_velocity_weight)])
-                if problem.dynamic else task)
+    terminal = np.concatenate([task, np.full(10, problem.terminal_velocity_weight)])
     config = MpcConfig(
         horizon=HORIZON, time_step=STEP, weight_y=task,
         weight_zeta=np.full(10, problem.velocity_weight),
         weight_u=np.full(10, problem.input_weight), terminal_weight=terminal, terminal_set=False)
     limits = {limit.name: limit for limit in [
         *(Speed(name, SPEED_LIMIT) for name in ("nu1", "nu2", "qdot")),
-        VehicleAngle("pitch", PITCH_LIMIT), Joints(JOINT_LOWER, JOINT_UPPER)]}
-    if not problem.dynamic:
-        return KinematicOcp(load_model(), config, y_des, limits)
-    limits["u"] = Accelerations(np.full(10, problem.input_limit))
+        VehicleAngle("pitch", PITCH_LIMIT), Joints(JOINT_LOWER, JOINT_UPPER),
+        Accelerations(np.full(10, problem.input_limit))]}
     ocp = ZeroOrderHoldOcp(load_model(), config, y_des, limits)
     ocp.task_cost = replace(ocp.task_cost, u_ref=U_EQ)
     return ocp

@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
 from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.plant.joint_friction import JointFriction, friction_torque
+from uvms_drake.plant.joint_friction import STRIBECK, JointFriction, friction_torque
 from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.problem import load_model
@@ -24,7 +24,7 @@ def test_it_is_coulombs_torque_against_a_fast_joint_and_the_static_one_at_break_
                                    -sign * np.array([0.5, 2.0]), rtol=1e-12)
         np.testing.assert_allclose(friction_torque(FRICTION, sign * np.full(2, FRICTION.creep)),
                                    -sign * np.array([0.8, 2.0]), rtol=1e-12)
-    one = friction_torque(FRICTION, np.array([FRICTION.creep + FRICTION.stribeck, 0.0]))
+    one = friction_torque(FRICTION, np.array([FRICTION.creep + STRIBECK, 0.0]))
     np.testing.assert_allclose(one, [-(0.5 + 0.3 * np.exp(-1.0)), 0.0], rtol=1e-12)
 
 

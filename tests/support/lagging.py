@@ -68,7 +68,7 @@ def run(model, law, disturbance: Callable, duration: float, *, lag: float = 0.0,
         out = outputs_of(now, rows)
         estimate = rates * (out.rate[0] - seen)
         if tip_first:
-            now = now._replace(wrench=wrench if lag else None, estimate=estimate,
+            now = now.given(wrench=wrench if lag else None, estimate=estimate,
                                preview=None if preview is None else preview(time))
         command = law.command(model, now, lambda: nominal_acceleration, None)
         asked, M = command.tau, command.M

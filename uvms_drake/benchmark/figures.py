@@ -23,7 +23,6 @@ from uvms_drake.report.figure_style import (
     ORANGE,
     STYLE,
     VERMILION,
-    legend_above,
 )
 
 OVERVIEW = "benchmark.png"
@@ -136,5 +135,5 @@ def draw_forces(results: Results) -> Figure:
         axis.tick_params(labelbottom=True)
     for axis in axes[: len(cases): COLUMNS]:
         axis.set_ylabel("force [N]", color=BLACK)
-    legend_above(figure, axes[0], columns=5)
+    figure.legend(*axes[0].get_legend_handles_labels(), ncols=5, loc="outside upper center")
     return figure

@@ -280,7 +280,7 @@ def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[
         along, down = float(np.hypot(*current[:2])), abs(float(current[2]))
         parts = [f"a current of {np.linalg.norm(current):.3g} m/s"] * bool(np.any(current)) + [
             f"a wave of {wave.amplitude:g} m in {wave.period:g} s" for wave in waves]
-        orbits = [(*wave.speeds, wave.frequency) for wave in waves]
+        orbits = [(wave.speed, wave.speed, wave.frequency) for wave in waves]
         yield " and ".join(parts), [
             by_water(true, (along, sign * down), orbits)
             for _, true in robots for sign in ((1.0, -1.0) if down else (1.0,))]

@@ -12,11 +12,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added, output_of
 from uvms_drake.model.surface.contact_laws import STEEPEST, slip_factor
 from uvms_drake.model.uvms import Uvms
+
+STRIBECK = 0.05
+"""Stribeck velocity v_b, over which the static torque falls to Coulomb's [rad/s]."""
 
 
 @dataclass
@@ -27,8 +31,6 @@ class JointFriction:
     """F_C of each joint, or one for all [N m]."""
     static: np.ndarray = field(default_factory=lambda: np.zeros(1))
     """F_S likewise, if larger than F_C [N m]."""
-    stribeck: float = 0.05
-    """Stribeck velocity v_b, over which the static torque falls to Coulomb's [rad/s]."""
     creep: float = 0.005
     """Creep velocity v_s of a sticking joint [rad/s]; a smaller one needs shorter steps."""
 
@@ -38,9 +40,7 @@ class JointFriction:
             value = np.asarray(getattr(self, key), dtype=float)
             require(value.ndim == 1 and bool(np.all((value >= 0.0) & (value <= 1e4))), key,
                     value, "from 0 to 10000 N m, one for all joints or one each")
-        for key in ("stribeck", "creep"):
-            require(1e-6 <= getattr(self, key) < np.inf, key, getattr(self, key),
-                    "at least 1e-06 rad/s")
+        require(1e-6 <= self.creep < np.inf, "creep", self.creep, "at least 1e-06 rad/s")
 
     def torques(self, joints: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns F_C and F_S ≥ F_C (n,) [N m]."""
@@ -66,7 +66,7 @@ def friction_torque(friction: JointFriction, rates: np.ndarray) -> np.ndarray:
     """Returns τ (..., n) [N m] at rates q̇ (..., n) [rad/s]; see (1)."""
     coulomb, static = friction.torques(rates.shape[-1])
     speed = np.abs(rates)
-    beyond = np.maximum(speed - friction.creep, 0.0) / friction.stribeck
+    beyond = np.maximum(speed - friction.creep, 0.0) / STRIBECK
     size = coulomb + (static - coulomb) * np.exp(-beyond**2)
     return -size * slip_factor(speed / friction.creep) * rates / friction.creep
 
@@ -100,19 +100,17 @@ class DryJoints(LeafSystem):
         self._rows = [joint.velocity_start() for joint in uvms.joints]
         self._first = plant.num_positions()
         self._port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-        self.DeclareVectorOutputPort("generalized_force", nv, self._calc, {self._port.ticket()})
+        output_of(self, "generalized_force", nv, self._force, {self._port.ticket()})
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
+    def _force(self, context: Context) -> np.ndarray:
         v = self._port.Eval(context)[self._first:]
-        force = np.zeros(output.size())
+        force = np.zeros(len(v))
         force[self._rows] = friction_torque(self._friction, v[self._rows])
-        output.SetFromVector(force)
+        return force
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, plant: MultibodyPlant, uvms: Uvms,
                      friction: JointFriction, name: str = "joint_friction") -> "DryJoints":
         """Adds the system to `builder` and wires it to the state of `plant`."""
-        system = DryJoints(plant, uvms, friction)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(plant.get_state_output_port(), system.get_input_port())
-        return system
+        return added(builder, name, DryJoints(plant, uvms, friction),
+                     plant_state=plant.get_state_output_port())

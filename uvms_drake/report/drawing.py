@@ -14,9 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
-from uvms_drake.report.figure_style import LIMIT, NOMINAL, REAL, TIGHTENED, panels
+from uvms_drake.report.figure_style import COLUMN_WIDTH, LIMIT, NOMINAL, REAL, TIGHTENED
 
 HEADROOM = 1.12
 """End of an axis that begins at zero, over the highest value."""
@@ -114,14 +114,16 @@ def levels(limit: float, tightened: float) -> list[Series]:
 
 def draw(drawing: Drawing) -> Figure:
     """Returns a drawing as a figure of Matplotlib."""
-    rows = max(map(len, drawing.columns))
-    tallest = max(drawing.columns, key=len)
-    figure, axes = panels(rows, drawing.height, columns=len(drawing.columns), sharex=False,
-                          ratios=[panel.height for panel in tallest])
-    for axis_column, column in zip(axes.reshape(rows, -1).T, drawing.columns, strict=True):
+    rows, columns = max(map(len, drawing.columns)), len(drawing.columns)
+    figure = Figure(figsize=(COLUMN_WIDTH * columns, drawing.height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, height_ratios=[
+        panel.height for panel in max(drawing.columns, key=len)])
+    for axis_column, column in zip(axes.T, drawing.columns, strict=True):
         for axis in axis_column[len(column):]:
             axis.set_visible(False)
         for axis, panel in zip(axis_column, column, strict=False):
+            axis.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+            axis.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
             _draw_panel(axis, panel)
         _share_abscissa(axis_column[:len(column)], column)
     entries = drawing.columns[0][0].series if drawing.key is None else drawing.key

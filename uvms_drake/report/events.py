@@ -16,7 +16,7 @@ from uvms_drake.control.feedback.tube_monitor import SAID, beyond
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT, TROUBLE
 from uvms_drake.report.signals import (
-    constraint_signals,
+    constraints,
     disturbance_above,
     settling_index,
     wrench_unit,
@@ -127,9 +127,9 @@ def _logged(record: Record) -> Iterator[_Signal]:
                       partial(_retreat_text, record))
     yield _Signal("input_limited", record.input_limited > 0.0,
                   lambda when: "the command saturates")
-    for name, (signal, limit) in constraint_signals(record).items():
-        excess = limit - signal if name.endswith("_min") else signal - limit
-        yield _Signal("limit_violated", excess > 0.0, partial(_limit_text, name, excess))
+    for name, limit in constraints(record).items():
+        yield _Signal("limit_violated", limit.margin < 0.0,
+                      partial(_limit_text, name, -limit.margin))
 
 
 def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Signal:

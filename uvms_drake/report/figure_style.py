@@ -1,12 +1,8 @@
-"""Style of the figures of this package: column width, Okabe–Ito colours, one legend on top."""
+"""Style of the figures of this package: column width, Okabe–Ito colours, lines."""
 
-from collections.abc import Sequence
 from typing import Any
 
 from cycler import cycler
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 BLACK, ORANGE, GREEN, BLUE, VERMILION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
 PURPLE = "#CC79A7"
@@ -56,30 +52,3 @@ TIGHTENED: dict[str, Any] = {**LIMIT, "color": VERMILION, "linestyle": (0, (1, 1
 def tube_label(certified: bool) -> str:
     """Returns the label of the tube in every figure."""
     return "certified tube" if certified else "tube declared, not certified"
-
-
-def panels(rows: int, height: float, columns: int = 1, sharex: bool = True,
-           ratios: Sequence[float] | None = None) -> tuple[Figure, Any]:
-    """Returns a figure with axes (rows, columns) over time, each column as wide as a paper's.
-
-    Args:
-        rows: Number of rows.
-        height: Height of the figure [in].
-        columns: Number of columns.
-        sharex: Whether all axes show the same time.
-        ratios: Relative heights of the rows; equal if left out.
-    """
-    figure = Figure(figsize=(COLUMN_WIDTH * columns, height), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=ratios)
-    for axis in axes.flat:
-        axis.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        axis.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-    for axis in axes[-1]:
-        axis.set_xlabel("time [s]")
-    return figure, axes if columns > 1 else axes[:, 0]
-
-
-def legend_above(figure: Figure, source: Axes, columns: int = 4) -> None:
-    """Puts one legend for all panels on top; its entries come from the axes `source`."""
-    entries = dict(zip(*reversed(source.get_legend_handles_labels()), strict=True))
-    figure.legend(list(entries.values()), list(entries), ncols=columns, loc="outside upper center")

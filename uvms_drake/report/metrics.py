@@ -19,8 +19,7 @@ from uvms_drake.report.contact_check import departures, has_stood, summarise_ban
 from uvms_drake.report.events import events
 from uvms_drake.report.mission import summarise_mission
 from uvms_drake.report.signals import (
-    constraint_signals,
-    constraint_units,
+    constraints,
     disturbance_above,
     has_mission,
     losses_of,
@@ -176,14 +175,9 @@ def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[
 
 def summarise_constraints(record: Record) -> dict[str, object]:
     """Returns limit, worst value, margin and unit of each constraint; negative if violated."""
-    out: dict[str, object] = {}
-    units = constraint_units(record)
-    for name, (signal, limit) in constraint_signals(record).items():
-        lower = name.endswith("_min")
-        worst = np.min(signal) if lower else np.max(signal)
-        out[name] = {"limit": limit, "worst": worst,
-                     "margin": worst - limit if lower else limit - worst, "unit": units[name]}
-    return out
+    return {name: {"limit": each.limit, "worst": each.values[np.argmin(each.margin)],
+                   "margin": np.min(each.margin), "unit": each.unit}
+            for name, each in constraints(record).items()}
 
 
 def summarise_thrusters(record: Record) -> dict[str, object]:

@@ -46,25 +46,31 @@ def nominal_limits(record: Record) -> dict[str, Limit]:
     return tighten(real_limits(record), record.scenario.tube)
 
 
-def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
-    """Returns for each constraint g(t) ≤ limit the signal g (T,) and the limit, by name.
+class Constraint(NamedTuple):
+    """Signal of a limit."""
 
-    The lower joint limits q_min ≤ q are the exception: there the signal must stay above. The static
-    force is that of the pose, at rest, on the controller's model of the surface: a limit of the
-    penetration.
+    values: np.ndarray
+    """Values g (T,)."""
+    limit: float
+    """Bound of g: the lower one of joint limits named _min, the upper one otherwise."""
+    unit: str
+    margin: np.ndarray
+    """Distance to the limit (T,); negative where it is violated."""
+
+
+def constraints(record: Record) -> dict[str, Constraint]:
+    """Returns the constraints of a run by name.
+
+    The static force is that of the pose, at rest, on the controller's model of the surface: a limit
+    of the penetration.
     """
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
     at = Points(record.model, record.config, y, record.zeta, record.u, record.tau)
-    return {name: pair for limit in real_limits(record).values()
-            for name, pair in limit.signals(at).items() if np.isfinite(pair[1])}
-
-
-def constraint_units(record: Record) -> dict[str, str]:
-    """Returns the units of `constraint_signals` by the same names; empty if unknown."""
-    y = np.concatenate([record.chi[0], record.config[0, 6:]])
-    at = Points(record.model, record.config[0], y, record.zeta[0], record.u[0], record.tau[0])
-    return {name: limit.unit_of(name) for limit in real_limits(record).values()
-            for name in limit.signals(at)}
+    return {name: Constraint(
+        values, bound, limit.unit_of(name),
+        values - bound if name.endswith("_min") else bound - values)
+        for limit in real_limits(record).values()
+        for name, (values, bound) in limit.signals(at).items() if np.isfinite(bound)}
 
 
 def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:

@@ -83,7 +83,7 @@ def test_with_a_measured_force_the_law_resolved_asks_nothing_of_the_surface(mode
         now = pair_of(model, state, nominal)
         known, exact, wrong = (
             Resolved(K, SIGMA).command(
-                model, now._replace(contact=contact), lambda a=acceleration: a, not_asked).u
+                model, now.given(contact=contact), lambda a=acceleration: a, not_asked).u
             + model.drift(state[:10], state[10:], contact if contact is None else true)
             for contact in (None, true, true + off))
         np.testing.assert_allclose(exact, known, rtol=1e-9, atol=1e-9)

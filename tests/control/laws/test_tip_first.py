@@ -49,7 +49,7 @@ def left(model, derivative, state, nominal, zeta_dot, nominal_zeta_dot) -> np.nd
 
 def command(model, state, nominal, acceleration, law=LAW, **known) -> np.ndarray:
     """Returns τ."""
-    now = pair_of(model, state, nominal)._replace(**known)
+    now = pair_of(model, state, nominal).given(**known)
     return law.command(model, now, lambda: acceleration, not_asked).tau
 
 

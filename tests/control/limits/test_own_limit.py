@@ -16,7 +16,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.report.signals import constraint_signals
+from uvms_drake.report.signals import constraints
 from uvms_drake.station.problem import limits_of, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.scene_setting import setting_of
@@ -154,9 +154,9 @@ def test_only_a_known_tightening_leaves_a_margin(scenario):
 def test_a_run_with_them_has_their_signals_and_their_bars(scenario):
     own = with_own(replace(scenario, duration=0.4), *scenario.limits.more, Elbow())
     record = simulate(own)
-    signals = constraint_signals(record)
+    signals = constraints(record)
     np.testing.assert_allclose(signals["tip_x_max"][0], record.chi[:, 0], atol=1e-12)
-    values, bound = signals["elbow_max"]
+    values, bound, *_ = signals["elbow_max"]
     np.testing.assert_allclose(values, record.config[:, 6] + record.config[:, 7] ** 2)
     assert bound == 3.0
     setting = setting_of(own, record.model)

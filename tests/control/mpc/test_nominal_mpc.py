@@ -19,9 +19,7 @@ from uvms_drake.control.mpc.planner import (
     KEPT,
     MPC_REPORT,
     SOLVED,
-    SOLVERS_KEPT,
     TIMED_OUT,
-    Planner,
     Targets,
 )
 from uvms_drake.control.ocp.ocp import FEASIBLE
@@ -118,14 +116,6 @@ def start(start_plans) -> np.ndarray:
     return np.concatenate([guess.config[0], guess.zeta[0]])
 
 
-def test_the_nominal_state_starts_at_the_measured_one(short_ocp, start):
-    setup = Setup(SequentialConvexSolver(short_ocp), start)
-    setup.simulator.Initialize()
-    np.testing.assert_array_equal(setup.read("nominal_state"), start)
-    assert setup.report()["time"] == 0.0
-    assert setup.read("plan").start_time == 0.0
-
-
 def test_the_first_plan_is_converged_and_later_ones_take_the_iterations_asked_for(
         short_ocp, start):
     solver = SequentialConvexSolver(short_ocp)
@@ -138,16 +128,6 @@ def test_the_first_plan_is_converged_and_later_ones_take_the_iterations_asked_fo
     expected = solver.solve(short_ocp.continued(expected.plan), 1)
     assert setup.report()["iterations"] == 1
     np.testing.assert_allclose(setup.read("plan").zeta_dot, expected.plan.zeta_dot, atol=1e-9)
-
-
-def test_it_plans_once_in_each_interval_and_not_twice_at_the_start(short_ocp, start):
-    solver = FailingSolver(short_ocp)
-    setup = Setup(solver, start)
-    for k in range(8):
-        setup.go((k + 0.5) * H)
-        assert solver.calls == k + 1
-        assert setup.report()["time"] == pytest.approx(k * H, abs=1e-12)
-        assert setup.read("plan").start_time == pytest.approx(k * H, abs=1e-9)
 
 
 def test_every_plan_starts_where_the_last_one_went_wherever_the_robot_is(short_ocp, start):
@@ -282,48 +262,6 @@ def test_a_dropped_sample_leaves_plan_and_report_and_the_next_one_starts_where_i
         setup.read("plan").start, np.concatenate(plan.at(4 * H)[:2]), atol=1e-12)
 
 
-def test_at_a_dropped_sample_the_next_interval_begins(short_ocp, start):
-    """An integrator's first stage sees the acceleration of the step that it makes."""
-    for k in (1, 2):
-        setup = Setup(SequentialConvexSolver(short_ocp), start)
-        setup.give("fault", [DROPPED])
-        setup.go(k * H)
-        plan = setup.read("plan")
-        np.testing.assert_array_equal(setup.read("nominal_acceleration"), plan.zeta_dot[k - 1])
-        setup.go((k + 0.5) * H)
-        setup.simulator.get_mutable_context().SetTime(k * H)
-        np.testing.assert_array_equal(setup.read("nominal_acceleration"), plan.zeta_dot[k])
-
-
-def test_a_plan_that_is_never_followed_by_another_is_continued_where_it_ends(short_ocp, start):
-    setup = Setup(SequentialConvexSolver(short_ocp), start)
-    setup.simulator.Initialize()
-    plan = setup.read("plan")
-    setup.give("fault", [DROPPED])
-    for k in range(short_ocp.horizon + 3):
-        setup.go((k + 0.5) * H)
-        expected = plan
-        while expected.start_time < (k - 0.5) * H:
-            expected = short_ocp.continued(expected)
-        np.testing.assert_allclose(
-            setup.read("nominal_state"), np.concatenate(expected.at((k + 0.5) * H)[:2]),
-            atol=1e-12)
-
-
-def test_a_context_with_dropped_samples_goes_on_in_a_clone(short_ocp, start):
-    for pause in (H, 1.5 * H, 3.5 * H):
-        setup = Setup(SequentialConvexSolver(short_ocp), start)
-        setup.give("fault", [DROPPED])
-        setup.go(pause)
-        clone = setup.simulator.get_context().Clone()
-        other = Simulator(setup.diagram, clone)
-        other.Initialize()
-        other.AdvanceTo(5.5 * H)
-        setup.go(5.5 * H)
-        np.testing.assert_array_equal(
-            setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
-
-
 def test_a_plan_after_its_deadline_is_thrown_away(short_ocp, start):
     for deadline, status in ((1e-9, TIMED_OUT), (1e6, SOLVED)):
         ocp = copy.copy(short_ocp)
@@ -388,14 +326,6 @@ def test_without_a_first_plan_within_the_limits_the_run_fails_with_one_line(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("violation", [0.0, 0.99 * FEASIBLE])
-def test_a_first_plan_may_violate_the_limits_by_rounding(short_ocp, start, violation):
-    setup = Setup(ViolatingSolver(short_ocp, violation), start)
-    setup.simulator.Initialize()
-    assert setup.report()["violation"] == violation
-    assert setup.report()["status"] == 0.0
-
-
 def test_a_start_from_where_the_limits_cannot_be_kept_is_refused(short_ocp, start):
     """The solver returns a plan, for it softens limits; it is not followed."""
     weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
@@ -403,12 +333,6 @@ def test_a_start_from_where_the_limits_cannot_be_kept_is_refused(short_ocp, star
     with pytest.raises(RunFailed, match=r"at rest, limits\.u\[7\] is exceeded"):
         Setup(solver, start).simulator.Initialize()
     assert solver.calls == 1
-
-
-def test_outputs_before_initialization_say_what_is_missing(short_ocp, start):
-    setup = Setup(SequentialConvexSolver(short_ocp), start)
-    with pytest.raises(RuntimeError, match="Initialize"):
-        setup.read("nominal_state")
 
 
 def test_a_cloned_context_continues_identically(short_ocp, start):
@@ -451,31 +375,6 @@ def test_previewed_forces_are_those_of_the_later_plan(short_ocp, start):
     assert setup.report()["violation"] < 1e-4
 
 
-def test_the_problem_is_that_of_what_is_free(short_ocp, start):
-    """From rest it is the one without anything committed, as much later."""
-    at_rest = start * np.repeat([1.0, 0.0], 10)
-    later, plain = (Setup(SequentialConvexSolver(short_ocp), at_rest, committed=n) for n in (2, 0))
-    for setup in (later, plain):
-        setup.go(1.5 * H)
-    assert later.report() == pytest.approx(plain.report())
-    np.testing.assert_allclose(
-        later.read("plan").zeta_dot[2:], plain.read("plan").zeta_dot, atol=1e-12)
-    assert later.read("plan").start_time == plain.read("plan").start_time
-
-
-def test_with_committed_intervals_a_context_goes_on_in_a_clone(short_ocp, start):
-    for pause in (0.5 * H, H, 1.5 * H, 2 * H):
-        setup = Setup(FailingSolver(short_ocp), start, committed=2)
-        setup.go(pause)
-        setup.jump(start + 0.001)
-        other = Simulator(setup.diagram, setup.simulator.get_context().Clone())
-        other.Initialize()
-        for simulator in (setup.simulator, other):
-            simulator.AdvanceTo(3.5 * H)
-        np.testing.assert_array_equal(
-            setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
-
-
 def test_before_its_first_instant_has_passed_the_first_plan_can_be_made_anew(short_ocp, start):
     setup = Setup(SequentialConvexSolver(short_ocp), start)
     setup.simulator.Initialize()
@@ -503,16 +402,6 @@ def test_a_context_whose_time_was_set_to_another_starts_again(short_ocp, start):
         assert setup.report()["time"] == time
 
 
-@pytest.mark.parametrize("time", [H, 3 * H])
-def test_it_may_start_at_any_sampling_instant(short_ocp, start, time):
-    solver = FailingSolver(short_ocp)
-    setup = Setup(solver, start)
-    setup.simulator.get_mutable_context().SetTime(time)
-    setup.go(time + 1.5 * H)
-    assert solver.calls == 2
-    assert setup.read("plan").start_time == pytest.approx(time + H, abs=1e-9)
-
-
 def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, start):
     """At the place measured first, whatever is measured then, and with the same plan."""
     at_rest = start * np.repeat([1.0, 0.0], 10)
@@ -537,14 +426,6 @@ def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, 
     np.testing.assert_array_equal(setup.read("nominal_state"), other.read("nominal_state"))
 
 
-def test_it_keeps_its_place_however_it_was_measured_to_move(short_ocp, start):
-    """A velocity of which part is noise is none to coast at, sample after sample."""
-    setup = Setup(FailingSolver(short_ocp), start, committed=2)
-    setup.ocp.hover = 4.0 * H
-    setup.go(3.9 * H)
-    np.testing.assert_array_equal(setup.read("nominal_state"), start * np.repeat([1.0, 0.0], 10))
-
-
 def test_after_hovering_a_problem_that_starts_where_it_is_measured_does_so(short_ocp, start):
     setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10))
     setup.ocp.hover, setup.ocp.starts_at_measured = H, True
@@ -562,35 +443,11 @@ def test_without_a_plan_after_hovering_the_run_fails_and_says_when(short_ocp, st
         setup.go(1.5 * H)
 
 
-@pytest.mark.parametrize("pause", [0.5, 1.0, 1.5])
-def test_while_it_hovers_a_context_goes_on_in_a_clone(short_ocp, start, pause):
-    setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10), committed=2)
-    setup.ocp.hover = 2.0 * H
-    setup.go(pause * H)
-    setup.jump(start + 0.001)
-    other = Simulator(setup.diagram, setup.simulator.get_context().Clone())
-    other.Initialize()
-    for simulator in (setup.simulator, other):
-        simulator.AdvanceTo(4.5 * H)
-    np.testing.assert_array_equal(
-        setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
-    assert np.linalg.norm(setup.read("nominal_state")[:10] - start[:10]) > 1e-4
-
-
 def test_it_does_not_start_between_two_sampling_instants(short_ocp, start):
     setup = Setup(SequentialConvexSolver(short_ocp), start)
     setup.simulator.get_mutable_context().SetTime(0.3)
     with pytest.raises(RunFailed, match=r"starts at t = 0\.3 s: must be a multiple .* 0\.2 s$"):
         setup.simulator.Initialize()
-
-
-def test_the_reports_of_two_contexts_do_not_mix(short_ocp, start):
-    setup = Setup(SequentialConvexSolver(short_ocp), start)
-    setup.go(0.5)
-    fresh = setup.diagram.CreateDefaultContext()
-    assert np.all(np.isnan(setup.read("report", fresh)))
-    assert np.all(np.isfinite(setup.read("report")))
-    assert setup.read("solve_seconds")[0] > 0.0
 
 
 @pytest.mark.parametrize("asked", [99.0, np.nan])
@@ -605,23 +462,3 @@ def test_why_a_force_is_refused_is_said_once(short_ocp, start, caplog, asked):
     assert setup.report()["refused"] == 1.0
     (said,) = [record.getMessage() for record in caplog.records]
     assert said.endswith(f"the desired force is refused: force = {asked}: must be smaller")
-
-
-def test_the_problem_of_the_start_outlives_all_others(short_ocp):
-    """For any number of desired forces it is not made anew; the others are, when needed."""
-    made = []
-
-    def problem(force: np.ndarray):
-        made.append(force[0])
-        if force[0] > 100.0:
-            raise InvalidParameter("force", force, "smaller")
-        return short_ocp
-
-    start, solver = np.full(6, 20.0), SequentialConvexSolver(short_ocp)
-    planner = Planner(solver, Targets(start, problem))
-    for force in [*range(SOLVERS_KEPT + 5), 101, 101]:
-        found = planner._solver_of(np.full(6, float(force)))
-        assert (found is None) == (force == 101)
-    assert planner._solver_of(start) is solver
-    assert 20.0 not in made
-    assert made.count(101.0) == 1, "a refusal is remembered"

@@ -47,13 +47,6 @@ class Loop:
         return dict(zip(MPC_REPORT, self.read("report"), strict=True))
 
 
-def test_its_aim_has_ports_which_other_problems_do_not_have(ocp, short_ocp):
-    loop = Loop(ocp, at_rest(ocp, POSITION))
-    assert {name: loop.mpc.GetInputPort(name).size() for name in PORTS} == PORTS
-    other = NominalMpc(SequentialConvexSolver(short_ocp))
-    assert not any(other.HasInputPort(name) for name in PORTS)
-
-
 def test_without_an_aim_it_stays_at_the_reference(ocp):
     loop = Loop(ocp, at_rest(ocp, POSITION))
     loop.simulator.AdvanceTo(2.5 * H)
@@ -95,20 +88,6 @@ def test_a_target_that_is_no_number_fails_the_sample_and_nothing_else(ocp):
     loop.give(target=POSITION)
     loop.simulator.AdvanceTo(3.5 * H)
     assert loop.report()["status"] == SOLVED
-
-
-def test_plan_and_reference_are_in_the_context(ocp):
-    loop = Loop(ocp, at_rest(ocp, POSITION), target=POSITION + 0.2, safe_depth=POSITION[0] + 0.05)
-    loop.simulator.AdvanceTo(1.5 * H)
-    clone = loop.simulator.get_context().Clone()
-    other = Simulator(loop.diagram, clone)
-    other.Initialize()
-    for simulator in (loop.simulator, other):
-        simulator.AdvanceTo(3.5 * H)
-    for name in ("nominal_state", "report"):
-        np.testing.assert_array_equal(loop.read(name, other.get_context()), loop.read(name))
-    np.testing.assert_array_equal(
-        loop.read("plan", other.get_context()).a, loop.read("plan").a)
 
 
 def test_a_start_whose_plan_cannot_end_in_the_set_is_refused(ocp):

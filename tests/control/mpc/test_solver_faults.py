@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
 from uvms_drake.control.mpc.solver_faults import (
     DroppedPeriod,
@@ -56,9 +55,3 @@ def test_the_system_puts_out_the_fault_of_the_last_sample():
                            (5 * H, DROPPED), (49 * H, DROPPED)):
         context.SetTime(time)
         assert system.GetOutputPort("fault").Eval(context) == [expected]
-
-
-@pytest.mark.parametrize(("seed", "period", "key"), [(-1, H, "seed"), (0, 0.0, "period")])
-def test_seed_and_period_are_checked(seed, period, key):
-    with pytest.raises(InvalidParameter, match=f"^{key} = "):
-        SolverFaults([SolverFailure()], seed, period)

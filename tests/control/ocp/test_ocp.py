@@ -1,14 +1,12 @@
 """Tests of `uvms_drake.control.ocp.ocp`: the problem of the ideal scenario."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from support import dh
 from support.limits import with_limits
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, VIOLATION_PENALTY, Ocp
+from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.plan.plan import Plan, advance
 from uvms_drake.station.scenario.scenario import load_scenario
 
@@ -54,15 +52,6 @@ def forces(ocp, plan) -> np.ndarray:
 
 
 # First-order model -------------------------------------------------------------------------------
-
-
-def test_the_knots_are_linearised_about_their_own_values(ocp, plan):
-    linear = ocp.linearise(plan)
-    y = linear.knots.y
-    np.testing.assert_allclose(y[:, :6], [dh.chi(c) for c in plan.config], atol=1e-12)
-    np.testing.assert_array_equal(y[:, 6:], plan.config[:, 6:])
-    np.testing.assert_array_equal(linear.knots.config, plan.config)
-    np.testing.assert_allclose(linear.f, ocp.model.drift(plan.config, plan.zeta), rtol=1e-12)
 
 
 def test_every_derivative_by_y_is_that_of_differences(ocp, plan, derivative):
@@ -125,18 +114,6 @@ def test_the_cost_is_the_sum_that_the_documentation_says(ocp, plan):
     assert evaluation.terminal_slack == pytest.approx(slack, rel=1e-9)
     assert evaluation.cost == pytest.approx(
         cost + terminal + TERMINAL_PENALTY * slack, rel=1e-9)
-
-
-def test_staying_at_the_task_costs_nothing(ocp):
-    """The equilibrium input is not penalised: the robot may hold its 20 N."""
-    plan = ocp.resting_plan(
-        0.0, np.concatenate([ocp.model.configuration(ocp.y_des), np.zeros(10)]))
-    evaluation = ocp.evaluate(plan)
-    assert evaluation.cost == pytest.approx(0.0, abs=1e-18)
-    assert (evaluation.terminal_slack, evaluation.violation) == (0.0, 0.0)
-    force = ocp.model.surface.force(ocp.y_des[:6], np.zeros(6))
-    np.testing.assert_allclose(force, [20.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
-    assert np.linalg.norm(ocp.u_eq) > 0.01
 
 
 def extremes(ocp, plan) -> dict[str, object]:
@@ -207,27 +184,6 @@ def test_forces_are_limited_at_both_ends_of_every_interval(ocp, plan, end):
     assert tight.evaluate(plan).violation == pytest.approx(0.5 * gap[channel], rel=1e-6)
 
 
-def test_without_limits_on_forces_none_is_seen(ocp, plan):
-    lax = with_limits(ocp, **{**extremes(ocp, plan), "tau": None})
-    assert lax.evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
-
-
-def test_violations_add_up(ocp, plan):
-    touched = extremes(ocp, plan)
-    tight = with_limits(ocp, **{
-        **touched, "nu1": touched["nu1"] - 1e-3, "tip_pitch": touched["tip_pitch"] - 2e-3})
-    zeta, config = plan.zeta[1:], plan.config[1:]
-    speed = np.linalg.norm(zeta[:, :3], axis=1) - tight.limits["nu1"].upper[0]
-    tip = np.abs([dh.chi(c)[4] for c in config]) - tight.limits["tip_pitch"].upper[0]
-    expected = np.sum(np.maximum(speed, 0.0)) + np.sum(np.maximum(tip, 0.0))
-    evaluation = tight.evaluate(plan)
-    assert evaluation.total_violation == pytest.approx(expected, rel=1e-9)
-    assert evaluation.violation == pytest.approx(2e-3, rel=1e-6)
-    assert evaluation.merit == pytest.approx(
-        evaluation.cost + VIOLATION_PENALTY * expected, rel=1e-12)
-    assert ocp.evaluate(plan).cost == evaluation.cost, "limits cost nothing"
-
-
 def test_the_first_knot_is_given_and_violates_nothing(ocp):
     """A limit on the initial velocity could not be kept by any plan."""
     config, zeta = ocp.model.configuration(ocp.y_des), np.zeros(10)
@@ -240,27 +196,7 @@ def test_the_first_knot_is_given_and_violates_nothing(ocp):
     assert ocp.evaluate(plan).violation == 0.0
 
 
-def test_inputs_are_those_at_both_ends_of_every_interval(ocp, plan):
-    """Driven by ū, the model accelerates as planned; between two intervals ū may jump."""
-    begin, end = ocp.inputs(plan)
-    for k in range(4):
-        for u, time in ((begin[k], k * H + 1e-9), (end[k], (k + 1) * H)):
-            config, zeta, zeta_dot = plan.at(time)
-            np.testing.assert_allclose(
-                ocp.model.drift(config, zeta) + u, zeta_dot, rtol=1e-6, atol=1e-6)
-
-
 # Guesses -----------------------------------------------------------------------------------------
-
-
-def test_a_resting_plan_comes_to_rest(ocp):
-    rng = np.random.default_rng(5)
-    config, zeta = rng.uniform(-0.3, 0.3, size=(2, 10))
-    plan = ocp.resting_plan(1.6, np.concatenate([config, zeta]))
-    assert (plan.start_time, plan.time_step, len(plan.zeta_dot)) == (1.6, H, MPC.horizon)
-    np.testing.assert_array_equal(plan.config[0], config)
-    np.testing.assert_array_equal(plan.zeta[0], zeta)
-    np.testing.assert_allclose(plan.zeta[-1], 0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("inside", [True, False])
@@ -291,22 +227,3 @@ def test_near_the_task_the_continued_plan_costs_less_by_what_it_leaves_behind_or
     first = H * (np.sum(Q[:10] * y**2) + np.sum(R * (begin[0] - ocp.u_eq) ** 2))
     fall = ocp.evaluate(plan).cost - ocp.evaluate(ocp.continued(plan)).cost
     assert fall > 0.99 * first > 0.0
-
-
-@pytest.mark.parametrize("turns", [-1, 1, 3])
-def test_whole_turns_of_the_tool_cost_nothing(ocp, turns):
-    y = ocp.y_des + 0.1
-    y[3:6] += 2.0 * np.pi * turns
-    np.testing.assert_allclose(ocp.unwrapped(y), ocp.y_des + 0.1, atol=1e-12)
-
-
-@pytest.mark.parametrize(("key", "value"), [
-    ("horizon", 0), ("time_step", 0.0), ("time_step", np.inf), ("iterations", 0),
-    ("terminal_radius", 0.0), ("weight_y", np.zeros(10)), ("weight_zeta", np.ones(9)),
-    ("weight_u", np.full(10, -1.0)), ("weight_u", np.full(10, np.nan)),
-])
-def test_a_setting_without_meaning_is_named(ocp, key, value):
-    config = replace(load_scenario("girona500_ideal").mpc, **{key: value})
-    with pytest.raises(InvalidParameter) as caught:
-        Ocp(ocp.model, config, ocp.y_des, ocp.limits)
-    assert caught.value.key == key

@@ -8,7 +8,7 @@ from pydrake.solvers import SnoptSolver
 from support.limits import with_limits
 
 from uvms_drake.control.convex.staged_solver import solve_staged
-from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
+from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
@@ -121,26 +121,6 @@ def test_no_iteration_makes_the_plan_worse(short_ocp, solver, start_plans, where
             assert after.merit <= value
             assert solution.evaluation == after
             plan, value = solution.plan, after.merit
-
-
-def test_a_solution_is_kept(solver, fast):
-    """Solving from it neither moves the plan nor its cost."""
-    for solution in [*fast["before"], *fast["on"]]:
-        again = solver.solve(solution.plan, 5)
-        assert again.converged
-        assert again.iterations == 1
-        assert again.evaluation.cost == pytest.approx(solution.evaluation.cost, rel=1e-6)
-        np.testing.assert_allclose(again.plan.zeta_dot, solution.plan.zeta_dot, atol=1e-2)
-
-
-def test_the_solver_remembers_nothing(short_ocp, solver, start_plans):
-    """The same guess gives the same plan, bit for bit, whatever was solved before."""
-    guess = start_plans["on"][0]
-    first = SequentialConvexSolver(short_ocp).solve(guess, 3)
-    solver.solve(start_plans["off"][1], 2)
-    again = solver.solve(guess, 3)
-    np.testing.assert_array_equal(first.plan.zeta_dot, again.plan.zeta_dot)
-    assert first.evaluation == again.evaluation
 
 
 # Limits that the scenario does not have -----------------------------------------------------------
@@ -256,18 +236,6 @@ def test_where_the_linearised_limits_cannot_be_kept_a_plan_is_found_all_the_same
     solve_with_both(ocp, guess)
 
 
-@pytest.mark.parametrize("where", ["off", "on"])
-def test_inputs_that_cannot_hold_the_robot_are_reported_as_a_violation(
-        short_ocp, start_plans, where):
-    weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
-    guess = start_plans[where][0]
-    assert NonlinearSolver(weak, SnoptSolver()).solve(guess).plan is None
-    solution = SequentialConvexSolver(weak).solve(guess, 50)
-    assert solution.evaluation == weak.evaluate(solution.plan)
-    assert solution.evaluation.violation > 1e3 * FEASIBLE
-    assert solution.evaluation.merit <= weak.evaluate(guess).merit
-
-
 def test_a_start_too_fast_to_brake_is_reported_as_a_violation(short_ocp, solver, start_plans):
     guess = start_plans["off"][0]
     zeta = guess.zeta[0].copy()
@@ -311,11 +279,3 @@ def test_one_iteration_a_sample_costs_what_the_reference_costs(short_ocp, solver
     best, expected = closed_loop(short_ocp, first, lambda guess: reference.solve(guess).plan, 3)
     assert cost == pytest.approx(best, rel=1e-3)
     np.testing.assert_allclose(states, expected, atol=1e-3)
-
-
-def test_the_number_of_active_rows_is_reported(short_ocp, start_plans):
-    """None for a motion that keeps all by itself, and more where the limits are tighter."""
-    plan = start_plans["off"][0]
-    wide, tight = (SequentialConvexSolver(ocp).solve(plan, 1).rows for ocp in (
-        with_limits(short_ocp, nu1=9.0, nu2=9.0, qdot=9.0), with_limits(short_ocp, nu1=0.03)))
-    assert wide < tight

@@ -11,11 +11,11 @@ from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.costs.costs import LevelVehicle, OffsetCost
 from uvms_drake.control.limits.pose import TipBox
-from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
+from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
-from uvms_drake.control.plan.plan import Plan, TrackingPlan
+from uvms_drake.control.plan.plan import TrackingPlan
 
 EXCEEDED = 1e-6
 
@@ -168,30 +168,6 @@ def test_a_retarget_costs_a_copy_and_one_program(ocp, monkeypatch):
     solution = SequentialConvexSolver(other).solve(plan, 1)
     assert (solution.iterations, made) == (1, [other])
     assert not np.array_equal(solution.plan.a, plan.a)
-
-
-def test_about_its_own_reference_a_plan_costs_what_the_fixed_problem_says(ocp):
-    """Whose penalty and input at rest are the same, wherever the task is."""
-    plan = somewhere(ocp, 4)
-    fixed = Ocp(ocp.model, mpc_of(ocp), ocp.reference(plan), ocp.limits)
-    aimed = ocp.aimed(TrackingTarget(ocp.reference(plan)[:3]))
-    here, there = aimed.evaluate(plan), fixed.evaluate(plan)
-    assert here.cost == pytest.approx(there.cost, rel=1e-9)
-    assert here.terminal_slack == pytest.approx(there.terminal_slack, abs=1e-9)
-    np.testing.assert_allclose(fixed.terminal.P, ocp.terminal.P, rtol=1e-6)
-    np.testing.assert_allclose(fixed.u_eq, ocp.u_eq, atol=1e-9)
-
-
-def test_a_plan_keeps_its_reference_when_it_is_continued_or_redone(ocp):
-    plan = somewhere(ocp, 5)
-    assert isinstance(ocp.continued(plan), TrackingPlan)
-    np.testing.assert_array_equal(ocp.continued(plan).a, plan.a)
-    again = plan.redone(plan.start, plan.decision)
-    for key in ("config", "zeta", "zeta_dot", "a"):
-        np.testing.assert_allclose(getattr(again, key), getattr(plan, key), atol=1e-15)
-    rolled = Plan.from_accelerations(
-        0.0, 0.2, plan.config[0], plan.zeta[0], plan.zeta_dot)
-    np.testing.assert_array_equal(plan.config, rolled.config)
 
 
 def test_what_is_not_the_same_everywhere_is_refused(ocp, model):

@@ -65,27 +65,6 @@ def test_one_step_is_exact_to_1e_7_at_the_speeds_of_the_vehicle(seed):
         np.testing.assert_allclose(plan.config[k + 1], exact, rtol=0.0, atol=1e-7)
 
 
-def test_half_the_step_has_a_thirty_second_of_the_error():
-    """The method is of fourth order: its error in one step goes with the fifth power."""
-    rng = np.random.default_rng(1)
-    config = np.array([0.0, 0.0, 0.0, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0, 0.0])
-    zeta, zeta_dot = rng.uniform(1.0, 2.0, size=(2, 10))
-    errors = [np.linalg.norm(advance(config, zeta, zeta_dot, duration)
-                             - by_small_steps(config, zeta, zeta_dot, duration))
-              for duration in (0.2, 0.1)]
-    assert errors[0] > 1e-6
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(5.0, abs=0.3)
-
-
-def test_the_plan_passes_through_its_knots():
-    plan = random_plan(2)
-    for k in range(7):
-        config, zeta, _ = plan.at(3.4 + k * H)
-        np.testing.assert_allclose(config, plan.config[k], atol=1e-12)
-        np.testing.assert_allclose(zeta, plan.zeta[k], atol=1e-12)
-    np.testing.assert_allclose(np.diff(plan.zeta, axis=0), H * plan.zeta_dot, atol=1e-15)
-
-
 def test_the_acceleration_at_a_knot_is_that_of_the_interval_before():
     """Even if the knot's time is off by rounding; at the very start it is the first interval's."""
     plan = random_plan(3)

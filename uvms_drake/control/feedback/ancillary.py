@@ -163,7 +163,8 @@ class AncillaryFeedback(LeafSystem):
                  if port.HasValue(context)}
         if "contact" in given and not is_finite(given["contact"]):
             del given["contact"]
-        now = now._replace(**given)
+        _ = now.J_x_dot, now.y  # Shared with monitor and observer.
+        now = now.given(**given)
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))

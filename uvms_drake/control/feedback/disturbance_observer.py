@@ -112,7 +112,7 @@ class RowObserver(LeafSystem):
         """Returns ẏ, ∫τ, c and the rows of G now."""
         now: Pair = self._pair_port.Eval(context)
         if self._force_port.HasValue(context) and is_finite(self._force_port.Eval(context)):
-            now = now._replace(contact=self._force_port.Eval(context))
+            now = now.given(contact=self._force_port.Eval(context))
         rate, c, G = prediction(self._model, self._observed, now)
         return np.concatenate([
             rate, context.get_continuous_state_vector().CopyToVector(), c, G.ravel()])

@@ -7,9 +7,10 @@ A law is a dataclass of its gains that derives from `AncillaryLaw`. A closed loo
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -18,10 +19,12 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 
-class Motions:
-    """Motion of the real and of the nominal robot at an instant; the real one is always first.
+class Pair:
+    """Motion of the real and of the nominal robot, and the signals that a law may take.
 
-    Everything but 𝔮 and ζ is computed when it is read first: a law needs a part of it.
+    The real robot is always first. Everything but 𝔮 and ζ is computed when it is read first: a law
+    needs a part of it. The error of the velocity is `zeta[0] - zeta[1]`, that of pose and joints
+    `uv.pose_difference(*y)`, which wraps the angles.
 
     Args:
         model: The prediction model.
@@ -29,8 +32,26 @@ class Motions:
         zeta: Velocities ζ, ζ̄ (2, 6+n) [m/s, rad/s].
     """
 
+    contact: np.ndarray | None = None
+    """Measured force 𝔉_s of the real robot on the surface (6,) [N, N m]; None: the model's."""
+    wrench: np.ndarray | None = None
+    """Present wrench τ_v of the thrusters on the vehicle (6,) in body axes [N, N m]; None: the
+    commanded one."""
+    estimate: np.ndarray | None = None
+    """Observer's estimate δ̂ of the disturbance of the law's outputs (6+n,) [m/s², rad/s²]; None
+    without an observer."""
+    preview: np.ndarray | None = None
+    """Feedforward preview τ̄(t + ℓ) − τ̄(t) of the plan's forces (6+n,) [N, N m]; None: commands act
+    at once."""
+
     def __init__(self, model: UvmsModel, config: np.ndarray, zeta: np.ndarray):
         self._model, self.config, self.zeta = model, config, zeta
+
+    def given(self, **signals: np.ndarray | None) -> Self:
+        """Returns the pair with signals by their names; both share the values computed before."""
+        out = copy(self)
+        vars(out).update(signals)
+        return out
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -60,67 +81,10 @@ class Motions:
         return np.linalg.inv(self.J_x[0])
 
 
-class Pair(NamedTuple):
-    """Motion of the real and of the nominal robot, and the signals that a law may take.
-
-    The error of the velocity is `zeta[0] - zeta[1]`, that of pose and joints
-    `uv.pose_difference(*y)`, which wraps the angles.
-    """
-
-    motions: Motions
-    """The two motions."""
-    contact: np.ndarray | None = None
-    """Measured force 𝔉_s of the real robot on the surface (6,) [N, N m]; None: the model's."""
-    wrench: np.ndarray | None = None
-    """Present wrench τ_v of the thrusters on the vehicle (6,) in body axes [N, N m]; None: the
-    commanded one."""
-    estimate: np.ndarray | None = None
-    """Observer's estimate δ̂ of the disturbance of the law's outputs (6+n,) [m/s², rad/s²]; None
-    without an observer."""
-    preview: np.ndarray | None = None
-    """Feedforward preview τ̄(t + ℓ) − τ̄(t) of the plan's forces (6+n,) [N, N m]; None: commands act
-    at once."""
-
-    @property
-    def kinematics(self) -> Kinematics:
-        """Geometry of the two robots, stacks (2,)."""
-        return self.motions.kinematics
-
-    @property
-    def config(self) -> np.ndarray:
-        """Configurations 𝔮, 𝔮̄ (2, 6+n) [m, rad]."""
-        return self.motions.config
-
-    @property
-    def zeta(self) -> np.ndarray:
-        """Velocities ζ, ζ̄ (2, 6+n) [m/s, rad/s]."""
-        return self.motions.zeta
-
-    @property
-    def y(self) -> np.ndarray:
-        """Extended tasks y, ȳ (2, 6+n) [m, rad]."""
-        return self.motions.y
-
-    @property
-    def J_x(self) -> np.ndarray:
-        """Jacobians J_x of the extended task at 𝔮 and 𝔮̄ (2, 6+n, 6+n)."""
-        return self.motions.J_x
-
-    @property
-    def J_x_dot(self) -> np.ndarray:
-        """Rates of J_x along the two motions (2, 6+n, 6+n) [1/s]."""
-        return self.motions.J_x_dot
-
-    @property
-    def inverse(self) -> np.ndarray:
-        """Inverse Jacobian J_x(𝔮)⁻¹ (6+n, 6+n)."""
-        return self.motions.inverse
-
-
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
     """Returns the pair of motions at (𝔮, ζ) and at (𝔮̄, ζ̄) (2(6+n),) each, real or complex."""
     both = np.array([state, nominal_state])
-    return Pair(Motions(model, both[:, : model.size], both[:, model.size:]))
+    return Pair(model, both[:, : model.size], both[:, model.size:])
 
 
 @dataclass(frozen=True)

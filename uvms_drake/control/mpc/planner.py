@@ -122,7 +122,7 @@ class Planner:
                  committed: int = 0):
         self._solver, self._targets, self._committed = solver, targets, committed
         self.clock: Callable[[], float] = time.perf_counter
-        self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
+        self._made = lru_cache(maxsize=SOLVERS_KEPT)(self._make)
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
         self.initial = MpcMemory(force=force, asked=force)
 
@@ -245,10 +245,8 @@ class Planner:
         asked = memory.asked
         if self._targets is None or np.array_equal(asked, memory.force):
             return None
-        solver = self._solver_of(asked)
-        if solver is None:
-            _, why = self._problem(asked.tobytes())
-        else:
+        solver, why = self._solver_for(asked)
+        if solver is not None:
             solution = solver.solve(free, FIRST_SOLVE_ITERATIONS)
             if solver.ocp.is_sound(solution.evaluation, REACHED):
                 return solution
@@ -259,17 +257,17 @@ class Planner:
 
     def _current(self, sample: Sample, memory: MpcMemory) -> Solver:
         """Returns the solver of the plan's problem, with the inputs given now."""
-        solver = self._solver_of(memory.force)
+        solver, _ = self._solver_for(memory.force)
         assert solver is not None  # It made the plan.
         return solver.of(solver.ocp.given(sample.given)) if sample.given else solver
 
-    def _solver_of(self, force: np.ndarray) -> Solver | None:
-        """Returns the solver of the problem of a desired force (6,), or None if there is none."""
+    def _solver_for(self, force: np.ndarray) -> tuple[Solver | None, str]:
+        """Returns the solver of the problem of a desired force (6,); without one, the reason."""
         if np.array_equal(force, self.initial.force):
-            return self._solver
-        return self._problem(force.tobytes())[0]
+            return self._solver, ""
+        return self._made(force.tobytes())
 
-    def _make_solver(self, force: bytes) -> tuple[Solver | None, str]:
+    def _make(self, force: bytes) -> tuple[Solver | None, str]:
         assert self._targets is not None
         try:
             return self._solver.of(self._targets.ocp(np.frombuffer(force))), ""

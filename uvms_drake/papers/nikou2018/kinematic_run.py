@@ -12,8 +12,6 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE
 from uvms_drake.common.errors import RunFailed
@@ -23,7 +21,8 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.papers.nikou2018.kinematic_certificate import KinematicCertificate, certify
 from uvms_drake.papers.nikou2018.kinematics import BLOCKS, Run, limited_angles, simulate
-from uvms_drake.report.figure_style import BLACK, LIMIT, STYLE, XYZ, legend_above, panels
+from uvms_drake.report.drawing import Drawing, Panel, Series, draw, line
+from uvms_drake.report.figure_style import BLACK, LIMIT, STYLE, XYZ
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
 HEIGHT = 2.4  # inches
@@ -70,9 +69,9 @@ def run_into(scenario: Scenario, folder: Path, *, certified: bool, figures: bool
     _write(folder / "summary.json", summary)
     if figures:
         with matplotlib.rc_context(STYLE):
-            for name, draw in zip(FIGURES, (draw_position, draw_orientation, draw_inputs),
+            for name, made in zip(FIGURES, (position, orientation, inputs),
                                   strict=True):
-                draw(run).savefig(folder / name)
+                draw(made(run)).savefig(folder / name)
     return summary
 
 
@@ -126,45 +125,39 @@ def format_summary(summary: dict[str, Any]) -> str:
 # Figures ------------------------------------------------------------------------------------------
 
 
-def draw_position(run: Run) -> Figure:
-    """Draws 𝔭 − 𝔭_des, real and nominal."""
-    return _draw_errors(run, slice(0, 3), "p", "position errors [m]")
+def position(run: Run) -> Drawing:
+    """Returns 𝔭 − 𝔭_des, real and nominal."""
+    return _errors(run, slice(0, 3), "p", "position errors [m]")
 
 
-def draw_orientation(run: Run) -> Figure:
-    """Draws 𝔬 − 𝔬_des, real and nominal."""
-    return _draw_errors(run, slice(3, 6), "o", "orientation errors [rad]")
+def orientation(run: Run) -> Drawing:
+    """Returns 𝔬 − 𝔬_des, real and nominal."""
+    return _errors(run, slice(3, 6), "o", "orientation errors [rad]")
 
 
-def draw_inputs(run: Run) -> Figure:
-    """Draws ‖ν₁‖, ‖ν₂‖ and ‖q̇‖, real and nominal, and the paper's common limit."""
-    figure, (axis,) = panels(1, HEIGHT)
+def inputs(run: Run) -> Drawing:
+    """Returns ‖ν₁‖, ‖ν₂‖ and ‖q̇‖, real and nominal, and the paper's common limit."""
     names = (r"$\|\nu_1\|$", r"$\|\nu_2\|$", r"$\|\dot{q}\|$")
-    for color, block, name, limit in zip(XYZ, BLOCKS, names, run.bounds.speeds, strict=True):
-        _draw(axis, run, [np.linalg.norm(each[:, block], axis=1)
-                          for each in (run.zeta, run.nominal_zeta)], color, name)
-        axis.axhline(limit, **LIMIT)
-    axis.set_ylim(0.0, 1.08 * max(run.bounds.speeds))
-    axis.set_ylabel("input norms [m/s, rad/s]")
-    legend_above(figure, axis)
-    return figure
+    series = [each for color, block, name in zip(XYZ, BLOCKS, names, strict=True)
+              for each in _both([np.linalg.norm(zeta[:, block], axis=1)
+                                 for zeta in (run.zeta, run.nominal_zeta)], color, name)]
+    limits = [line(limit, LIMIT) for limit in run.bounds.speeds]
+    return Drawing([[Panel("input norms [m/s, rad/s]", run.time, [*series, *limits],
+                           scale="zero")]], HEIGHT)
 
 
-def _draw_errors(run: Run, part: slice, letter: str, label: str) -> Figure:
-    figure, (axis,) = panels(1, HEIGHT)
-    both = [pose_difference(chi, run.chi_des)[:, part] for chi in (run.chi, run.chi_nominal)]
-    for i, color in enumerate(XYZ):
-        _draw(axis, run, [each[:, i] for each in both], color,
-              rf"$\mathfrak{{{letter}}}_{i + 1}$")
-    axis.axhline(0.0, color=BLACK, linewidth=0.5)
-    axis.set_ylabel(label)
-    handles, labels = axis.get_legend_handles_labels()
-    handles += [Line2D([], [], color="0.45"), Line2D([], [], color="0.45", linestyle="--")]
-    figure.legend(handles, [*labels, "real", "nominal"], ncols=5, loc="outside upper center")
-    return figure
+def _errors(run: Run, part: slice, letter: str, label: str) -> Drawing:
+    real, nominal = (pose_difference(chi, run.chi_des)[:, part]
+                     for chi in (run.chi, run.chi_nominal))
+    series = [each for i, color in enumerate(XYZ) for each in _both(
+        [real[:, i], nominal[:, i]], color, rf"$\mathfrak{{{letter}}}_{i + 1}$")]
+    zero = line(0.0, color=BLACK, linewidth=0.5, label="")
+    key = [line(0.0, color="0.45"), line(0.0, color="0.45", linestyle="--", label="nominal")]
+    return Drawing([[Panel(label, run.time, [*series, zero])]], HEIGHT, legend=5,
+                   key=[*series, *key])
 
 
-def _draw(axis: Any, run: Run, values: list[np.ndarray], color: str, name: str) -> None:
-    """Draws a real value solid, its nominal one dashed."""
-    axis.plot(run.time, values[0], color=color, label=name)
-    axis.plot(run.time, values[1], color=color, linestyle="--", linewidth=0.8)
+def _both(values: list[np.ndarray], color: str, name: str) -> list[Series]:
+    """Returns a real value solid, and its nominal one dashed."""
+    return [line(values[0], color=color, label=name),
+            line(values[1], color=color, linestyle="--", linewidth=0.8, label="")]

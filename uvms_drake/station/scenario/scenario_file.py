@@ -25,6 +25,12 @@ _DRAWN = "left out: drawn runs certify a loop that is not ideal (certify --runs)
 GONE_KEYS = {
     "certificate.plans": _DRAWN,
     "certificate.linear": _DRAWN,
+    "contact.turn": "left out: the tool keeps its attitude",
+    "mission.reached": "left out: a place is reached within 0.01 m",
+    "actuation.sag": "left out: `error` is the error of the thrusters' forces",
+    "actuation.foreseen": "left out: !LaggedWrench is !Thrusters with its own lag and dead time",
+    "waves.sea_depth": "left out: the water is deep",
+    "model_error.joint_friction.stribeck": "left out: it is 0.05 rad/s",
     "mpc.input_reference": "left out: the cost is about the input that holds the task",
     "motion": "left out: forces move the robot; a simulation of its own is named by `simulation`",
 }

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.papers.nikou2018.errata.simulation import settled
 from uvms_drake.papers.nikou2018.kinematics import Run, simulate
-from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION, legend_above, panels
+from uvms_drake.report.drawing import Drawing, Panel, draw, line
+from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION
 from uvms_drake.station.scenario.scenario import load_scenario
 
 TASK_ERROR = r"$\|\chi-\chi_{\mathrm{des}}\|$ [m, rad]"
@@ -44,11 +44,12 @@ def draw_choices(folder: Path, progress: Progress = silent, overrides: Sequence[
         if name in CHOICES:
             runs = [simulate(load_scenario("paper_kinematic", [each, *overrides]))
                     for each in CHOICES[name]]
-            figure = draw(panels_of(runs), runs[0].time, [named(each) for each in CHOICES[name]])
+            made = drawing(panels_of(runs), runs[0].time, [named(each) for each in CHOICES[name]])
         else:
             errors = [np.linalg.norm(settled(u_ref)[0], axis=1) for u_ref in (1.0, 0.0)]
-            figure = draw({TASK_ERROR: errors}, np.arange(len(errors[0])), ["u_eq", "zero"])
-        figure.savefig(folder / name)
+            made = drawing({TASK_ERROR: errors}, np.arange(len(errors[0])), ["u_eq", "zero"])
+        with matplotlib.rc_context(STYLE):
+            draw(made).savefig(folder / name)
 
 
 def panels_of(runs: Sequence[Run]) -> Panels:
@@ -66,18 +67,13 @@ def panels_of(runs: Sequence[Run]) -> Panels:
             [(run.config - run.nominal_config)[:, 6:] for run in runs])}
 
 
-def draw(values: Panels, time: np.ndarray, names: Sequence[str]) -> Figure:
-    """Draws both ways of a choice."""
-    with matplotlib.rc_context(STYLE):
-        figure, axes = panels(len(values), 0.6 + 1.2 * len(values))
-        for axis, (label, both) in zip(axes, values.items(), strict=True):
-            for each, name, color, style in zip(
-                    both, names, (BLUE, VERMILION), ("-", (0, (4, 1.2))), strict=True):
-                axis.plot(time, each, label=name, color=color, linestyle=style)
-            axis.set_ylabel(label)
-            axis.set_ylim(bottom=0.0)
-        legend_above(figure, axes[0])
-    return figure
+def drawing(values: Panels, time: np.ndarray, names: Sequence[str]) -> Drawing:
+    """Returns both ways of a choice."""
+    ways = list(zip(names, (BLUE, VERMILION), ("-", (0, (4, 1.2))), strict=True))
+    return Drawing([[Panel(label, time, [
+        line(each, color=color, linestyle=style, label=name)
+        for each, (name, color, style) in zip(both, ways, strict=True)], scale="zero")
+        for label, both in values.items()]], 0.6 + 1.2 * len(values))
 
 
 def named(override: str) -> str:
