@@ -24,16 +24,11 @@ class Cascade(uv.Resolved):
     pass
 
 
-def matrices(model, config, zeta):
-    return {"M": model.mass_matrix(model.kinematics(config))}
+def product(model, config, zeta, w):
+    return (model.mass_matrix(model.kinematics(config)) @ w[..., None])[..., 0]
 
 
-def product(model, matrix, config, zeta, v):
-    return matrices(model, config, zeta)[matrix] @ v
-
-
-uv.tubes.register_constant(
-    "M_max", uv.tubes.Quantity(uv.tubes.MatrixGroup(matrices, product), "M", "kg, kg m²"))
+uv.tubes.register_constant("M_max", uv.tubes.Quantity(product, "kg, kg m²"))
 
 
 @uv.tubes.register_tube(Cascade, lambda law, weights: (

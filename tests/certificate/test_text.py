@@ -131,6 +131,14 @@ def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
     assert str(failing()).count("DOES NOT HOLD") == 4
 
 
+def test_the_force_is_said_with_both_bands_where_there_are_two(scenario):
+    said = "the force is off by less than 16.8 N once the plan is at the task"
+    assert HOLDS.force_sentence == said
+    assert full(scenario).force_sentence == (
+        f"{said}, and by less than 6.12 N in a hold, from 1.3 s after the plan stands")
+    assert replace(HOLDS, bounds={}).force_sentence == ""
+
+
 @pytest.mark.parametrize(("override", "line"), [
     ("faults=[!StuckJoint {}]", "not certified: faults, which the proofs do not cover; what would "
                                 "help: no faults but those of the solver"),

@@ -54,12 +54,6 @@ def test_without_a_touch_depths_are_counted_from_the_start(record):
     assert [panel.label for panel in panels(never)] == PANELS[:4]
 
 
-def test_nothing_is_shown_of_what_is_not_explored(record):
-    signals = {**record.signals, "safe_depth": np.full((len(record.time), 1), -np.inf)}
-    assert np.all(np.isnan(value(
-        panels(replace(record, signals=signals))[1], "explored up to")))
-
-
 def test_its_panels_show_the_logs(record):
     found = panels(record)
     assert [panel.label for panel in found] == PANELS
@@ -84,15 +78,6 @@ def test_the_enlarged_panel_has_the_wall_and_the_front_in_view(record):
     close = panels(record)[4]
     assert close.limits[0] < 0.0 < np.max(depths_of(record)["explored"]) < close.limits[1]
     assert close.window == pytest.approx((2.02 - 1.5, 4.0))
-
-
-def test_the_force_along_n_is_the_part_of_it_along_n(record):
-    n = np.array([0.8, 0.6, 0.0])
-    contact = replace(record.scenario.contact, direction=n)
-    force = panels(replace(record, scenario=replace(record.scenario, contact=contact)))[0]
-    np.testing.assert_allclose(value(force, "real"), 0.8 * record.force[:, 0])
-    np.testing.assert_allclose(
-        value(force, "measured"), record.signals["force_last_valid"][:, :3] @ n)
 
 
 def test_what_happened_is_marked_and_named(record):

@@ -42,7 +42,8 @@ def test_it_is_one_file_with_figures_in_it_that_loads_nothing(record, tmp_path):
 def test_it_says_what_it_is_about_and_how_to_run_it_again(record):
     text = format_report(record, [], None)
     for part in ("girona500_ideal", "compliant wall", "stiffness: 1000.0", "Drake 1.",
-                 "uvms-drake run scenario.yaml --uncertified", "seed 0", "20 N", "tip_pitch"):
+                 "uvms-drake run scenario.yaml --uncertified", "seed 0", "20 N", "tip_pitch",
+                 "Run without a certificate"):
         assert part in text, part
 
 
@@ -56,12 +57,6 @@ def test_a_log_of_an_older_version_is_refused_with_one_line(record, tmp_path):
     assert "\n" not in str(seen.value)
 
 
-def test_a_run_without_a_certificate_says_so(record):
-    text = format_report(record, [], None)
-    assert "Run without a certificate" in text
-    assert "certified: all" not in text.lower()
-
-
 def test_a_certificate_is_shown_as_its_table_and_its_verdict(record):
     text = format_report(record, [], certificate(record))
     assert "Certified: all 1 conditions hold" in text
@@ -69,12 +64,6 @@ def test_a_certificate_is_shown_as_its_table_and_its_verdict(record):
     assert "tube in limits.nu1" in text
     assert "ithout a certificate" not in text
     assert "<pre>uvms-drake run scenario.yaml</pre>" in text
-
-
-def test_a_violated_limit_is_marked(record):
-    broken = replace(record, state=1.5 * record.state)
-    assert "VIOLATED" in format_report(broken, [], None)
-    assert "VIOLATED" not in format_report(replace(record, state=record.nominal_state), [], None)
 
 
 def test_all_events_are_listed_however_many(record):
@@ -91,14 +80,6 @@ def test_what_the_scenario_says_cannot_become_html(record):
     text = format_report(replace(record, scenario=scenario), [], None)
     assert "<script" not in text
     assert "&lt;script&gt;" in text
-
-
-def test_a_force_that_never_settled_and_a_run_without_plans_are_no_trouble(record):
-    never = replace(record, force=np.zeros_like(record.force), mpc_time=np.zeros(0),
-                    mpc_status=np.zeros(0), mpc_terminal_slack=np.zeros(0),
-                    mpc_violation=np.zeros(0), mpc_refused=np.zeros(0), mpc_rows=np.zeros(0),
-                    step_seconds=np.zeros(0))
-    assert "never" in format_report(never, [], None)
 
 
 def test_a_run_is_loaded_with_its_certificate(record, tmp_path):

@@ -49,12 +49,6 @@ def test_it_is_a_line_a_sample_under_names_with_units_that_differ():
                for name in table if name not in flags)
 
 
-def test_a_run_has_no_column_for_a_signal_that_it_does_not_have():
-    columns = synthetic_record(0.5).columns()
-    assert "chi/x_m" in columns
-    assert not any(name.startswith(("force_last_valid", "mission")) for name in columns)
-
-
 def test_a_table_of_pandas_has_the_same_columns():
     pytest.importorskip("pandas", reason="the package pandas is not installed")
     record = synthetic_record(0.5)
@@ -100,11 +94,3 @@ def test_the_time_of_a_long_run_does_not_repeat_and_depths_keep_their_millimetre
     table = table_of(replace(record, time=time, chi=chi))
     np.testing.assert_allclose(np.diff(table["time_s"]), 0.005, rtol=1e-6)
     np.testing.assert_allclose(table["chi/z_m"], chi[:, 2], rtol=0.0, atol=1e-6)
-
-
-def test_a_time_is_written_as_it_is_meant():
-    """0.15, not 0.15000000000000002."""
-    record = synthetic_record(0.5)
-    time = np.cumsum(np.full(len(record.time), 0.1)) * 1.5
-    rows = format_log(replace(record, time=time)).splitlines()[1:]
-    assert [row.partition(",")[0] for row in rows[:4]] == ["0.15", "0.3", "0.45", "0.6"]

@@ -77,19 +77,6 @@ def test_the_fixed_keys_are_there_and_valid_json():
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
 
 
-def test_velocities_are_limited_by_blocks():
-    record = synthetic_record()
-    state = record.state.copy()
-    state[:, 10:] = 0.0
-    state[50, 10:13] = [0.3, 0.0, 0.4]
-    state[50, 13:16] = [0.0, 0.0, -0.2]
-    constraints = summarise(replace(record, state=state))["constraints"]
-    assert constraints["nu1"]["worst"] == pytest.approx(0.5)
-    assert constraints["nu1"]["margin"] == pytest.approx(-0.2)
-    assert constraints["nu2"]["worst"] == pytest.approx(0.2)
-    assert constraints["qdot"]["worst"] == 0.0
-
-
 def test_a_joint_without_limits_has_no_constraint(monkeypatch):
     lower, upper = np.array([-0.52, -0.14, -0.9, -3.1]), np.array([1.46, 1.3114, 0.73, np.inf])
     monkeypatch.setattr(signals, "limits_of", lambda *_: {"q": Joints(lower, upper)})
@@ -145,14 +132,6 @@ def test_the_worst_deviations_are_those_that_the_monitor_logged():
     assert (tube["worst_e"], tube["worst_z"]) == (1.0 + FIELDS.index("task"),
                                                  1.0 + FIELDS.index("z"))
     assert (tube["bound_e"], tube["bound_z"]) == (0.006, 0.04)
-
-
-def test_step_times_are_in_milliseconds():
-    record = synthetic_record()
-    solved = replace(record, step_seconds=np.linspace(0.0, 0.1, 101), mpc_status=np.zeros(101))
-    step = summarise(solved)["mpc"]["step_ms"]
-    assert step == {key: pytest.approx(value) for key, value in (
-        ("p50", 50.0), ("p95", 95.0), ("p99", 99.0), ("max", 100.0))}
 
 
 def test_the_disturbance_is_measured_by_its_norm():

@@ -10,25 +10,16 @@ FEW = [f"certificate.{name}={count}" for name, count in SETTINGS.items()]
 """Settings that belong to it: what is cached of a full search is under another key."""
 
 
-def search_constants_less(patch: pytest.MonkeyPatch) -> None:
-    """Starts one local search per estimated constant; the law `resolved` has no use for them.
-
-    A scenario has to say `FEW[0]`, too.
-    """
-    patch.setattr("uvms_drake.tube.constants.START_RANKS", (0,))
-
-
 def search_less(patch: pytest.MonkeyPatch) -> None:
-    """Starts one local search per constant, and those of the terminal set that decide most.
-
-    The suprema of the tube are climbed for in a step, and no proof is tried.
+    """Climbs for suprema in a step, refines the terminal set little, and tries no proof.
 
     A scenario has to say `FEW`, too.
     """
-    search_constants_less(patch)
     patch.setattr("uvms_drake.tube.search.ascent.STEPS", 1)
     patch.setattr("uvms_drake.tube.search.ascent.LEADERS", 2)
-    patch.setattr("uvms_drake.tube.search.second_search.GENERATIONS", 2)
+    patch.setattr("uvms_drake.tube.constants.LEADERS", 2)
+    patch.setattr("uvms_drake.tube.search.second_search.STEPS", 0)
+    patch.setattr("uvms_drake.tube.search.second_search.SWEEPS", 0)
     patch.setattr("uvms_drake.tube.contact.sensor_gains_proof.MOST_WORK", 0)
     patch.setattr("uvms_drake.tube.terminal_set.STARTS", 1)
     patch.setattr("uvms_drake.tube.terminal_set.NEAR", 0.0)

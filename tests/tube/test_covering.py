@@ -10,7 +10,7 @@ from support.tiny_robots import drill, drill_attitude_norm, oblique, telescope, 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.tube.constants import sampled_values
+from uvms_drake.tube.constants import norms as norms_of
 from uvms_drake.tube.covering import BATCH, BLOCKS, PROVABLE, JacobianBoxes, cover, prove_constants
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
@@ -110,7 +110,7 @@ def test_every_state_is_in_the_half_spaces_of_a_task_with_a_frame_of_its_own(uvm
     config, x = coordinates(arm, widest, boxes, 200)
     at_states = boxes.bounds(x, np.zeros_like(x)).reached  # −∞ where it is not in a half-space
     np.testing.assert_allclose(at_states, norms(arm, ROWS["task"], config), rtol=1e-6)
-    bound = cover(boxes, np.max(at_states), 0.2, 300).upper
+    bound = cover(boxes, np.max(at_states), 300).upper
     assert np.max(at_states) <= bound < 1.5 * np.max(at_states)
     anywhere = np.random.default_rng(3).uniform(boxes.lower, boxes.upper, (200, len(boxes.lower)))
     excluded = np.mean(np.isinf(boxes.bounds(anywhere, np.zeros_like(anywhere)).reached))
@@ -250,8 +250,8 @@ def test_proven_is_above_every_sample_and_within_the_gap(model, proven):
     largest = dict.fromkeys(PROVABLE, 0.0)
     for _ in range(8):
         config, zeta = BOUNDS.sample(model, 5000, rng)
-        for name, values in sampled_values(model, config, zeta, tuple(PROVABLE)).items():
-            largest[name] = max(largest[name], float(np.max(values)))
+        for name in PROVABLE:
+            largest[name] = max(largest[name], float(np.max(norms_of(name, model, config, zeta))))
     for name, constant in proven.items():
         assert constant.how == "proven" and constant.name == name
         assert 0.98 * constant.value / 1.03 < largest[name] <= constant.sampled_value * (1 + 1e-9)
@@ -269,12 +269,7 @@ def test_no_point_of_the_ellipsoid_is_taken_further_than_the_weighted_constant(m
         lengths = np.linalg.norm((model.task_jacobian(config) @ points[..., None])[:, rows, 0],
                                  axis=1)
         assert np.max(lengths) < constant.value <= 1.03 * constant.sampled_value * (1.0 + 1e-8)
-        J = model.task_jacobian(constant.worst["config"])[rows]
-        d = points[0]
-        for _ in range(200):  # Uphill: to W²Jᵀ(Jd), back on the ellipsoid.
-            d = WEIGHTS**2 * (J.T @ (J @ d))
-            d /= np.linalg.norm(d / WEIGHTS)
-        assert np.linalg.norm(J @ d) == pytest.approx(constant.sampled_value, rel=1e-6)
+        assert np.max(lengths) > 0.6 * constant.value
 
 
 def test_smaller_weights_have_smaller_constants_and_a_factor_of_all_is_one_of_theirs(
@@ -286,13 +281,6 @@ def test_smaller_weights_have_smaller_constants_and_a_factor_of_all_is_one_of_th
     assert scaled.value == pytest.approx(0.25 * proven[name].value, rel=0.03)
     same = prove_constants(model, BOUNDS, (name,), weights=np.ones(10))[name]
     assert same.to_data() == proven[name].to_data()
-
-
-def test_the_value_that_is_reached_is_reached(model, proven):
-    for name, constant in proven.items():
-        config, zeta = constant.worst["config"][None], constant.worst["zeta"][None]
-        assert BOUNDS.contains(model, config, zeta)[0]
-        assert norms(model, NAMED_ROWS[name], config)[0] == pytest.approx(constant.sampled_value)
 
 
 def test_the_position_rows_bound_the_row_of_every_normal(model, proven):
@@ -318,7 +306,7 @@ def test_a_smaller_set_has_no_larger_constant(model, proven):
 def test_a_smaller_budget_gives_a_larger_bound(model):
     boxes = JacobianBoxes(model, BOUNDS, "task")
     reached = 2.36
-    bounds = [cover(boxes, reached, 0.03, budget) for budget in (1, 300, 1500, 40_000)]
+    bounds = [cover(boxes, reached, budget) for budget in (1, 300, 1500, 40_000)]
     upper = [item.upper for item in bounds]
     assert upper == sorted(upper, reverse=True) and upper[0] > upper[-1]
     assert upper[-1] <= 1.03 * max(reached, bounds[-1].reached) * (1.0 + 1e-8)
@@ -326,37 +314,38 @@ def test_a_smaller_budget_gives_a_larger_bound(model):
 
 
 @pytest.mark.parametrize("length", [0.3, 1.5])
-def test_the_turret_has_the_bound_that_is_written_down(length):
+def test_the_turret_has_the_bound_that_is_written_down(length, monkeypatch):
+    monkeypatch.setattr("uvms_drake.tube.covering.GAP", 1e-4)
     bounds = ConstraintSet(np.array([-1.0]), np.array([1.0]), 0.1, 0.1, 0.5, 0.1, 0.1, 0.1)
-    found = prove_constants(turret(length), bounds, ("J_position_max",), rel_gap=1e-4, samples=50)
+    found = prove_constants(turret(length), bounds, ("J_position_max",))
     exact = np.sqrt(1.0 + 2.0 * length**2)
     assert exact <= found["J_position_max"].value <= exact * 1.0002
 
 
 @pytest.mark.parametrize(("pitch", "tip_pitch"), [(0.6, 0.4), (0.4, 0.6), (0.0, 0.6)])
-def test_the_drill_has_the_bound_that_is_written_down(pitch, tip_pitch):
+def test_the_drill_has_the_bound_that_is_written_down(pitch, tip_pitch, monkeypatch):
     """Its tip pitches as the vehicle does, so the smaller of the two limits decides."""
+    monkeypatch.setattr("uvms_drake.tube.covering.GAP", 0.003)
     bounds = ConstraintSet(np.array([-1.0]), np.array([1.0]), 0.2, pitch, tip_pitch, 0.1, 0.1, 0.1)
-    found = prove_constants(drill(), bounds, ("J_attitude_max",), rel_gap=0.003, samples=50)
+    found = prove_constants(drill(), bounds, ("J_attitude_max",))
     exact = drill_attitude_norm(min(pitch, tip_pitch))
     assert exact * (1.0 - 1e-9) <= found["J_attitude_max"].value <= exact * 1.0035
 
 
-def test_an_arm_without_special_geometry_is_covered_too():
+def test_an_arm_without_special_geometry_is_covered_too(monkeypatch):
+    monkeypatch.setattr("uvms_drake.tube.covering.GAP", 0.1)
     model = oblique()
     config, zeta = SKEW.sample(model, 20_000, np.random.default_rng(13))
-    values = sampled_values(model, config, zeta, tuple(PROVABLE))
-    for name, constant in prove_constants(model, SKEW, tuple(PROVABLE), rel_gap=0.1).items():
-        assert np.max(values[name]) <= constant.value <= 1.1001 * constant.sampled_value
+    for name, constant in prove_constants(model, SKEW, tuple(PROVABLE)).items():
+        values = norms_of(name, model, config, zeta)
+        assert np.max(values) <= constant.value <= 1.1001 * constant.sampled_value
 
 
-def test_the_same_arguments_give_the_same_proof(model, monkeypatch):
-    first = prove_constants(model, BOUNDS, ("J_attitude_max",), max_boxes=300, samples=100)
-    # The same budget as so many boxes: of q1, q2, q3 and φ, 16 vertices, of 3 rows.
+def test_an_arm_of_many_joints_has_a_budget_of_fewer_boxes(model, monkeypatch):
+    # So many boxes: of q1, q2, q3 and φ, 16 vertices, of 3 rows.
     monkeypatch.setattr("uvms_drake.tube.covering.MOST_WORK", 300 * 16 * 3)
-    again = prove_constants(model, BOUNDS, ("J_attitude_max",), samples=100)
-    assert 300 <= first["J_attitude_max"].samples < 300 + 2 * BATCH
-    assert first["J_attitude_max"].to_data() == again["J_attitude_max"].to_data()
+    found = prove_constants(model, BOUNDS, ("J_attitude_max",))["J_attitude_max"]
+    assert 300 <= found.samples < 300 + 2 * BATCH
 
 
 def test_an_empty_set_is_reported(model):
@@ -364,11 +353,4 @@ def test_an_empty_set_is_reported(model):
     empty = replace(BOUNDS, q_lower=np.array([-0.1, -0.1, -1.2, 0.0]),
                     q_upper=np.array([0.1, 0.0, -1.1, 0.1]), roll=0.05, pitch=0.05, tip_pitch=0.1)
     with pytest.raises(InvalidParameter, match="tip_pitch"):
-        cover(JacobianBoxes(model, empty, "attitude"), 0.0, 0.03, 20_000)
-
-
-@pytest.mark.parametrize(("names", "options"), [
-    (("J_dot_max",), {}), (("J_max",), {"rel_gap": 0.0}), (("J_max",), {"max_boxes": 0})])
-def test_arguments_without_meaning_are_reported(model, names, options):
-    with pytest.raises(InvalidParameter):
-        prove_constants(model, BOUNDS, names, **options)
+        cover(JacobianBoxes(model, empty, "attitude"), 0.0, 20_000)

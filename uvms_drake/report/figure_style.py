@@ -1,4 +1,4 @@
-"""Style of the figures of this package: column width, Okabe–Ito colours, one legend on top."""
+"""Style of the figures of this package: column width, Okabe–Ito colours, lines."""
 
 from typing import Any
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.frames.spatial import cross, skew, times
@@ -39,9 +39,13 @@ SWEEPS = 2
 """Sweeps of coordinate descent for the multipliers."""
 BATCH = 128
 """Number of boxes halved at a time."""
-MOST_WORK = 16_000_000
-"""Vertices of boxes times rows of a block, of which norms are taken for one constant: a box of one
-more joint has twice the vertices. An arm of four joints is below it at 40 000 boxes."""
+GAP = 0.03
+"""Largest relative gap between a bound and a value that is reached."""
+SAMPLES = 1000
+"""Number of samples for the first value that is reached."""
+MOST_BOXES, MOST_WORK = 40_000, 16_000_000
+"""Boxes of a constant; vertices of boxes times rows of a block, of which norms are taken: one of
+a joint more has twice the vertices. An arm of four joints is below it at 40 000 boxes."""
 ROUNDING = 1e-9
 """Relative allowance for rounding: a few thousand operations of relative error 1e-16."""
 PROVABLE = {"J_position_max": "position", "J_attitude_max": "attitude", "J_max": "task",
@@ -331,36 +335,27 @@ class Covering(NamedTuple):
     """Number of boxes that were evaluated."""
 
 
-def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
-                    names: tuple[str, ...] = ("J_position_max", "J_attitude_max", "Jx_max"), *,
-                    rel_gap: float = 0.03, max_boxes: int = 40_000, samples: int = 1000,
+def prove_constants(model: ContactModel, constraint_set: ConstraintSet, names: tuple[str, ...], *,
                     seed: int = 0, weights: np.ndarray | float = 1.0) -> dict[str, Constant]:
     """Returns proven constants by name; the same for the same arguments.
 
     `J_position_max` bounds ‖J_pos‖, hence also ‖nᵀJ_pos‖ for every unit vector n in Σ_I, such as
     the normal of a plane; `J_attitude_max` the Euler-rate rows of J; `J_max` and `Jx_max` all of J
-    and J_x. With weights they bound ‖J_pos Ŵ‖ and so on.
+    and J_x. With weights they bound ‖J_pos Ŵ‖ and so on. `value / sampled_value` tells whether the
+    budget was enough.
 
     Args:
         model: Any serial arm.
         constraint_set: The set; velocities, yaw and contact make no difference.
         names: Names of the constants, keys of `PROVABLE`.
-        rel_gap: Largest relative gap between the bound and a value that is reached.
-        max_boxes: Budget of each constant, for arms of many joints less, see `MOST_WORK`;
-            `value / sampled_value` tells whether it was enough.
-        samples: Number of samples for the first value that is reached.
-        seed: Seed of these samples.
+        seed: Seed of the search for a first value that is reached.
         weights: Diagonal of Ŵ (6+n,), positive; 1 for J_x itself.
 
     Raises:
-        InvalidParameter: The set is empty, or an argument has no meaning.
+        InvalidParameter: The set is empty.
     """
-    require(0.0 < rel_gap < np.inf, "rel_gap", rel_gap, "positive")
-    require(max_boxes >= 1, "max_boxes", max_boxes, "a positive integer")
-    for name in names:
-        require(name in PROVABLE, "names", name, f"one of {', '.join(PROVABLE)}")
     estimates = estimate_constants(
-        model, constraint_set, names, samples=samples, safety_factor=1.0, seed=seed,
+        model, constraint_set, names, samples=SAMPLES, safety_factor=1.0, seed=seed,
         weights=weights)
     proven = {}
     for name, estimate in estimates.items():
@@ -368,22 +363,19 @@ def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
         if name == "Jx_max":  # λ₀ is the largest that was seen; above D, as no column of J is zero.
             scale[6:] /= np.sqrt(1.0 - (scale[6:] / estimate.sampled_value) ** 2)
         boxes = JacobianBoxes(model, constraint_set, PROVABLE[name], scale)
-        affordable = min(max_boxes, MOST_WORK // boxes.work)
-        covering = cover(boxes, estimate.sampled_value, rel_gap, affordable)
+        covering = cover(boxes, estimate.sampled_value, min(MOST_BOXES, MOST_WORK // boxes.work))
         proven[name] = Constant(
-            name=name, value=covering.upper, how="proven", samples=covering.boxes,
-            worst=estimate.worst, safety_factor=1.0, sampled_value=estimate.sampled_value)
+            name, covering.upper, "proven", covering.boxes, estimate.sampled_value)
     return proven
 
 
-def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) -> Covering:
+def cover(boxes: JacobianBoxes, reached: float, max_boxes: int) -> Covering:
     """Returns the bound by branch and bound.
 
     Args:
         boxes: Bounds over boxes.
         reached: A norm that is reached at a state of the set; zero if none is known.
-        rel_gap: Stops when the bound is at most (1 + rel_gap) times a norm that is reached.
-        max_boxes: Stops when so many boxes have been evaluated.
+        max_boxes: Stops when so many boxes have been evaluated, if not before by `GAP`.
 
     Raises:
         InvalidParameter: No box can have a state of the set.
@@ -400,12 +392,12 @@ def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) 
                 "tip_pitch", boxes.upper[-1],
                 "a pitch that the vehicle's attitude and the joints can keep")
         largest = float(np.max(upper, initial=reached))
-        if largest <= (1.0 + rel_gap) * reached or count >= max_boxes:
+        if largest <= (1.0 + GAP) * reached or count >= max_boxes:
             return Covering(largest * (1.0 + ROUNDING), reached, count)
         # Of the boxes with the largest bounds, halve those above the gap along their worst side.
         order = np.argsort(-upper, kind="stable")
         halved, others = order[:BATCH], order[BATCH:]
-        halved = halved[upper[halved] > (1.0 + rel_gap) * reached]
+        halved = halved[upper[halved] > (1.0 + GAP) * reached]
         others = np.concatenate([order[len(halved): BATCH], others])
         row = np.arange(len(halved))
         which = np.argmax(score[halved], axis=1)

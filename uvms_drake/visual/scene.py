@@ -87,9 +87,9 @@ class LimitUse:
 
         Args:
             state: (𝔮, ζ) (2(6+n),).
-            u: 𝔲 (6+n,); not read if the motion is kinematic.
+            u: 𝔲 (6+n,).
             nominal_state: (𝔮̄, ζ̄) (2(6+n),).
-            nominal_input: ū (6+n,); not read if the motion is kinematic.
+            nominal_input: ū (6+n,).
         """
         return np.maximum(self._lengths(self._limits, state, u),
                           self._lengths(self._nominal, nominal_state, nominal_input))

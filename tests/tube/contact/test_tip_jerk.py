@@ -5,7 +5,7 @@ import pytest
 
 from uvms_drake.control.plan.plan import Plan, off_parabola
 from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.tube.contact.tip_motion import tip_jerk
+from uvms_drake.tube.contact.tip_motion import SAFETY, tip_jerk
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 SET = ConstraintSet(q_lower=np.array([-0.2, 0.7, 0.2, -0.4]),
@@ -16,7 +16,7 @@ H = 0.2
 
 @pytest.fixture(scope="module")
 def jerk(model) -> float:
-    return tip_jerk(model, SET, H, 0.2, 3000)
+    return tip_jerk(model, SET, H, 0.2, 3000)[0] / SAFETY
 
 
 def test_no_interval_of_a_plan_is_further_off_a_parabola(model, jerk):
@@ -38,5 +38,7 @@ def test_no_interval_of_a_plan_is_further_off_a_parabola(model, jerk):
 
 
 def test_it_is_that_of_longer_steps_and_slower_sets(model, jerk):
-    assert tip_jerk(model, SET, 2.0 * H, 0.2, 3000) < jerk
+    claim, check = tip_jerk(model, SET, 2.0 * H, 0.2, 3000)
+    assert claim < SAFETY * jerk
+    assert 0.85 < check()[0].ratio <= 1.0
     assert off_parabola(2.0, H) == pytest.approx(4.0 / 81.0 * H**3)

@@ -12,7 +12,7 @@ from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, reading_input
-from uvms_drake.tube.estimates import CertificateSettings
+from uvms_drake.tube.estimates import CertificateSettings, no_estimates
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
 from uvms_drake.tube.laws.tip_first_image import (
@@ -133,7 +133,7 @@ def test_an_arm_that_can_be_stretched_is_found_out():
 
 def basis(model, **changed) -> Basis:
     """Returns data with constants that are not what they would be, but larger."""
-    known = {name: Constant(name, value, "proven", 1, {}, 1.0, value) for name, value in (
+    known = {name: Constant(name, value, "proven", 1, value) for name, value in (
         ("J_position_max", 3.0), ("J_dot_max", 1.0))}
     values = {"model": model, "declared": BOUNDS, "constants": known, "d_bound": 0.05,
               "weights": np.ones(model.size), "u_limit": np.repeat([0.5, 20.0], [6, 4]),
@@ -153,8 +153,8 @@ def test_what_has_no_bound_is_void_and_says_so(model, law, message):
 
 def test_a_soft_vehicle_costs_the_tip_nothing_and_the_joints_much(model, monkeypatch):
     """To first order, which is enough for this."""
-    monkeypatch.setattr("uvms_drake.tube.laws.tip_first_image.supremum",
-                        lambda problem, x, values, leaders: np.max(values, axis=0))
+    monkeypatch.setattr("uvms_drake.tube.search.second_search.supremum",
+                        lambda problem, x, values, *effort: np.max(values, axis=0))
     soft, stiff = (tip_first_law_tube(
         TipFirst(BlockGains(k, k), BlockGains(20.0, 10.0)), basis(model))
         for k in (4.0, 8.0))
@@ -175,7 +175,7 @@ def test_no_push_moves_the_joints_further_than_claimed(model):
     J_s = model.task_jacobian(config)[:, rows]
     turning = float(np.max(np.linalg.norm(np.diff(J_s, axis=0), 2, axis=(1, 2)))) / t[1]
     data = basis(model, constants={"J_dot_max": Constant(
-        "J_dot_max", turning, "proven", 1, {}, 1.0, turning)})
+        "J_dot_max", turning, "proven", 1, turning)})
     arm = arm_of(model, BOUNDS, rows, FEW)
     claim = in_joints(
         data, arm, loop_gains(k, sigma, data), DisturbanceInputs(data))["d"]
@@ -197,20 +197,20 @@ def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
     """To both limits, what is off while the tip turns beside the error in rest."""
     given = []
 
-    def reading(model, lower, upper, force, torque, seed):
+    def reading(model, declared, force, torque, settings):
         given.append((force, torque))
-        return (len(given) - 1.0) * np.arange(20.0), np.zeros(20)
+        return (len(given) - 1.0) * np.arange(20.0), no_estimates
 
     monkeypatch.setattr("uvms_drake.tube.laws.tip_first_inputs.reading_input", reading)
-    monkeypatch.setattr("uvms_drake.tube.laws.tip_first_image.supremum",
-                        lambda problem, x, values, leaders: np.max(values, axis=0))
+    monkeypatch.setattr("uvms_drake.tube.search.second_search.supremum",
+                        lambda problem, x, values, *effort: np.max(values, axis=0))
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.GRID_POINTS", 16)
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.ROUNDS", 0)
     law, felt = TipFirst(BlockGains(20.0, 20.0), BlockGains(50.0, 50.0)), basis(
         model, contact=SENSED, forces=True)
     without, found = (tip_first_law_tube(law, felt).radii for _ in range(2))
     added = np.concatenate([found.u - without.u, found.tau - without.tau])
-    np.testing.assert_allclose(added, FEW.safety_factor * np.arange(20.0), atol=1e-9)
+    np.testing.assert_allclose(added, np.arange(20.0), atol=1e-9)
     # At least what the joints of the arm turn the tip by, one at a time and at their limit.
     J = model.kinematics(np.append(np.zeros(6), 0.5 * (BOUNDS.q_lower + BOUNDS.q_upper))).J_links
     turning = BOUNDS.nu2 + BOUNDS.qdot * np.max(np.linalg.norm(J[-1, 3:, 6:], axis=0))
@@ -222,7 +222,7 @@ def test_what_a_reading_adds_is_reached(model, monkeypatch):
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.GRID_POINTS", 256)
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.ROUNDS", 4)
     lower, upper, rng = BOUNDS.q_lower, BOUNDS.q_upper, np.random.default_rng(0)
-    most, _ = reading_input(model, lower, upper, 3.0, 0.2)
+    most = reading_input(model, BOUNDS, 3.0, 0.2, FEW)[0] / FEW.safety_factor
     reached = np.zeros(20)
     for _ in range(100):
         config = np.append(np.zeros(6), rng.uniform(lower, upper))

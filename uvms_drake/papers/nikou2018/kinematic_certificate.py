@@ -30,12 +30,12 @@ from uvms_drake.papers.nikou2018.transpose import Transpose, undetermined_joints
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants import checked_constants, estimate_constants
-from uvms_drake.tube.estimates import CertificateSettings, Estimate, unrefuted
+from uvms_drake.tube.estimates import CertificateSettings, unrefuted
 from uvms_drake.tube.row_gains import attitude_radii
-from uvms_drake.tube.search.ascent import first_order, supremum
+from uvms_drake.tube.search.ascent import first_order
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.search_problem import SearchProblem
-from uvms_drake.tube.search.second_search import second_search
+from uvms_drake.tube.search.second_search import claimed
 
 THEOREM = "papers/nikou2018/theory.md#kinematic-tubes"
 GUARANTEE = "control/theory.md#closed-loop-guarantee"
@@ -178,12 +178,12 @@ def kinematic_tubes(J_min: float, L_c: float, sigma: float, w_bound: float) -> K
 def of_transpose(law: Transpose, model: ContactModel, declared: ConstraintSet, w_bound: float,
                  settings: CertificateSettings) -> FoundTube:
     """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; χ has to determine the joints."""
-    names = ("Jx_inv_max", "Jx_max", "L_c") if law.joints else ("J_min", "J_max", "L_c_chi")
+    names = ("Jx_inv_max", "Jx_max", "L_c") if law.joints else ("J_inv_max", "J_max", "L_c_chi")
     constants = estimate_constants(
         model, declared, names, samples=settings.constant_samples,
         safety_factor=settings.safety_factor, seed=settings.seed)
-    J_min, J_max, L_c = (constants[name].value for name in names)
-    found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma, w_bound)
+    inverse, J_max, L_c = (constants[name].value for name in names)
+    found = kinematic_tubes(inverse**-2, L_c, law.sigma, w_bound)
     e, z = found.corrected, law.sigma * J_max * found.corrected
     joints = e if law.joints or model.num_joints == 0 else np.inf
     return FoundTube((e, joints, z, z, z, z), (found.condition, undetermined_joints(law, model)),
@@ -200,14 +200,9 @@ def of_resolved(sigma: float, model: ContactModel, declared: ConstraintSet, w_bo
     nominal = replace(declared, tip_pitch=declared.tip_pitch - e)
     problem = VelocityProblem(model, nominal, [(np.eye(2 * model.size)[:, :6], e)], sigma)
     x = problem.draw(settings.tube_samples, np.random.default_rng(settings.seed))
-    nu = settings.safety_factor * supremum(
-        problem, x, first_order(problem, x), patience=PATIENCE, leaders=LEADERS)
-
-    def second() -> tuple[Estimate, ...]:
-        other = second_search(problem, np.arange(2), np.random.default_rng([settings.seed, 1]))
-        return tuple(map(Estimate, ("ν₁", "ν₂"), map(float, nu), map(float, other)))
-
-    return FoundTube((e, 0.0, float(np.hypot(*nu)), float(nu[0]), float(nu[1]), 0.0), (), second)
+    nu, check = claimed(problem, ("ν₁", "ν₂"), x, first_order(problem, x), settings.safety_factor,
+                        settings.seed, PATIENCE, LEADERS)
+    return FoundTube((e, 0.0, float(np.hypot(*nu)), float(nu[0]), float(nu[1]), 0.0), (), check)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@
 does not act on the arm's self-motion; with `joints`, J_x and 𝔢_y take the place of J and 𝔢, and it
 does. Its tube needs these constants over a `ConstraintSet`, beside those of `tube.constants`:
 
-    J_min       inf λ_min(J Jᵀ)            J(𝔮) of the paper, χ̇ = J ζ
+    J_inv_max   sup ‖J⁺‖                   J(𝔮) of the paper, χ̇ = J ζ: inf λ_min(J Jᵀ)^(−½)
     Jx_inv_max  sup ‖J_x⁻¹‖                J_x = [J; 0 I], ẏ = J_x ζ, y = (χ, q)
     L_c         sup ‖∂(J_x ζ)/∂y‖          ζ constant [1/s]
     L_c_chi     sup ‖∂(J ζ)/∂χ‖            ζ, q constant [1/s]
@@ -28,26 +28,27 @@ from uvms_drake.common.kinds import register
 from uvms_drake.control.laws.law import AncillaryLaw, Deviation, Pair, check_gains
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.frames.euler import COMPLEX_STEP, pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants import (
-    JACOBIAN,
     Constant,
-    Matrices,
-    MatrixGroup,
     Quantity,
     checked_constants,
     register_constant,
 )
 from uvms_drake.tube.law_tube import Basis, LawTube, register_tube
+from uvms_drake.tube.laws.resolved_remainders import jacobian_rate_times
 from uvms_drake.tube.row_gains import Tube, attitude_radii
 from uvms_drake.tube.row_gains import check_gains as check_sizes
+from uvms_drake.tube.search.search_problem import Product
 
 THEOREM = "papers/nikou2018/theory.md#tube-of-the-law-transpose"
 """Theorem of the conditions of `transpose_tube`."""
-TRANSPOSE = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
+DIFFERENCE = 1e-5
+"""Step of the derivatives of f [s]."""
+TRANSPOSE = ("J_inv_max", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
 TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
 """Constants of `transpose`, in χ and in y, see `lemma_constants`."""
 
@@ -117,7 +118,7 @@ def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> 
     With `joints`, those of J_x in y = (χ, q), of which 𝔮 is a function.
     """
     first, *others = (constants[name].value for name in (TRANSPOSE_JOINTS if joints else TRANSPOSE))
-    return LemmaConstants(first**-2 if joints else first, *others)
+    return LemmaConstants(first**-2, *others)
 
 
 def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: float) -> Tube:
@@ -182,58 +183,61 @@ def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
 # Constants ----------------------------------------------------------------------------------------
 
 
-def velocity_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
-    """Returns ∂(J ζ)/∂y (m, 6, 6+n) at m states; the other rows of J_x ζ do not depend on y."""
-    J_x = model.task_jacobian(config)
-    # J does not depend on where the vehicle is, so three columns of ∂(Jζ)/∂𝔮 are zero.
-    steps = 1j * COMPLEX_STEP * np.eye(model.size)[3:]
-    J_moved = model.kinematics(config[:, None, :] + steps).J_chi.imag / COMPLEX_STEP
-    by_config = np.zeros((len(config), 6, model.size))
-    by_config[..., 3:] = np.swapaxes((J_moved @ zeta[:, None, :, None])[..., 0], -1, -2)
-    return {"c_y": by_config @ _config_by_y(config, J_x)}
+def pseudo_inverse(model: ContactModel, config: np.ndarray, zeta: np.ndarray, w: np.ndarray
+                   ) -> np.ndarray:
+    """Returns J⁺w = Jᵀ(J Jᵀ)⁻¹w (..., 6+n), of the first six of w."""
+    J = model.task_jacobian(config)[..., :6, :]
+    return times(J.swapaxes(-1, -2), times(np.linalg.inv(J @ J.swapaxes(-1, -2)), w[..., :6]))
 
 
-def velocity_product(model: ContactModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
-                     v: np.ndarray) -> np.ndarray:
-    """Returns ∂(J ζ)/∂y v (m, 6); see `MatrixGroup`."""
-    direction = _config_by_y(config, model.task_jacobian(config)) @ v
-    moved = config + 1j * COMPLEX_STEP * direction
-    return times(model.kinematics(moved).J_chi.imag / COMPLEX_STEP, zeta)
+def inverse(model: ContactModel, config: np.ndarray, zeta: np.ndarray, w: np.ndarray
+            ) -> np.ndarray:
+    """Returns J_x⁻¹w (..., 6+n)."""
+    return times(np.linalg.inv(model.task_jacobian(config)), w)
 
 
-def drift_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
-    """Returns ∂f/∂y and ∂f/∂ζ (m, 6+n, 6+n) at m states."""
-    _, by_config, by_zeta = model.drift_derivatives(config, zeta)
-    J_x = model.task_jacobian(config)
-    return {"f_y": by_config @ _config_by_y(config, J_x), "f_zeta": by_zeta}
+def velocity_by_y(model: ContactModel, config: np.ndarray, zeta: np.ndarray, w: np.ndarray
+                  ) -> np.ndarray:
+    """Returns ∂(J ζ)/∂y w (..., 6): J̇ζ along 𝔮̇ = ΓJ_x⁻¹w; the other rows are constant in y."""
+    kinematics = model.kinematics(config)
+    along = times(np.linalg.inv(model.extended(kinematics.J_chi)), w)
+    return jacobian_rate_times(kinematics, along, zeta)[..., :6]
 
 
-def drift_product(model: ContactModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
-                  v: np.ndarray) -> np.ndarray:
-    """Returns ∂f/∂y v or ∂f/∂ζ v (m, 6+n); see `MatrixGroup`."""
-    if matrix == "f_zeta":
-        return model.drift(config.astype(complex), zeta + 1j * COMPLEX_STEP * v).imag / COMPLEX_STEP
-    direction = _config_by_y(config, model.task_jacobian(config)) @ v
-    moved = config + 1j * COMPLEX_STEP * direction
-    return model.drift(moved, zeta.astype(complex)).imag / COMPLEX_STEP
+def drift_by_y(model: ContactModel, config: np.ndarray, zeta: np.ndarray, w: np.ndarray
+               ) -> np.ndarray:
+    """Returns ∂f/∂y w (..., 6+n), by a difference along 𝔮̇ = ΓJ_x⁻¹w."""
+    along = times(configuration_rate_matrix(config), inverse(model, config, zeta, w))
+    zeta = zeta + 0.0 * along
+    ends = (model.drift(config + side * along, zeta) for side in (DIFFERENCE, -DIFFERENCE))
+    return np.subtract(*ends) / (2.0 * DIFFERENCE)
 
 
-def _config_by_y(config: np.ndarray, J_x: np.ndarray) -> np.ndarray:
-    """Returns ∂𝔮/∂y = Γ J_x⁻¹ (m, 6+n, 6+n)."""
-    return configuration_rate_matrix(config) @ np.linalg.inv(J_x)
+def drift_by_zeta(model: ContactModel, config: np.ndarray, zeta: np.ndarray, w: np.ndarray
+                  ) -> np.ndarray:
+    """Returns ∂f/∂ζ w (..., 6+n), likewise."""
+    config = config + 0.0 * w
+    ends = (model.drift(config, zeta + side * w) for side in (DIFFERENCE, -DIFFERENCE))
+    return np.subtract(*ends) / (2.0 * DIFFERENCE)
 
 
-VELOCITY = MatrixGroup(velocity_matrices, velocity_product)
-DRIFT = MatrixGroup(drift_matrices, drift_product)
+def of_chi(product: Product) -> Product:
+    """Returns the product of the first six columns alone."""
+    def of_six(model: ContactModel, config: np.ndarray, zeta: np.ndarray, w: np.ndarray
+               ) -> np.ndarray:
+        return product(model, config, zeta, w * (np.arange(model.size) < 6))
+
+    return of_six
+
 
 PAPER = {
-    "J_min": Quantity(JACOBIAN, "J", sign=-1.0, power=2),
-    "Jx_inv_max": Quantity(JACOBIAN, "J_x", sign=-1.0, power=-1),
-    "L_c": Quantity(VELOCITY, "c_y", "1/s"),
-    "L_c_chi": Quantity(VELOCITY, "c_y", "1/s", columns=slice(0, 6)),
-    "L_1": Quantity(DRIFT, "f_y", "1/s²"),
-    "L_1_chi": Quantity(DRIFT, "f_y", "1/s²", columns=slice(0, 6)),
-    "L_2": Quantity(DRIFT, "f_zeta", "1/s"),
+    "J_inv_max": Quantity(pseudo_inverse),
+    "Jx_inv_max": Quantity(inverse),
+    "L_c": Quantity(velocity_by_y, "1/s"),
+    "L_c_chi": Quantity(of_chi(velocity_by_y), "1/s"),
+    "L_1": Quantity(drift_by_y, "1/s²"),
+    "L_1_chi": Quantity(of_chi(drift_by_y), "1/s²"),
+    "L_2": Quantity(drift_by_zeta, "1/s"),
 }
 """Constants by name that no law of the package needs."""
 for _name, _quantity in PAPER.items():

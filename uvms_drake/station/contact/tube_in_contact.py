@@ -1,6 +1,5 @@
 """Tube of a law in contact with an unknown wall, and the conditions of its safe region."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -29,13 +28,10 @@ from uvms_drake.station.contact.hold import hold_radii
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
-from uvms_drake.tube.contact.tip_motion import JERK, second_jerk, tip_jerk, unevenness
-from uvms_drake.tube.estimates import Estimate, largest_of, together
+from uvms_drake.tube.contact.tip_motion import tip_jerk, unevenness
+from uvms_drake.tube.estimates import Check, together
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-
-SAFETY_OF_JERK = 1.1
-"""Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
 
 
 def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:
@@ -85,35 +81,30 @@ def in_contact(tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
         conditions.insert(0, decay)
     return tube._replace(
         radii=radii, conditions=(*tube.conditions, *conditions),
-        check=together(tube.check, lambda: (check_remainder(), check_jerk())))
+        check=together(tube.check, check_remainder, check_jerk))
 
 
 def _input_remainder(contact: UnknownContact, radii: TubeRadii, basis: Basis
-                     ) -> tuple[np.ndarray, Callable[[], Estimate]]:
+                     ) -> tuple[np.ndarray, Check]:
     """Returns the contact's part of the tube of u and τ (2(6+n),), and its second search."""
-    declared, settings = basis.declared, basis.settings
     assert radii.joints is not None and radii.orientation is not None  # They are filled in.
-    worst, second = contact_input_remainder(
-        basis.model, declared.q_lower, declared.q_upper,
-        np.hypot(1.0, contact.friction) * largest_normal_force(contact), radii.joints,
-        radii.orientation, settings.seed)
-    remainder = settings.safety_factor * worst
-    return remainder, lambda: largest_of("remainder of u in contact", remainder, second)
+    return contact_input_remainder(
+        basis.model, basis.declared,
+        np.hypot(1.0, contact.friction) * largest_normal_force(contact),
+        radii.joints, radii.orientation, basis.settings)
 
 
 def _plan_jerk(contact: UnknownContact, planned: ConstraintSet, basis: Basis, step: float
-               ) -> tuple[float, Callable[[], Estimate]]:
+               ) -> tuple[float, Check]:
     """Returns the jerk of a planned tip [m/s³], and its second search.
 
     By it a plan leaves its limits between knots, with a facet's part across n.
     """
-    model, settings = basis.model, basis.settings
     tangential = np.sqrt(2.0) * contact.walls.tilt
     cone = contact.tool_angle + np.arctan(tangential)
-    tip = SAFETY_OF_JERK * tip_jerk(
-        model, planned, step, cone, 10 * settings.constant_samples, settings.seed)
-    return np.hypot(1.0, tangential) * tip, lambda: Estimate(
-        JERK, tip, second_jerk(model, planned, step, cone, settings.seed))
+    tip, check = tip_jerk(basis.model, planned, step, cone, 10 * basis.settings.constant_samples,
+                          basis.settings.seed)
+    return np.hypot(1.0, tangential) * tip, check
 
 
 def _of_sensor(scenario: Scenario, measured: MeasuredForceBounds, uneven: float

@@ -26,10 +26,10 @@ from uvms_drake.tube.contact.sensor_gains import (
     tip_jacobian_and_gain,
 )
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
-from uvms_drake.tube.estimates import Check, no_estimates
+from uvms_drake.tube.estimates import CertificateSettings, Check, no_estimates
 from uvms_drake.tube.row_gains import Gains, instant_gains, lagged_gains
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
+from uvms_drake.tube.search.joint_search import claimed_over_joints
 
 
 @dataclass(frozen=True)
@@ -263,19 +263,18 @@ def reading_off(force: MeasuredForceBounds, turning: float) -> float:
     return force.error + turning * force.size * force.age
 
 
-def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
-                  torque: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the effect of an error e of the reading on 𝔲 and τ, M⁻¹J_Eᵀe and J_Eᵀe (6+n,).
+def reading_input(model: UvmsModel, declared: ConstraintSet, force: float, torque: float,
+                  settings: CertificateSettings) -> tuple[np.ndarray, Check]:
+    """Returns claims of the effect of a reading's error e on 𝔲 and τ, M⁻¹J_Eᵀe and J_Eᵀe (6+n,).
 
-    In one array (2(6+n),), by two searches; the first is to be claimed, with a factor.
+    In one array (2(6+n),), with their check.
 
     Args:
         model: The controller's model.
-        lower: Smallest joint angles (n,) [rad].
-        upper: Largest joint angles (n,) [rad].
+        declared: Set of the joint angles.
         force: Bound of the force's part of e, see `reading_off` [N].
         torque: Bound of the torque's [N m].
-        seed: Seed of the search.
+        settings: Factor and seed of the search.
     """
     def sizes(q: np.ndarray) -> np.ndarray:
         J_E, gain = tip_jacobian_and_gain(model, q)
@@ -284,16 +283,16 @@ def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force:
                             + torque * np.linalg.norm(rows[..., 3:], axis=-1))
         return size
 
-    return (supremum_over_joints(sizes, lower, upper, seed),
-            second_over_joints(sizes, lower, upper, seed))
+    return claimed_over_joints("effect of a reading on u and τ", sizes, declared.q_lower,
+                               declared.q_upper, settings.safety_factor, settings.seed)
 
 
 def contact_input_remainder(
-        model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float, joints: float,
-        orientation: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the largest difference of the contact's parts of 𝔲 and τ in the tube (6+n,).
+        model: UvmsModel, declared: ConstraintSet, force: float, joints: float,
+        orientation: float, settings: CertificateSettings) -> tuple[np.ndarray, Check]:
+    """Returns claims of the difference of the contact's parts of 𝔲 and τ in the tube (6+n,).
 
-    In one array (2(6+n),), by two searches; the first is to be claimed, with a factor.
+    In one array (2(6+n),), with their check.
 
     Row i, aᵢ(q)ᵀR_EW f, of the input for a contact force f in Σ_I differs at the real pose from the
     nominal one by at most, to first order,
@@ -304,12 +303,11 @@ def contact_input_remainder(
 
     Args:
         model: The controller's.
-        lower: Smallest joint angles (n,) [rad].
-        upper: Largest joint angles (n,) [rad].
+        declared: Set of the joint angles.
         force: Bound of ‖f‖ [N].
         joints: Bound of ‖q − q̄‖₂ [rad].
         orientation: Bound of ‖𝔬 − 𝔬̄‖₂ [rad].
-        seed: Seed of the search.
+        settings: Factor and seed of the search.
     """
     def rows(J_E: np.ndarray, gain: np.ndarray) -> np.ndarray:
         """Returns all aᵢ (..., 2(6+n), 3)."""
@@ -322,8 +320,8 @@ def contact_input_remainder(
         out: np.ndarray = force * (by_joints * joints + np.sqrt(2.0) * orientation * size)
         return out
 
-    return (supremum_over_joints(row_change, lower, upper, seed),
-            second_over_joints(row_change, lower, upper, seed))
+    return claimed_over_joints("remainder of u in contact", row_change, declared.q_lower,
+                               declared.q_upper, settings.safety_factor, settings.seed)
 
 
 def ripple(time: np.ndarray, signal: np.ndarray, rate: float) -> float:

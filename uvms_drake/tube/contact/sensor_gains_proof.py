@@ -19,7 +19,6 @@ from uvms_drake.tube.contact.sensor_gains import ALONE, Suprema, norm, norms_ove
 from uvms_drake.tube.estimates import Check, Estimate, largest_of
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
-from uvms_drake.tube.search.search_memo import active_memo
 
 ROUNDING = 1e-9
 """Relative allowance for rounding."""
@@ -167,8 +166,6 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
                     safety_factor: float, seed: int = 0) -> Claimed:
     """Returns the values found, times a factor, as claims that are proven or not.
 
-    With an active memo no proof is needed, and none is tried.
-
     Args:
         model: The controller's.
         declared: The set of the suprema.
@@ -181,8 +178,7 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
     claims[[2, 4]] *= SLOPES_OF_J
     claims[ALONE + 3::4] *= SLOPES_OF_A
     joints = declared.q_lower, declared.q_upper
-    proof = Proof(False, 0, 0.0) if active_memo() is not None else proof_of(
-        model, *joints, tool_angle, claims[:PROVABLE], MOST_WORK)
+    proof = proof_of(model, *joints, tool_angle, claims[:PROVABLE], MOST_WORK)
     first = PROVABLE if proof.proven else 0
 
     def check() -> tuple[Estimate, ...]:

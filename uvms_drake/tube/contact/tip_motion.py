@@ -15,14 +15,15 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
-from uvms_drake.tube.search.ascent import supremum
+from uvms_drake.tube.estimates import Check
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.search_memo import once
 from uvms_drake.tube.search.search_problem import SearchProblem
-from uvms_drake.tube.search.second_search import second_search
+from uvms_drake.tube.search.second_search import claimed
 
 JERK = "jerk of the tip"
 """Name of the estimate; on it rest the speed of a plan between its knots and the tip's largest."""
+SAFETY = 1.1
+"""Factor of the largest jerk of the tip that was found."""
 DIFFERENCE = 1e-3
 """Step of the differences [s]."""
 PATIENCE, LEADERS = 2, 16
@@ -30,11 +31,11 @@ PATIENCE, LEADERS = 2, 16
 
 
 def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
-             samples: int, seed: int = 0) -> float:
-    """Returns the largest |d³(n·𝔭)/dt³| [m/s³] found over the intervals of plans.
+             samples: int, seed: int = 0) -> tuple[float, Check]:
+    """Returns the claim of the largest |d³(n·𝔭)/dt³| [m/s³] over the intervals of plans.
 
     In an interval ζ̄̇ is constant, so it is (ζ₁ − ζ₀)/h for two velocities of the set. An ascent from
-    the worst of random intervals, an estimate from below; see `ascent`, `search_memo`.
+    the worst of random intervals; with it comes its check.
 
     Args:
         model: The controller's; without contact, which has no part in it.
@@ -44,33 +45,17 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
         samples: Number of intervals.
         seed: Seed of the search.
     """
-    def search() -> float:
-        problem, rng = _problem(model, planned, step, tool_angle), np.random.default_rng(seed)
-        x = problem.draw(samples, rng)
-        # The worst intervals end with the opposite velocity.
-        turned = np.concatenate([-x[:, model.size: 2 * model.size], rng.choice(
-            [-0.7, 0.7], (samples, 2))], axis=1)
-        return float(supremum(problem, x, np.abs(problem.values(x, turned)), patience=PATIENCE,
-                              leaders=LEADERS)[0])
-
-    return once("jerk", search)
-
-
-def second_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
-                seed: int = 0) -> float:
-    """Returns the largest jerk of a second search [m/s³]; see `tip_jerk` for the arguments."""
-    problem = _problem(model, planned, step, tool_angle)
-    return float(second_search(problem, np.zeros(1, int), np.random.default_rng([seed, 3]))[0])
-
-
-def _problem(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float
-             ) -> "_JerkProblem":
-    size = model.size
-    eye = np.eye(size + 2)
+    size, eye, rng = model.size, np.eye(model.size + 2), np.random.default_rng(seed)
     blocks = ((slice(0, 3), planned.nu1), (slice(3, 6), planned.nu2),
               (slice(6, size), planned.qdot), (slice(size, size + 2), 1.0))
-    return _JerkProblem(
+    problem = _JerkProblem(
         model, planned, [(eye[:, block], radius) for block, radius in blocks], step, tool_angle)
+    x = problem.draw(samples, rng)
+    # The worst intervals end with the opposite velocity.
+    turned = np.concatenate([-x[:, size: 2 * size], rng.choice([-0.7, 0.7], (samples, 2))], axis=1)
+    claim, check = claimed(problem, [JERK], x, np.abs(problem.values(x, turned)), SAFETY, seed,
+                           PATIENCE, LEADERS)
+    return float(claim[0]), check
 
 
 @dataclass(frozen=True)

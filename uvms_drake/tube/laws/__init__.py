@@ -2,7 +2,7 @@
 
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants import MatrixGroup, Quantity, register_constant
+from uvms_drake.tube.constants import Quantity, register_constant
 from uvms_drake.tube.law_tube import TUBES, Basis, LawTube, register_tube
 from uvms_drake.tube.laws.resolved import resolved_law_tube
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
@@ -12,7 +12,6 @@ __all__ = [
     "Basis",
     "Condition",
     "LawTube",
-    "MatrixGroup",
     "Quantity",
     "TubeRadii",
     "assumption",

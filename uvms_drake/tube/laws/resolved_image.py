@@ -18,20 +18,19 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.contact.sensor_error import SensorEffect
-from uvms_drake.tube.estimates import Check, Estimate, largest_of, together
-from uvms_drake.tube.laws.resolved_remainders import RemainderProblem, turning_problem
+from uvms_drake.tube.estimates import Check, together
+from uvms_drake.tube.laws.resolved_remainders import RemainderProblem, turning
 from uvms_drake.tube.row_gains import (
     attitude_radii,
     input_gain,
     joint_rate_radius,
     preimage_shift,
 )
-from uvms_drake.tube.search.ascent import first_order, supremum
+from uvms_drake.tube.search.ascent import first_order
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
-from uvms_drake.tube.search.search_memo import once
-from uvms_drake.tube.search.search_problem import Part, SearchProblem
-from uvms_drake.tube.search.second_search import second_search
+from uvms_drake.tube.search.joint_search import claimed_over_joints
+from uvms_drake.tube.search.search_problem import Part, norm_problem
+from uvms_drake.tube.search.second_search import claimed
 
 PATIENCE = 2
 """Factor of the steps of the search for ω, which is cheaper than that for remainders."""
@@ -134,32 +133,20 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     """
     sensor_effect, size = sensor_effect or SensorEffect(), model.size
     weights = weights * np.ones(size)
-    checks: list[Check] = []
-
-    def sampled(problem: SearchProblem) -> np.ndarray:
-        return once("samples", lambda: first_order(problem, x))
-
-    def searched(names: list[str], problem: SearchProblem, values: np.ndarray, patience: int = 1
-                 ) -> dict[str, float]:
-        """Returns the claims of the channels with nonzero values."""
-        wanted = np.nonzero(np.any(values > 0.0, axis=0))[0]
-        found = safety_factor * supremum(problem, x, values, patience)
-
-        def check() -> tuple[Estimate, ...]:
-            second = second_search(problem, wanted, np.random.default_rng([seed, 1]))
-            return tuple(Estimate(names[i], float(found[i]), float(each))
-                         for i, each in zip(wanted, second, strict=True))
-
-        if len(wanted):
-            checks.append(check)
-        return {names[i]: float(found[i]) for i in wanted}
-
     # The growth rate of J_x⁻¹, and so the distance of 𝔭 from 𝔭₀.
-    turning = [turning_problem(model, constraint_set, each) for each in (np.ones(size), weights)]
-    x = once("draw", lambda: turning[0].draw(samples, np.random.default_rng(seed)))
-    omega = alpha = searched(["ω"], turning[0], sampled(turning[0]), PATIENCE).get("ω", 0.0)
+    x = norm_problem(model, constraint_set, turning).draw(samples, np.random.default_rng(seed))
+
+    def largest_turning(name: str, weights: np.ndarray) -> tuple[float, Check]:
+        problem = norm_problem(model, constraint_set, turning, weights)
+        claim, check = claimed(
+            problem, [name], x, first_order(problem, x), safety_factor, seed, PATIENCE)
+        return float(claim[0]), check
+
+    omega, check = largest_turning("ω", np.ones(size))
+    alpha = omega
     if np.any(weights != 1.0):
-        alpha = searched(["α"], turning[1], sampled(turning[1]), PATIENCE).get("α", 0.0)
+        alpha, of_alpha = largest_turning("α", weights)
+        check = together(check, of_alpha)
     shift = preimage_shift(k, sigma, d_bound, omega, alpha)
     if np.any(sensor_effect.p):  # ‖J_x⁻¹J̇_x𝔭₀‖ ≤ ω‖𝔭₀‖
         drift = omega * float(np.linalg.norm(sensor_effect.p))
@@ -167,7 +154,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     if not np.isfinite(shift):
         none = np.full(size, np.inf)
         return TubeImage(nu1=np.inf, nu2=np.inf, qdot=np.inf, roll=np.inf, pitch=np.inf, u=none,
-                         tau=none if forces else None, omega=omega, check=together(*checks))
+                         tau=none if forces else None, omega=omega, check=check)
 
     # The remainders, each over the set of errors in which it is smaller.
     radius = d_bound / (k * sigma)
@@ -180,15 +167,14 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         problems.append(replace(problems[0], parts=errors.of_preimage(), preimage=True))
     names = [f"remainder of {name}" for name in (
         "ν₁", "ν₂", "φ", "θ", *(f"{name}[{i}]" for name in ("u", "τ") for i in range(size)))]
-    values = [sampled(problem) for problem in problems]
+    values = [first_order(each, x) for each in problems]
     if len(problems) == 1:  # Their proven bounds are hardly larger.
         values[0][:, 2:4] = 0.0
     smaller = np.argmin([np.max(each, axis=0) for each in values], axis=0)
-    claims = dict.fromkeys(names, 0.0)
-    for i, (problem, each) in enumerate(zip(problems, values, strict=True)):
-        claims |= searched(names, problem, each * (smaller == i))
-    remainders = np.array([claims[name] for name in names])
-
+    claims, checks = zip(*(claimed(problem, names, x, each * (smaller == i), safety_factor, seed)
+                           for i, (problem, each) in enumerate(zip(
+                               problems, values, strict=True))), strict=True)
+    remainders = np.sum(claims, axis=0)
     roll, pitch = map(float, remainders[2:4]) if len(problems) > 1 else attitude_radii(
         constraint_set, errors.radii[1], errors.radii[2], model.num_joints)
 
@@ -198,8 +184,8 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     u, extra = input_gain(k, sigma) * d_bound, sigma**2 * shift
     tau = None
     if forces:
-        inertia, check = _inertia(model, constraint_set, weights, safety_factor, seed)
-        checks.append(check)
+        inertia, of_inertia = _inertia(model, constraint_set, weights, safety_factor, seed)
+        checks += (of_inertia,)
         weighted, plain = inertia[:, :2].T
         tau = (remainders[4 + size:] + weighted * u + plain * extra
                + inertia[:, 2:] @ sensor_effect.w)
@@ -208,7 +194,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         nu2=float(remainders[1] + z[1] + sigma * shift), qdot=float(z[2]),
         roll=roll, pitch=pitch,
         u=remainders[4: 4 + size] + weights * u + extra + sensor_effect.u,
-        tau=tau, omega=omega, check=together(*checks))
+        tau=tau, omega=omega, check=together(check, *checks))
 
 
 def _inertia(model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
@@ -222,7 +208,6 @@ def _inertia(model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
         parts = [M * weights, M, *(M[:, :, block] for block in _blocks(size))]
         return np.concatenate([np.linalg.norm(part, axis=2) for part in parts], axis=1)
 
-    box = declared.q_lower, declared.q_upper
-    claim = safety_factor * supremum_over_joints(norms, *box, seed)
-    return claim.reshape(5, size).T, lambda: (
-        largest_of("rows of M", claim, second_over_joints(norms, *box, seed)),)
+    claim, check = claimed_over_joints(
+        "rows of M", norms, declared.q_lower, declared.q_upper, safety_factor, seed)
+    return claim.reshape(5, size).T, check

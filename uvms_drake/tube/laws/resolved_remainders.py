@@ -8,7 +8,6 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.frames.spatial import cross, cross_motion, times
 from uvms_drake.model.uvms_model import Kinematics
-from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.search_problem import (
     NominalMotion,
     SearchProblem,
@@ -127,25 +126,9 @@ class RemainderProblem(SearchProblem):
         return remainders(self.model, nominal, u, e_y, r, self.k, self.sigma)
 
 
-@dataclass(frozen=True)
-class TurningProblem(SearchProblem):
-    """J_x⁻¹J̇_x w for an error (0, w): with w in the unit ball, its largest norm is ω."""
-
-    @property
-    def channels(self) -> list[slice]:
-        """The only channel."""
-        return [slice(0, self.size)]
-
-    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns J_x⁻¹J̇_x w (..., 6+n) [1/s]."""
-        pose, zeta, _ = np.split(x, 3, axis=-1)
-        kinematics = self.model.kinematics(self.config(pose))
-        rate = jacobian_rate_times(kinematics, zeta, error[..., self.size:])
-        return times(np.linalg.inv(self.model.extended(kinematics.J_chi)), rate)
-
-
-def turning_problem(model: ContactModel, declared: ConstraintSet, weights: np.ndarray
-                    ) -> TurningProblem:
-    """Returns the problem whose largest value is sup‖J_x⁻¹J̇_xŴ‖₂."""
-    matrix = np.concatenate([np.zeros((model.size, model.size)), np.diag(weights)])
-    return TurningProblem(model, declared, [(matrix, 1.0)])
+def turning(model: ContactModel, config: np.ndarray, zeta: np.ndarray, w: np.ndarray
+            ) -> np.ndarray:
+    """Returns J_x⁻¹J̇_x w (..., 6+n) [1/s]: with w in the unit ball, its largest norm is ω."""
+    kinematics = model.kinematics(config)
+    return times(np.linalg.inv(model.extended(kinematics.J_chi)),
+                 times(model.task_jacobian_rate(kinematics, zeta), w))

@@ -27,15 +27,17 @@ from uvms_drake.tube.estimates import (
     CertificateSettings,
     Check,
     Estimate,
-    largest_of,
     no_estimates,
     together,
 )
 from uvms_drake.tube.laws.resolved_remainders import jacobian_rate_times
-from uvms_drake.tube.search.ascent import first_order, supremum
+from uvms_drake.tube.search.ascent import first_order
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
-from uvms_drake.tube.search.search_memo import once
+from uvms_drake.tube.search.joint_search import (
+    claimed_over_joints,
+    second_over_joints,
+    supremum_over_joints,
+)
 from uvms_drake.tube.search.search_problem import (
     NominalMotion,
     Part,
@@ -43,10 +45,12 @@ from uvms_drake.tube.search.search_problem import (
     input_within,
     nominal_motion,
 )
-from uvms_drake.tube.search.second_search import second_search
+from uvms_drake.tube.search.second_search import claimed
 
 LEADERS = 12
 """Climbers for each channel: near a singular posture there are many local maxima."""
+ITERATIONS = 6
+"""Number of Newton's steps to the joint angles of outputs."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
         largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,), in addition to those by |ūᵢ|.
     """
     # The linear part, and the speeds that remain for a plan.
-    size, factor = model.size, settings.safety_factor
+    size = model.size
     linear, check = _linear(model, declared, rows, blocks, settings)
     least = least_speeds(model, declared, rows, blocks, settings.seed)
     limits = np.array([declared.nu1, declared.nu2, declared.qdot])
@@ -156,19 +160,12 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
                          for shift, radius in ((0, block.e), (size, block.e_dot))
                          if radius > 0.0 and len(block.rows) > 0]
     problem = TipFirstProblem(model, declared, parts, rows, u_limits, forces, largest_rate)
-    x = once("draw", lambda: problem.draw(
-        settings.tube_samples, np.random.default_rng(settings.seed)))
-    values = once("samples", lambda: first_order(problem, x))
-    claim = factor * supremum(problem, x, values, leaders=LEADERS)
+    x = problem.draw(settings.tube_samples, np.random.default_rng(settings.seed))
     names = ["ν₁", "ν₂", "q̇", "q", "𝔬", *(f"remainder of {name}[{i}]" for name in (
         ("u", "τ") if forces else ("u",)) for i in range(size))]
-    wanted = np.nonzero(np.any(values > 0.0, axis=0))[0]
+    claim, check_search = claimed(problem, names, x, first_order(problem, x),
+                                  settings.safety_factor, settings.seed, leaders=LEADERS)
     claim[:3] = np.maximum(claim[:3], least)
-
-    def check_search() -> tuple[Estimate, ...]:
-        second = second_search(problem, wanted, np.random.default_rng([settings.seed, 1]))
-        return tuple(Estimate(names[i], float(claim[i]), float(each))
-                     for i, each in zip(wanted, second, strict=True))
 
     u, tau = claim[5: 5 + size] + linear[:size], None
     if forces:
@@ -274,14 +271,8 @@ def _linear(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
                                     for block in blocks], axis=0)
         return sizes
 
-    lower, upper = _postures(declared)
-    claim = settings.safety_factor * supremum_over_joints(values, lower, upper, settings.seed)
-    return claim, lambda: (largest_of(
-        "J_y⁻¹w and MJ_y⁻¹w", claim, second_over_joints(values, lower, upper, settings.seed)),)
-
-
-ITERATIONS = 6
-"""Number of Newton's steps to the joint angles of outputs."""
+    return claimed_over_joints("J_y⁻¹w and MJ_y⁻¹w", values, *_postures(declared),
+                               settings.safety_factor, settings.seed)
 
 
 def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal: NominalMotion,

@@ -16,7 +16,7 @@ from uvms_drake.tube.contact.sensor_error import (
 )
 from uvms_drake.tube.contact.sensor_gains import OperatorNorms, Suprema
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
-from uvms_drake.tube.estimates import Check, largest_of, no_estimates, together
+from uvms_drake.tube.estimates import Check, no_estimates, together
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.laws.tip_first_image import Arm
 from uvms_drake.tube.row_gains import instant_gains, lagged_gains, moments
@@ -77,15 +77,12 @@ class DisturbanceInputs:
         declared, settings = basis.declared, basis.settings
         claimed = claimed_suprema(basis.model, declared, contact.tool_angle,
                                   safety_factor=settings.safety_factor, seed=settings.seed)
-        found, factor = claimed.suprema, settings.safety_factor
-        self._found = found
+        self._found = found = claimed.suprema
         self.turning = declared.nu2 + found.turning * declared.qdot
-        each, second = reading_input(
-            basis.model, declared.q_lower, declared.q_upper,
-            reading_off(contact, self.turning), contact.torque_error, settings.seed)
-        self.reading = factor * each
-        self.check = together(claimed.check, lambda: (
-            largest_of("effect of a reading on u and τ", factor * each, second),))
+        self.reading, check = reading_input(
+            basis.model, declared, reading_off(contact, self.turning), contact.torque_error,
+            settings)
+        self.check = together(claimed.check, check)
         stretch, sine = euler_stretch(declared.pitch), np.sin(declared.pitch)
         turning = stretch * np.hypot(stretch, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
         vehicle, attitude = self.zeta([0]), self.zeta([1])

@@ -17,7 +17,6 @@ from itertools import product
 import numpy as np
 
 from uvms_drake.model.frames.euler import COMPLEX_STEP
-from uvms_drake.tube.search.search_memo import active_memo
 from uvms_drake.tube.search.search_problem import SearchProblem
 
 LEADERS, ROUNDS, STEPS = 8, 3, 4
@@ -45,21 +44,14 @@ EDGE = 1e-9
 
 def first_order(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
     """Returns the largest values to first order in the errors (m, channels)."""
-    return by_part(problem, x) @ np.array([radius for _, radius in problem.parts])
-
-
-def by_part(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
-    """Returns the largest values to first order by each part of radius 1 (m, channels, parts)."""
-    size, channels = problem.size, problem.channels
     steps = 1j * COMPLEX_STEP * np.eye(problem.errors)
-    out = np.empty((len(x), len(channels), len(problem.parts)))
-    for i in range(0, len(x), BATCH // size):
-        some = slice(i, i + BATCH // size)
-        moved = problem.values(x[some, None] + 0j, steps)
-        G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, c, errors)
-        out[some] = np.stack([np.stack([
-            np.linalg.norm(G[:, row] @ matrix, 2, axis=(1, 2)) for row in channels], axis=1)
-            for matrix, _ in problem.parts], axis=2)
+    out = np.empty((len(x), len(problem.channels)))
+    for i in range(0, len(x), BATCH // problem.size):
+        some = slice(i, i + BATCH // problem.size)
+        slopes = problem.values(x[some, None] + 0j, steps).imag / COMPLEX_STEP  # (m, errors, c)
+        out[some] = np.stack([sum(
+            radius * np.linalg.norm(matrix.T @ slopes[..., row], 2, axis=(1, 2))
+            for matrix, radius in problem.parts) for row in problem.channels], axis=1)
     return out
 
 
@@ -74,34 +66,13 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience
         patience: Factor of the number of steps.
         leaders: Number of climbers for each channel; None: `LEADERS`.
     """
-    def search() -> tuple[np.ndarray, np.ndarray]:
-        return _search(problem, x, values, patience, leaders or LEADERS)
-
-    def search_to_hold() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        best, where = search()
-        first = np.max(first_order(problem, where), axis=0, initial=0.0)
-        return best, where, best / np.maximum(first, 1e-300)
-
-    searches = active_memo()
-    if searches is None:
-        return search()[0]
-    (best, where, beyond), new = searches.get("ascent", search_to_hold)
-    if new or len(where) == 0:
-        return best
-    # At the same motions, with other errors: to first order, times the former excess.
-    again: np.ndarray = beyond * np.max(first_order(problem, where), axis=0)
-    return again
-
-
-def _search(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int, leaders: int
-            ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the largest values (c,), and the motions of the wanted ones."""
     out = np.max(values, axis=0)
     wanted = np.nonzero(out > 0.0)[0]
     if len(wanted) == 0:
-        return out, x[:0]
-    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders].T
-    climb = Climb(problem, x[worst.ravel()],
+        return out
+    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders or LEADERS].T
+    start = x[worst.ravel()]
+    climb = Climb(problem, start, np.zeros((len(start), problem.errors)),
                   [problem.channels[i] for i in wanted for _ in range(worst.shape[1])])
     first = np.arange(len(wanted))[:, None]
     for _ in range(ROUNDS):
@@ -112,7 +83,7 @@ def _search(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience:
         climb.keep((first * value.shape[1] + better).ravel())
     climb.keep(first[:, 0] * (len(climb.x) // len(wanted)))  # The best for each channel.
     out[wanted] = climb.value
-    return out, climb.x
+    return out
 
 
 class Climb:
@@ -121,13 +92,15 @@ class Climb:
     Args:
         problem: The problem.
         x: Initial motions of the set (m, 3(6+n)).
+        error: Initial errors (m, errors).
         channels: Channel of each.
     """
 
-    def __init__(self, problem: SearchProblem, x: np.ndarray, channels: list[slice]):
+    def __init__(self, problem: SearchProblem, x: np.ndarray, error: np.ndarray,
+                 channels: list[slice]):
         self._problem = problem
-        width = problem.values(x[0], np.zeros(problem.errors)).shape[-1]
-        self._mask = np.zeros((len(x), width))
+        value = problem.values(x, error)
+        self._mask = np.zeros_like(value)
         for row, channel in zip(self._mask, channels, strict=True):
             row[channel] = 1.0
         declared, size = problem.declared, problem.size
@@ -137,8 +110,8 @@ class Climb:
         self._scale = declared.scale(problem.model)[:size]
         self._balls = ((slice(size, size + 3), declared.nu1), (slice(size + 3, size + 6),
                        declared.nu2), (slice(size + 6, 2 * size), declared.qdot))
-        self.x, self.error = x, np.zeros((len(x), problem.errors))
-        self.value = np.zeros(len(x))
+        self.x, self.error = x, error
+        self.value: np.ndarray = np.linalg.norm(value * self._mask, axis=1)
         self._reach = np.ones(len(x))
         self._last = np.zeros((len(x), size))
 

@@ -6,6 +6,7 @@ of each channel, the norm of some components, over all motions of the declared s
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -85,6 +86,38 @@ class SearchProblem(ABC):
         config[..., :3] = pose[..., :3] - chi[..., :3]
         chi[..., :3] = pose[..., :3]
         return config, chi
+
+
+Product = Callable[[ContactModel, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Function that returns A w (..., rows) of the model, 𝔮, ζ and w (..., 6+n), real or complex."""
+
+
+@dataclass(frozen=True)
+class NormProblem(SearchProblem):
+    """A(𝔮, ζ) w of errors w: its largest norm is that of A, if w is in the unit ball."""
+
+    product: Product
+
+    @property
+    def errors(self) -> int:
+        """6 + n."""
+        return self.size
+
+    @property
+    def channels(self) -> list[slice]:
+        """The only channel."""
+        return [slice(None)]
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns A w."""
+        pose, zeta, _ = np.split(x, 3, axis=-1)
+        return self.product(self.model, self.config(pose), zeta, error)
+
+
+def norm_problem(model: ContactModel, declared: ConstraintSet, product: Product,
+                 weights: np.ndarray | float = 1.0) -> NormProblem:
+    """Returns the problem whose largest value is sup‖AŴ‖₂, for the diagonal of Ŵ."""
+    return NormProblem(model, declared, [(np.diag(weights * np.ones(model.size)), 1.0)], product)
 
 
 NEAREST_TO_A_JUMP = 0.9

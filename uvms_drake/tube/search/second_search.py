@@ -1,19 +1,65 @@
-"""Second search for estimated suprema, without gradients, samples or climbers of the first.
+"""Claims of suprema, and the second search for each: flips of coordinates to their bounds.
 
-An evolution strategy for the suprema that `ascent` finds with gradients: in one vector of about
-normal numbers, of which the pose is a linear function, ζ̄ and ū are projected on their sets, and the
-errors are furthest along a direction in theirs. See tube/theory.md#estimates-and-second-searches.
+A point of the cube [−1, 1]ᵈ is moved along one coordinate after the other: to either bound, to
+anywhere, and a little; the best of these counts, if it is better. In ū and in errors, in which
+remainders are affine or nearly so, a flip to a bound is soon the maximum. Motions are points by a
+map on which ζ̄ is projected on its balls, and the errors are furthest along a direction in their
+sets. From several random points each, and from where the flips end by a few steps of `ascent`:
+nothing of it knows where the first search has been. See
+tube/theory.md#estimates-and-second-searches.
 """
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from uvms_drake.tube.search.evolution_strategy import evolve
+from uvms_drake.tube.estimates import Check, Estimate
+from uvms_drake.tube.search.ascent import Climb, supremum
 from uvms_drake.tube.search.search_problem import SearchProblem
 
-GENERATIONS = 120
-"""Number of generations of the evolution strategy."""
+STARTS, SWEEPS, STEPS = 4, 1, 8
+"""Points that start for each value of motions, sweeps over all coordinates, and steps of the ascent
+from where the flips end."""
+NEAR = 0.3
+"""Size of the little moves in the first sweep; it is halved in each."""
 BATCH = 400
-"""Number of states evaluated at a time."""
+"""Number of points evaluated at a time."""
+
+Values = Callable[[np.ndarray], np.ndarray]
+"""Values (m, c) at points (m, d)."""
+
+
+def by_flips(function: Values, start: np.ndarray, rng: np.random.Generator, sweeps: int
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the largest values (c,) found, and for each the best point (c, d) that it moved.
+
+    Args:
+        function: Values (m, c) at points (m, d) of the cube.
+        start: Points (s, d) from which each value is searched for.
+        rng: Source of the moves.
+        sweeps: Sweeps over all coordinates.
+    """
+    values = function(start)
+    largest, (many, d) = np.max(values, axis=0), start.shape
+    own = np.repeat(np.arange(len(largest)), many)
+    point, best, row = np.tile(start, (len(largest), 1)), values.T.ravel(), np.arange(len(own))
+    for sweep in range(sweeps):
+        for i in rng.permutation(d):
+            tried = np.repeat(point[:, None], 4, axis=1)
+            tried[:, 0, i], tried[:, 1, i] = -1.0, 1.0
+            tried[:, 2, i] = rng.uniform(-1.0, 1.0, len(own))
+            tried[:, 3, i] += NEAR * 0.5**sweep * rng.normal(size=len(own))
+            tried = np.clip(tried, -1.0, 1.0)
+            at = tried.reshape(-1, d)
+            found = np.concatenate([function(at[j: j + BATCH]) for j in range(0, len(at), BATCH)])
+            largest = np.maximum(largest, np.max(found, axis=0))  # Also of the others.
+            found = found.reshape(len(own), 4, -1)[row, :, own]
+            which = np.argmax(found, axis=1)
+            better = found[row, which] > best
+            point[better] = tried[row, which][better]
+            best[better] = found[row, which][better]
+    first = np.argmax(best.reshape(-1, many), axis=1)
+    return largest, point.reshape(-1, many, d)[np.arange(len(first)), first]
 
 
 def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Generator
@@ -25,40 +71,70 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
         wanted: Indices of channels.
         rng: Source of random numbers.
     """
-    # One run for each channel, from random poses.
-    size, declared, runs = problem.size, problem.declared, len(wanted)
-    lower, upper = declared.box
-    scale = declared.scale(problem.model)[:size]
-    start = problem.draw(runs, rng)[:, None, :size]
+    # The cube of all coordinates, about the middle of the set.
+    size, declared, channels = problem.size, problem.declared, [problem.channels[i] for i in wanted]
+    drawn, scale = problem.draw(STARTS, rng), declared.scale(problem.model)[:size]
+    middle = np.append(drawn[0, :3], np.mean(declared.box, axis=0))
     balls = ((slice(0, 3), declared.nu1), (slice(3, 6), declared.nu2),
              (slice(6, size), declared.qdot))
 
     def decode(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the motions and the errors of candidates (r, λ, 3(6+n) + errors)."""
-        pose, zeta, u, along = (z[..., : size], z[..., size: 2 * size].copy(),
-                                z[..., 2 * size: 3 * size], z[..., 3 * size:])
-        pose = start + scale * pose
-        pose[..., 3:] = np.clip(pose[..., 3:], lower, upper)
+        """Returns the motions and the errors of points."""
+        pose, zeta, u, along = np.split(z, [size, 2 * size, 3 * size], axis=1)
+        pose, zeta = middle + scale * pose, zeta.copy()
+        pose[:, 3:] = np.clip(pose[:, 3:], *declared.box)
         for ball, radius in balls:
-            length = np.linalg.norm(zeta[..., ball], axis=-1, keepdims=True)
-            zeta[..., ball] *= radius / np.maximum(1.0, length)
+            zeta[:, ball] *= radius / np.maximum(
+                1.0, np.linalg.norm(zeta[:, ball], axis=1, keepdims=True))
         error = np.zeros_like(along)
         for matrix, radius in problem.parts:
             part = along @ matrix
-            length = np.linalg.norm(part, axis=-1, keepdims=True)
+            length = np.linalg.norm(part, axis=1, keepdims=True)
             error += radius * (part / np.maximum(length, 1e-12)) @ matrix.T
-        return np.concatenate([pose, zeta, np.clip(u, -1.0, 1.0)], axis=-1), error
+        return np.concatenate([pose, zeta, u], axis=1), error
 
     def values(z: np.ndarray) -> np.ndarray:
-        """Returns the values (r, λ), those of motions outside of the set negative."""
-        x, error = (each.reshape(-1, each.shape[-1]) for each in decode(z))
-        found = np.concatenate([problem.values(x[i: i + BATCH], error[i: i + BATCH])
-                                for i in range(0, len(x), BATCH)]).reshape(*z.shape[:2], -1)
-        sizes = np.stack([np.linalg.norm(each[:, problem.channels[i]], axis=-1)
-                          for each, i in zip(found, wanted, strict=True)])
-        outside = np.max(np.abs(problem.bounded(x[:, :size])), axis=1).reshape(sizes.shape)
-        return np.where(outside <= 1.0, sizes, -outside)
+        """Returns the sizes of the channels, those of motions outside of the set negative."""
+        x, error = decode(z)
+        found = problem.values(x, error)
+        sizes = [np.linalg.norm(found[:, channel], axis=1) for channel in channels]
+        outside = np.max(np.abs(problem.bounded(x[:, :size])), axis=1)[:, None]
+        return np.where(outside <= 1.0, np.stack(sizes, axis=1), -outside)
 
-    first = 0.3 * rng.normal(size=(runs, 3 * size + problem.errors))
-    first[:, :size] = 0.0
-    return evolve(values, first, GENERATIONS, rng)[0]
+    # Flips from random motions of the set and anything else, then an ascent.
+    start = rng.uniform(-1.0, 1.0, (STARTS, 3 * size + problem.errors))
+    start[:, 3:size] = np.clip((drawn[:, 3:size] - middle[3:]) / scale[3:], -1.0, 1.0)
+    start[:, :3] = 0.0
+    largest, point = by_flips(values, start, rng, SWEEPS)
+    climb = Climb(problem, *decode(point), channels)
+    for _ in range(STEPS):
+        climb.step()
+    return np.maximum(largest, climb.value)
+
+
+def claimed(problem: SearchProblem, names: Sequence[str], x: np.ndarray, values: np.ndarray,
+            factor: float, seed: int, patience: int = 1, leaders: int | None = None
+            ) -> tuple[np.ndarray, Check]:
+    """Returns the claims of a problem's channels, zero where there are no errors, and their check.
+
+    Args:
+        problem: The problem.
+        names: Names of the channels.
+        x: As of `supremum`, as are `values`, `patience` and `leaders`.
+        values: See `x`.
+        factor: Factor of the values found.
+        seed: Seed of the second search.
+        patience: See `x`.
+        leaders: See `x`.
+    """
+    claim = factor * supremum(problem, x, values, patience, leaders)
+    wanted = np.nonzero(np.any(values > 0.0, axis=0))[0]
+
+    def check() -> tuple[Estimate, ...]:
+        if len(wanted) == 0:
+            return ()
+        second = second_search(problem, wanted, np.random.default_rng([seed, 1]))
+        return tuple(Estimate(names[int(i)], float(claim[i]), float(each))
+                     for i, each in zip(wanted, second, strict=True))
+
+    return claim, check

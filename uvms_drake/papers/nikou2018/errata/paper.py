@@ -16,7 +16,7 @@ from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.papers.nikou2018.transpose import TRANSPOSE, LemmaConstants
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.constants import sampled_values
+from uvms_drake.tube.constants import norms
 
 # (sec:simulation_results), SI units and radians.
 NUM_JOINTS = 4
@@ -112,10 +112,10 @@ def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
     model = load_model(scenario)
     config, zeta = declared_set(scenario.limits, model).sample(
         model, SAMPLES, np.random.default_rng(0))
-    values = sampled_values(model, config, zeta, TRANSPOSE)
+    values = {name: norms(name, model, config, zeta) for name in TRANSPOSE}
     largest = model.kinematics(config[np.argmax(values["J_max"])]).J_chi
-    return LemmaConstants(float(np.min(values["J_min"])), *(
-        float(np.max(values[name])) for name in TRANSPOSE[1:])), largest
+    first, *others = (float(np.max(each)) for each in values.values())
+    return LemmaConstants(first**-2, *others), largest
 
 
 def configuration(chi: np.ndarray, q: np.ndarray) -> np.ndarray:
