@@ -5,12 +5,13 @@ A recording keeps position, attitude and scale, but neither colour nor visibilit
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba, Shape
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidParameter, require, within
 
 LOCAL = "localhost"
 """Address that only programs of this machine reach."""
@@ -22,6 +23,25 @@ VANISHED = 1e-5
 """Scale of an object that is hidden; zero has no inverse, which shading needs."""
 UNSEEN = 5e-4
 """Invisible change of a position [m], a direction or a scale: a quarter of a pixel."""
+
+
+@dataclass
+class VisualConfig:
+    """Settings of the picture of a run; the run itself does not depend on them."""
+
+    rate: float = 25.0
+    """Pictures in a second of simulated time, live and in the replay [1/s]."""
+    magnification: float | None = None
+    """Factor by which the deviation from the plan is enlarged, in the ghost of the nominal robot
+    and in the inset with the tube; without it, the tube's radius is drawn about 10 cm large."""
+
+
+def check_visual(visual: VisualConfig) -> None:
+    """Raises `InvalidParameter` for the first value outside its range."""
+    with within("visual"):
+        require(1.0 <= visual.rate <= 100.0, "rate", visual.rate, "1 to 100 pictures in a second")
+        require(visual.magnification is None or visual.magnification >= 1.0, "magnification",
+                visual.magnification, "at least 1, or left out")
 
 
 def open_meshcat(host: str = LOCAL) -> Meshcat:
