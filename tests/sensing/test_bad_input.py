@@ -5,7 +5,7 @@ from support.refusals import refusals
 test_a_part_a_fault_or_an_unknown_without_meaning_is_named = refusals("girona500_contact", {
     "sensing.0.rate=0.0": r"sensing\[0\].rate = 0.0: must be positive",
     "sensing.0.lag=-1.0": r"sensing\[0\].lag = -1.0: must be zero or positive",
-    "sensing.0.noise=[1, 2, 3]": r"sensing\[0\].noise = .*: must be 6 numbers, zero or positive",
+    "sensing.0.noise=[1, 2, 3]": r"sensing\[0\].noise = .*: must be 6 finite numbers",
     "sensing.0.least_noise=1.5": r"sensing\[0\].least_noise = 1.5: must be at most 1",
     "sensing.0.tare=0.001": r"sensing\[0\].tare = 0.001: must be 0, or at least one sample long",
     "sensing.0.tool.mass=-1.0": r"sensing\[0\].tool.mass = -1.0: must be zero or positive",

@@ -17,11 +17,10 @@ from uvms_drake.report.replay import moment_of
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.objects import PLAN, Mark, round_magnification
 from uvms_drake.visual.overlay import ACTIVE, NEAR, TIME, Overlay, Readout
 from uvms_drake.visual.scene import CLOSE, LimitUse, Scene
-from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, frame_at
+from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, VisualConfig, frame_at
 
 
 @pytest.fixture

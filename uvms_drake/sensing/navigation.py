@@ -27,7 +27,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.constraints import AtMost, Fraction, NotNegative, Positive, Rate, Vector
+from uvms_drake.common.constraints import Between, Fraction, NotNegative, Rate, Vector
 from uvms_drake.common.errors import require
 from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
@@ -89,7 +89,7 @@ class Drift:
 class Dvl:
     """Doppler log that corrects the velocity."""
 
-    rate: Annotated[float, Positive, AtMost(100)] = 9.5
+    rate: Annotated[float, Between(0.01, 100.0, " Hz")] = 9.5
     """Fixes per second [Hz]."""
     noise: Annotated[np.ndarray, Vector(3), NotNegative] = field(
         default_factory=lambda: np.array([0.0041, 0.0039, 0.0009]))

@@ -36,7 +36,6 @@ from uvms_drake.common.alarm import warn
 from uvms_drake.common.constraints import (
     AtMost,
     Between,
-    Constraint,
     NotNegative,
     Positive,
     Rate,
@@ -156,10 +155,6 @@ class Tool:
         return gravity * np.array([weight] * 3 + list(np.sqrt([b + c, a + c, a + b])))
 
 
-Bounds = Constraint("6 numbers, zero or positive", lambda x: (np.shape(x) == (6,)) & (x >= 0.0))
-"""Bounds of a wrench's components."""
-
-
 @dataclass
 class WristSettings:
     """Properties of a wrist sensor; its errors are bounds."""
@@ -168,7 +163,7 @@ class WristSettings:
     """Samples per second [Hz]."""
     lag: Annotated[float, NotNegative] = 0.02
     """Time constant T [s]; zero for none."""
-    noise: Annotated[np.ndarray, Bounds] = field(
+    noise: Annotated[np.ndarray, Vector(6), NotNegative] = field(
         default_factory=lambda: np.array([0.25] * 3 + [0.005] * 3))
     """Standard deviation σ of a sample (6,) [N (3), N m (3)]."""
     noise_multiple: Annotated[float, NotNegative] = 3.0
@@ -176,16 +171,16 @@ class WristSettings:
     least_noise: Annotated[float, Positive, AtMost(1)] = 1.0
     """Least standard deviation of a sample over σ: below 1 for a sensor that may be quieter than
     its declared noise, whose readings repeat more often; a frozen one is then found later."""
-    resolution: Annotated[np.ndarray, Bounds] = field(
+    resolution: Annotated[np.ndarray, Vector(6), NotNegative] = field(
         default_factory=lambda: np.array([0.0625] * 3 + [0.00133] * 3))
     """Step r of the readings (6,) [N (3), N m (3)]; zero for none."""
-    bias: Annotated[np.ndarray, Bounds] = field(
+    bias: Annotated[np.ndarray, Vector(6), NotNegative] = field(
         default_factory=lambda: np.array([5.0] * 3 + [0.1] * 3))
     """Bound of each component of b (6,) [N (3), N m (3)]; b is drawn by the scenario's seed."""
-    drift: Annotated[np.ndarray, Bounds] = field(
+    drift: Annotated[np.ndarray, Vector(6), NotNegative] = field(
         default_factory=lambda: np.array([0.002] * 3 + [0.00004] * 3))
     """Bound of each component of s (6,) [N/s (3), N m/s (3)]; s is drawn likewise."""
-    range: Annotated[np.ndarray, Bounds] = field(
+    range: Annotated[np.ndarray, Vector(6), NotNegative] = field(
         default_factory=lambda: np.array([2000.0] * 3 + [40.0, 40.0, 30.0]))
     """Largest readings either way (6,) [N (3), N m (3)]."""
     tare: float = 0.5

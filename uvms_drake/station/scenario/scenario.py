@@ -41,7 +41,7 @@ from uvms_drake.station.scenario.scenario_file import (
     with_base,
 )
 from uvms_drake.tube.estimates import CertificateSettings
-from uvms_drake.visual.config import VisualConfig
+from uvms_drake.visual.stage import VisualConfig
 
 LARGEST_SEED = 2**63 - 1
 LONGEST_NAME = 100
