@@ -63,7 +63,7 @@ def full(scenario) -> Certificate:
     numbers = [2.5] * (len(fields(TubeRadii)) - 4)  # But for those of u, of τ and of the holds.
     return replace(
         HOLDS, weights=np.linspace(0.1, 1.0, 10), legs=LEGS,
-        constants=tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25)
+        constants=tuple(Constant(name, 1.5, "estimated", 9, 1.25)
                         for name in ("J_max", "Jx_max", *WEIGHTED.values())),
         tube=TubeRadii(*numbers, u=np.array([0.5, 0.25]), tau=np.array([8.0]), hold=hold,
                        likely_hold=hold),
@@ -161,7 +161,7 @@ def test_every_topic_of_a_condition_has_its_advice():
 
 
 def test_every_constant_and_radius_has_a_unit(scenario):
-    constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25)
+    constants = tuple(Constant(name, 1.5, "estimated", 9, 1.25)
                       for name in (*QUANTITIES, *WEIGHTED.values()))
     text = str(replace(full(scenario), constants=constants))
     for name, unit in (("J_max", "-"), ("Jx_W_max", "-"), ("J_dot_max", "1/s")):
