@@ -11,10 +11,10 @@ from uvms_drake.common.attribute_docs import describe_attributes
 
 
 def test_help_on_a_record_says_of_each_field_its_meaning_and_unit():
-    text = pydoc.plain(pydoc.render_doc(uv.Pair))
+    text = pydoc.plain(pydoc.render_doc(uv.Command))
     assert "Configurations 𝔮, 𝔮̄ (2, 6+n) [m, rad]." in text  # Of a property.
     assert "wrench: Present wrench τ_v of the thrusters" in text
-    assert all(f"{name}: " in text for name in uv.Pair._fields)
+    assert all(f"{name}: " in text for name in uv.Command._fields)
 
 
 @pytest.mark.parametrize("kind", [
