@@ -1,7 +1,6 @@
 """Tests of `uvms_drake.actuation.thrusters`: each system alone, and the part."""
 
 from copy import copy
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from support.thrusters import eight_thrusters
 from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
 from uvms_drake.actuation.thrusters import Thrusters, largest_error, with_errors
+from uvms_drake.common.schema import check_values
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
@@ -34,7 +34,7 @@ class Bench:
     """A part between a constant or free τ and what it makes of it, at `AT`, pressed."""
 
     def __init__(self, model, part, tau=TAU):
-        part.check()
+        check_values(part)
         builder, self.signals = DiagramBuilder(), Signals()
         for name, value in (("state", np.append(AT, np.zeros(10))), ("force", PRESSED)):
             self.signals[name] = builder.AddSystem(ConstantVectorSource(value)).get_output_port()
@@ -152,20 +152,6 @@ def test_a_cloned_context_goes_on_with_the_delayed_commands(model):
     first, second = (bench.at(each.get_context(), "exerted") for each in (simulator, again))
     np.testing.assert_array_equal(first, second)
     assert first[0] < 0.0
-
-
-def test_thrusters_of_several_lags_have_each_its_own():
-    known, lags = ThrusterModel.of(eight_thrusters()), np.linspace(0.1, 0.4, 8)
-    builder = DiagramBuilder()
-    command, hover = (builder.AddSystem(ConstantVectorSource(known.commands_of(
-        np.full(8, force)))).get_output_port() for force in (10.0, -5.0))
-    system = ThrusterDynamics.AddToBuilder(
-        builder, replace(known, lag=lags), 0.01, 2, command=command, hover=hover)
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(0.22)
-    np.testing.assert_allclose(
-        system.get_output_port().Eval(system.GetMyContextFromRoot(simulator.get_context())),
-        10.0 - 15.0 * np.exp(-0.2 / lags), rtol=1e-3)
 
 
 def test_they_begin_anew_with_what_they_hover_with_until_time_goes_on(other):

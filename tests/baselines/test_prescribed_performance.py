@@ -26,19 +26,11 @@ def of_theory(scale: float):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scale", "gradient", "gravity"), [
-    (1.0, False, False), (3.0, False, False),
-    pytest.param(0.3, False, True, marks=pytest.mark.long),
-    pytest.param(1.0, True, False, marks=pytest.mark.long)])
-def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gradient, gravity):
+@pytest.mark.parametrize(("scale", "gravity"), [
+    (1.0, False), (3.0, False), pytest.param(0.3, True, marks=pytest.mark.long)])
+def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gravity):
     """From contact, with f_d − f within ρ₀. Gains of 0.3 alone need a ξ beyond its clamp."""
     gains = of_theory(scale)
-    if gradient:  # Of the same slope at zero error.
-        performance = gains.performance
-        performance.gradient = True
-        performance.force_gain *= 0.5 * performance.force
-        performance.position_gain *= 0.5 * performance.position
-        performance.velocity_gain *= 0.5 * performance.velocity
     laws = BASELINES["prescribed_performance_gravity"](gains) if gravity else {
         "law": PrescribedPerformance(gains.performance, 10)}
     press = run(laws, gains, seconds=1.2, depth=0.016, step=0.001)
@@ -63,6 +55,5 @@ def test_a_funnel_narrows_and_the_transformed_error_rises_without_bound_inside()
     assert funnel(3.0, 1.0, 2.0, 0.0) == 3.0
     assert funnel(3.0, 1.0, 2.0, 50.0) == pytest.approx(1.0)
     xi = np.array([0.0, 0.5, 0.9])
-    assert transformed(xi, np.ones(3), False) == pytest.approx(np.log((1 + xi) / (1 - xi)))
-    slope = (transformed(np.array([1e-6]), np.array([2.0]), True)[0]) / 1e-6
-    assert slope == pytest.approx(4.0 / 2.0**2)  # 4/ρ² of the gradient form.
+    assert transformed(xi, np.ones(3)) == pytest.approx(np.log((1 + xi) / (1 - xi)))
+    assert np.all(np.isfinite(transformed(np.array([5.0, -5.0]), np.ones(2))))

@@ -37,12 +37,11 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def certificate(scenario) -> Certificate:
-    worst = {"config": np.arange(10.0), "zeta": np.zeros(10)}
     hold = HoldRadii(1.3, 4e-4, 6e-4, 0.016, 0.0025, 2.1, 0.03)
     return Certificate(
         scenario="girona500_ideal", law="resolved", k=20.0, sigma=5.0, d_bound=0.1,
         weights=np.linspace(0.1, 1.0, 10),
-        constants=(Constant("J_max", 2.5, "estimated", 100, worst, 1.1, 2.3),),
+        constants=(Constant("J_max", 2.5, "estimated", 100, 2.3),),
         conditions=(Condition("a", 1.0, ">", 0.0, theorem="t"),
                     Condition("b", 2.0, "<=", 2.0, theorem="t", kind="tightening", proven=True)),
         tube=TubeRadii(e=0.003, z=0.02, u=np.full(10, 0.1), tau=np.full(10, np.inf), hold=hold),
@@ -68,7 +67,6 @@ def test_a_certificate_of_each_kind_survives_its_file(certificate, scenario, tmp
     assert again.tube.hold == certificate.tube.hold and again.tube.likely_hold is None
     assert again.bounds["force"] == again.margin["depth"] == np.inf
     for found, expected in ((again.weights, certificate.weights), (again.tube.tau, np.inf),
-                            (again.constants[0].worst["config"], np.arange(10.0)),
                             (again.terminal.gain, np.eye(10, 20))):
         np.testing.assert_array_equal(found, np.broadcast_to(expected, found.shape))
 

@@ -63,7 +63,7 @@ def full(scenario) -> Certificate:
     numbers = [2.5] * (len(fields(TubeRadii)) - 4)  # But for those of u, of τ and of the holds.
     return replace(
         HOLDS, weights=np.linspace(0.1, 1.0, 10), legs=LEGS,
-        constants=tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25)
+        constants=tuple(Constant(name, 1.5, "estimated", 9, 1.25)
                         for name in ("J_max", "Jx_max", *WEIGHTED.values())),
         tube=TubeRadii(*numbers, u=np.array([0.5, 0.25]), tau=np.array([8.0]), hold=hold,
                        likely_hold=hold),
@@ -131,6 +131,14 @@ def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
     assert str(failing()).count("DOES NOT HOLD") == 4
 
 
+def test_the_force_is_said_with_both_bands_where_there_are_two(scenario):
+    said = "the force is off by less than 16.8 N once the plan is at the task"
+    assert HOLDS.force_sentence == said
+    assert full(scenario).force_sentence == (
+        f"{said}, and by less than 6.12 N in a hold, from 1.3 s after the plan stands")
+    assert replace(HOLDS, bounds={}).force_sentence == ""
+
+
 @pytest.mark.parametrize(("override", "line"), [
     ("faults=[!StuckJoint {}]", "not certified: faults, which the proofs do not cover; what would "
                                 "help: no faults but those of the solver"),
@@ -153,7 +161,7 @@ def test_every_topic_of_a_condition_has_its_advice():
 
 
 def test_every_constant_and_radius_has_a_unit(scenario):
-    constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25)
+    constants = tuple(Constant(name, 1.5, "estimated", 9, 1.25)
                       for name in (*QUANTITIES, *WEIGHTED.values()))
     text = str(replace(full(scenario), constants=constants))
     for name, unit in (("J_max", "-"), ("Jx_W_max", "-"), ("J_dot_max", "1/s")):

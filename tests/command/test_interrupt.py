@@ -101,7 +101,7 @@ def test_what_a_user_has_in_the_folder_is_left_alone(name, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert out == ""
     assert err.endswith(f"without files of others: {name} in it would be replaced, and is not "
-                        "what this program has written there\n")
+                        "as this program has written there\n")
     assert err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [own]
     assert own.is_dir() or own.read_text() == "mine"

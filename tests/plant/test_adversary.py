@@ -114,18 +114,6 @@ def test_in_the_cascade_it_reaches_the_radius_of_the_weighted_tube(model, states
     assert reached["along_task_error"] > 0.95
 
 
-def test_along_r_is_along_r_and_along_the_fixed_direction_where_r_is_zero(model):
-    adversary = Adversary(model, AdversarialDisturbance(BOUND, "along_r", direction=DIRECTION))
-    context, r = adversary.CreateDefaultContext(), np.linspace(-0.01, 0.02, 10)
-    fixed_inputs(adversary, context, None, r=r)  # it needs nothing else
-    np.testing.assert_allclose(
-        value(adversary, context), BOUND * r / np.linalg.norm(r), atol=1e-4 * BOUND)
-    fixed_inputs(adversary, context, None, r=np.zeros(10))
-    np.testing.assert_allclose(value(adversary, context), BOUND * FIXED, rtol=1e-12)
-    fixed_inputs(adversary, context, None, r=-1e-6 * FIXED)  # where the two cancel
-    assert np.linalg.norm(value(adversary, context)) <= BOUND
-
-
 @pytest.mark.parametrize("rows", ROWS)
 def test_leading_is_what_j_amplifies_most_with_a_sign_that_stays(model, states, rows):
     adversary = Adversary(
@@ -142,22 +130,6 @@ def test_leading_is_what_j_amplifies_most_with_a_sign_that_stays(model, states, 
         fixed_inputs(adversary, context, state)
         if rows in ("position", "all"):  # the others' leading direction is not unique
             np.testing.assert_allclose(value(adversary, context), before, atol=1e-2 * BOUND)
-
-
-@pytest.mark.parametrize("kind", SQUARE)
-@pytest.mark.parametrize("phase", [0.0, 0.7, 3.5, -1.0])
-def test_a_square_wave_is_the_sign_of_the_sine(model, kind, phase):
-    config = AdversarialDisturbance(
-        BOUND, kind, direction=DIRECTION, channel=4, period=0.8, phase=phase)
-    adversary = Adversary(model, config)
-    simulator = Simulator(adversary)
-    base = FIXED if kind == "bang_bang" else np.eye(10)[4]
-    for t in np.linspace(0.013, 4.0, 150):
-        simulator.AdvanceTo(t)
-        sine = np.sin(2.0 * np.pi * t / 0.8 + phase)
-        if abs(sine) > 1e-3:
-            np.testing.assert_allclose(value(adversary, simulator.get_context()),
-                                       BOUND * np.sign(sine) * base, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", SQUARE)

@@ -55,23 +55,6 @@ def test_so_does_that_of_an_ellipsoid_and_of_each_component(config):
         values, WEIGHTS * record(config, np.linspace(0.0, 500.0, 20_000)), rtol=1e-12, atol=1e-15)
 
 
-def test_bound_and_weights_count_by_their_product():
-    one = ConstantDisturbance(0.25 * BOUND, np.arange(1.0, 8.0), weights=4.0 * WEIGHTS)
-    other = ConstantDisturbance(BOUND, np.arange(1.0, 8.0), weights=WEIGHTS)
-    for each in (one, other):
-        assert each.d_bound == pytest.approx(BOUND)
-        np.testing.assert_allclose(each.relative_weights(SIZE), WEIGHTS)
-        np.testing.assert_allclose(each.axes(SIZE), BOUND * WEIGHTS)
-    np.testing.assert_allclose(record(one, [0.0]), record(other, [0.0]))
-
-
-def test_the_constant_is_the_bound_along_the_direction():
-    direction = np.array([3.0, 0.0, -4.0])
-    values = record(ConstantDisturbance(BOUND, direction), np.array([0.0, 7.0]), size=3)
-    expected = [0.6 * BOUND, 0.0, -0.8 * BOUND]
-    np.testing.assert_allclose(values, [expected, expected], rtol=1e-14)
-
-
 def test_the_sinusoid_is_the_papers_with_the_two_norm_as_its_bound():
     times = np.linspace(0.0, 9.0, 50)
     values = record(SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4), times)
@@ -97,16 +80,6 @@ def test_a_random_disturbance_passes_through_its_samples_with_zero_slope():
     np.testing.assert_allclose(at, samples, atol=1e-15)
     np.testing.assert_allclose((at - before) / h, 0.0, atol=1e-3)
     np.testing.assert_allclose((after - at) / h, 0.0, atol=1e-3)
-
-
-@pytest.mark.parametrize("bandwidth", [2.0, 24.5])
-def test_a_random_disturbance_is_half_way_between_two_samples_half_way_in_time(bandwidth):
-    """Also if the samples are at times that are no binary fractions."""
-    times = (np.arange(60) + 0.5) / (2.0 * bandwidth)
-    samples = BOUND * np.array([ball_sample(SIZE, 4, i) for i in range(61)])
-    np.testing.assert_allclose(
-        record(RandomDisturbance(BOUND, bandwidth), times, 4), 0.5 * (samples[:-1] + samples[1:]),
-        atol=1e-13)
 
 
 def test_most_of_the_power_of_a_random_disturbance_is_below_the_bandwidth():

@@ -18,7 +18,7 @@ from uvms_drake.model.description.hydrodynamics_file import (
     Drag,
     HydrodynamicParameters,
 )
-from uvms_drake.plant.hydrodynamics import Hydrodynamics, kirchhoff_force
+from uvms_drake.plant.hydrodynamics import Hydrodynamics
 
 G = 9.81  # m/s²
 MASS, VOLUME, DENSITY = 3.2, 0.0024, 1025.0  # kg, m³, kg/m³
@@ -284,13 +284,6 @@ def test_a_free_body_obeys_fossens_matrix_equation(X_WI):
     np.testing.assert_allclose(tank.nu_dot(), expected, rtol=1e-12, atol=1e-12)
 
 
-def test_the_kirchhoff_force_does_no_work_at_constant_velocity_components():
-    nu = np.random.default_rng(0).normal(size=(50, 6))
-    M_A = np.stack([random_added_mass(i) for i in range(50)])
-    power = np.sum(kirchhoff_force(M_A, nu, np.zeros((50, 6))) * nu, axis=-1)
-    np.testing.assert_allclose(power, 0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize("time_step", [0.0, 1e-3])
 def test_five_times_its_own_mass_in_added_mass_is_stable(X_WI, time_step):
     D, F, duration = 4.0, 9.0, 2.0
@@ -411,14 +404,6 @@ def test_the_plant_accelerates_exactly_as_solved(X_WI, time_step, solver):
     tank.fix("generalized_force", np.linspace(-3.0, 5.0, tank.nv))
     tank.fix("acceleration_disturbance", np.linspace(0.4, -0.2, tank.nv))
     np.testing.assert_allclose(tank.v_dot(), tank.solved(), rtol=1e-9, atol=1e-9)
-
-
-def test_the_acceleration_disturbance_is_added_to_the_acceleration(X_WI):
-    tank = Tank(X_WI, robot_water(), robot(damping=0.3))
-    tank.set(**ROBOT_STATE)
-    without, d = tank.v_dot(), np.linspace(0.4, -0.2, tank.nv)
-    tank.fix("acceleration_disturbance", d)
-    np.testing.assert_allclose(tank.v_dot() - without, d, atol=1e-12)
 
 
 def test_a_robot_that_feels_no_water_moves_as_in_a_vacuum(X_WI):

@@ -11,11 +11,9 @@ from support.true_model import model_with_error
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
-from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.model_error import (
     ModelError,
     add_simulated_uvms,
-    scaled_urdf,
 )
 from uvms_drake.plant.payload import Payload
 
@@ -102,24 +100,6 @@ def test_what_is_not_trimmed_floats_or_sinks_and_tilts(load):
     buoyancy = 183.8 * 9.81
     np.testing.assert_allclose(
         shifted[:6], [0.0, 0.0, 0.0, 0.02 * buoyancy, -0.01 * buoyancy, 0.0], atol=1e-6)
-
-
-@pytest.mark.parametrize("error", [
-    ModelError(payload=BALL), ModelError(buoyancy=0.98), ModelError(mass=1.1, payload=BALL),
-    ModelError(buoyancy_shift=np.array([0.0, 0.01, 0.0])),
-    ModelError(joint_friction=JointFriction(static=np.array([0.1])))])
-def test_an_error_is_one_of_the_simulated_robot_alone(error, load):
-    assert error.size > 0.0
-    assert load(ModelError()).size == load(error).size == 10
-
-
-def test_the_numbers_of_a_urdf_are_scaled_wherever_they_stand():
-    text = """<mass value = '2e0'/> <mass
-      value="1.5" /> <inertia ixx=" 0.5" ixy="-0" iyz='1e-3'/> <origin xyz="1 2 3"/>
-      <drake:rotor_inertia value="4"/><drake:mass_of value="7"/><limit lower="1" effort="3"/>"""
-    assert scaled_urdf(text, 2.0) == """<mass value = '4.0'/> <mass
-      value="3.0" /> <inertia ixx="1.0" ixy="-0.0" iyz='0.002'/> <origin xyz="1 2 3"/>
-      <drake:rotor_inertia value="4"/><drake:mass_of value="7"/><limit lower="1" effort="3"/>"""
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.0851482])

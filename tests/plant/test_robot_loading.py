@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.robots import TEMPLATE, altered, without_an_arm
+from support.robots import TEMPLATE, altered
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model import uvms_model
@@ -144,15 +144,6 @@ LEGAL = {
     "a vehicle's slide": [(".sdf", SHOULDER, SHOULDER.replace("revolute", "prismatic"))],
     "no gears": [(".sdf", "<drake:gear_ratio>100", "<drake:gear_ratio>1")],
 }
-
-
-@pytest.mark.parametrize("robot", LEGAL)
-def test_what_a_robot_may_be(robot, tmp_path):
-    assert sound_robot(str(altered(tmp_path, *LEGAL[robot]))).uvms.tip.name() == "tip"
-
-
-def test_a_robot_may_be_without_an_arm(tmp_path):
-    assert sound_robot(str(without_an_arm(tmp_path))).uvms.joints == ()
 
 
 def test_the_robot_is_checked_wherever_a_scenario_is_run_or_certified(tmp_path):

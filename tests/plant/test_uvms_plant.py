@@ -22,8 +22,6 @@ from uvms_drake.plant.disturbance import (
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.plant import make_plant
-from uvms_drake.station.scenario.scenario import load_scenario
 
 MODEL = "girona500_arm5e"
 FAR_AWAY = UnilateralPlane(point=np.array([100.0, 0.0, 0.0]))
@@ -50,14 +48,6 @@ def simulator_of(uvms, context=None):
     ResetIntegratorFromFlags(simulator, "runge_kutta3", 0.01)
     simulator.get_mutable_integrator().set_fixed_step_mode(True)
     return simulator
-
-
-def test_the_state_of_a_scenario_s_plant_can_be_set():
-    plant = make_plant(load_scenario("girona500_ideal", ["simulator.max_step_size=0.01"]))
-    context = plant.CreateDefaultContext()
-    set_state(plant, context, moving_state())
-    np.testing.assert_allclose(
-        plant.GetOutputPort("state").Eval(context), moving_state(), atol=1e-14)
 
 
 def test_the_diagram_equals_its_parts_wired_by_hand():
@@ -96,20 +86,6 @@ def test_the_diagram_equals_its_parts_wired_by_hand():
         water_context, coordinates.vector_to_drake(x, d_paper))
     expected = by_hand.EvalTimeDerivatives(context).CopyToVector()
     np.testing.assert_allclose(actual, expected, rtol=1e-11, atol=1e-11)
-
-
-def test_a_disturbance_of_the_users_own_comes_in_through_a_port():
-    rates = []
-    d = np.linspace(-0.2, 0.3, 10)
-    for uvms in (make(disturbance=None), make(disturbance=ConstantDisturbance(
-            float(np.linalg.norm(d)), d))):
-        context = uvms.CreateDefaultContext()
-        set_state(uvms, context, moving_state())
-        if uvms.HasInputPort("disturbance"):
-            uvms.GetInputPort("disturbance").FixValue(context, d)
-        np.testing.assert_allclose(uvms.GetOutputPort("disturbance").Eval(context), d, rtol=1e-13)
-        rates.append(uvms.EvalTimeDerivatives(context).CopyToVector())
-    np.testing.assert_allclose(*rates, rtol=1e-12, atol=1e-12)
 
 
 def test_the_disturbance_is_what_is_added_to_the_rate_of_zeta():
@@ -162,37 +138,6 @@ def test_left_alone_it_floats_up_slowly_and_arm_and_water_bring_it_to_rest():
     state = uvms.GetOutputPort("state").Eval(simulator.get_context())
     assert np.all(np.isfinite(state))
     assert np.linalg.norm(state[10:16]) < 0.3
-
-
-def test_the_surface_is_where_the_scenario_puts_it():
-    """At rest in the plane the force is stiffness times depth, and `penetration` is the depth."""
-    uvms = make()
-    plant, _ = parts_of(uvms)
-    context = plant.CreateDefaultContext()
-    chi, _ = pose_and_jacobian(plant, context, plant.GetFrameByName("tip"))
-    depth, wall = 0.02, UnilateralPlane(stiffness=800.0, transition=0.001)
-    wall.point = chi[:3] + depth * wall.normal
-    uvms = make(wall)
-    context = uvms.CreateDefaultContext()
-    np.testing.assert_allclose(
-        uvms.GetOutputPort("force").Eval(context)[:3], -800.0 * (depth - 0.0005) * wall.normal,
-        atol=1e-9)
-    np.testing.assert_allclose(uvms.GetOutputPort("penetration").Eval(context), [depth], atol=1e-12)
-    np.testing.assert_allclose(uvms.GetOutputPort("chi").Eval(context), chi, atol=1e-12)
-
-
-def test_open_water_is_the_plant_without_a_surface():
-    alone = make(None)
-    assert not alone.HasSubsystemNamed("surface")
-    assert not alone.HasOutputPort("force") and not alone.HasOutputPort("penetration")
-    assert "- force (with a surface)" in make_uvms_plant.__doc__
-    accelerations = []
-    for uvms in (alone, make()):
-        context = uvms.CreateDefaultContext()
-        uvms.GetInputPort("tau").FixValue(context, np.linspace(-5.0, 5.0, 10))
-        set_state(uvms, context, moving_state())
-        accelerations.append(uvms.GetOutputPort("acceleration").Eval(context))
-    np.testing.assert_array_equal(*accelerations)
 
 
 def test_a_surface_of_ones_own_pushes_by_its_law():

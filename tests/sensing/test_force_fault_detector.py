@@ -131,23 +131,6 @@ def test_zeros_during_the_tare_are_readings_and_later_ones_are_not(start):
     np.testing.assert_array_equal(np.isnan(found[:, 0]), times - start > 2.0 + 2.5 * T)
 
 
-@pytest.mark.parametrize("lost", ["force", "state"])
-def test_a_gap_is_no_look(lost):
-    """A frozen sensor that is not seen in between is the same afterwards."""
-    def gap(time, of):
-        return np.full_like(of, np.nan) if 0.35 < time < 0.75 else of
-
-    times, found, reason = passed(
-        (lambda time: gap(time, np.ones(6))) if lost == "force" else (lambda time: np.ones(6)),
-        (lambda time: gap(time, turning(time))) if lost == "state" else turning, until=1.5,
-        repeats=5)
-    none = np.isnan(found[:, 0])
-    if lost == "force":
-        assert np.all(reason[(times > 0.35) & (times < 0.75)] == ForceStatus.MISSING)
-    assert np.all(none[times > 0.85])
-    assert not np.any(none[times < 0.35])
-
-
 def test_a_clone_goes_on_as_the_run_does():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=frozen_in("world"), state=turning))

@@ -199,13 +199,6 @@ def test_a_step_response_is_that_of_a_first_order_lag(model):
             bench.port("reading"), wrench * (1.0 - exp(-time / T)), rtol=1e-4)
 
 
-def test_a_sensor_starts_at_what_it_feels(model):
-    wrench = np.arange(1.0, 7.0)
-    bench = Bench(model, replace(PERFECT, lag=0.05, tool=TOOL), wrench=lambda t: wrench)
-    bench.simulator.AdvanceTo(0.001)
-    np.testing.assert_allclose(bench.port("reading"), wrench, rtol=1e-12)
-
-
 def test_the_tare_takes_the_bias_and_the_tool_off_and_says_nothing_meanwhile(model):
     settings = replace(PERFECT, bias=np.full(6, 5.0), tare=0.2, rate=50.0,
                        tool=replace(TOOL, error=0.3))
@@ -334,20 +327,6 @@ def test_a_reading_is_a_multiple_of_the_resolution_and_off_by_its_bound_at_most(
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     assert np.all(np.max(errors, axis=0)[:3] <= bound.total[:3] + 0.011 * r[:3])
     assert np.all(np.max(errors, axis=0)[:3] > 0.9 * bound.total[:3])
-
-
-def test_a_tool_of_the_wrong_weight_reaches_its_line(model):
-    """Tared upside down: twice the error."""
-    settings = replace(PERFECT, tool=replace(TOOL, error=0.1), tare=0.1)
-
-    def state(time):
-        return np.concatenate([np.zeros(3), [pi if time < 0.2 else 0.0], np.zeros(16)])
-
-    bench = Bench(model, settings, state=state)
-    bound = error_bound(settings, 0.3, ZERO)
-    np.testing.assert_allclose(bound.total, bound.tool, atol=1e-15)
-    reached = np.abs(bench.error(0.3)[:3])
-    assert np.linalg.norm(reached) == pytest.approx(bound.tool[0], rel=1e-2)
 
 
 # State and settings ------------------------------------------------------------------------------

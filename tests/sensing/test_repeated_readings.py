@@ -31,13 +31,6 @@ def test_no_force_makes_drawn_readings_repeat_more_often_than_computed(multiple,
     assert found <= bound + 4.0 * np.sqrt(bound / 20_000)
 
 
-def test_the_computed_probability_is_attained_in_one_component():
-    """At the middle of a step, by Σ p² < max p with one interval that has nearly all of it."""
-    sigma, r = np.array([0.25, *np.zeros(5)]), np.array([1.2, *np.zeros(5)])
-    found, bound = np.mean(repeats(sigma, 3.0, r, np.zeros(6))), repeat_probability(sigma, 3.0, r)
-    assert 0.95 * bound < found <= bound
-
-
 @pytest.mark.parametrize("force_step", [0.01, 0.0625, 0.2, 0.5])
 def test_no_run_of_a_working_sensor_is_that_of_a_frozen_one(force_step):
     """Of the shipped noise, and steps of the torque alike: the longest drawn run is shorter."""

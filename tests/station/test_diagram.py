@@ -23,7 +23,7 @@ CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 LOGGED = ("state", "chi", "nominal_state", "nominal_input", "u", "tau", "state_lost",
           "input_limited", "force", "penetration", "desired_force", "disturbance", "acceleration",
           "tube_deviation", "tube_bound")
-"""Signals of dynamic motion."""
+"""Signals of every station."""
 WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",
         "limits.pitch=0.3"]
 """The joint limits of the robot itself, and a wide range of attitudes."""

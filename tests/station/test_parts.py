@@ -139,7 +139,7 @@ def test_a_part_takes_no_name_away_and_no_component(parts, expected):
 
 @dataclass
 class Swell(Disturbance):
-    """d̃ sin t along x, of dynamic motion only."""
+    """d̃ sin t along x."""
 
     def add_to(self, builder, model, seed, signals):
         assert {"state", "e_y", "r"} <= set(signals)

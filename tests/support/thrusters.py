@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from uvms_drake.common.schema import check_values
 from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
     ThrusterKind,
     ThrusterParameters,
-    check_thrusters,
 )
 
 T200 = [  # Points of the maker's tables: pulse [µs], force [N]; lower voltages by their ends.
@@ -34,5 +34,5 @@ def eight_thrusters(bias: float = 0.0) -> ThrusterParameters:
             "t200", np.array([0.12 * x, 0.22 * y, 0.06]), np.array([0.0, 0.0, -1.0]))
     out = ThrusterParameters(dead_time=0.11, voltage=16.0, bias=bias, kinds={"t200": t200()},
                              thrusters=thrusters)
-    check_thrusters(out)
+    check_values(out)
     return out

@@ -1,6 +1,5 @@
 """Tests of the constants of the tube, those of the paper too."""
 
-import json
 
 import numpy as np
 import pytest
@@ -78,11 +77,6 @@ def test_constants_of_the_same_matrix_are_ordered_and_none_is_refuted(model, est
     assert value["L_c_chi"] <= value["L_c"] and value["L_1_chi"] <= value["L_1"]
     for estimate in checked_constants(model, BOUNDS, tuple(estimated.values()), 3):
         assert 0.9 < estimate.ratio <= 1.0, estimate.name
-
-
-def test_a_constant_survives_json():
-    constant = Constant("J_max", 2.1, "proven", 100, 2.0)
-    assert Constant.from_data(json.loads(json.dumps(constant.to_data()))) == constant
 
 
 def test_the_turret_has_the_norm_that_is_written_down():

@@ -4,12 +4,13 @@ After Heshmati-alamdari, Bechlioulis, Karras, Nikou, Dimarogonas and Kyriakopoul
 in Control 2018, and arXiv 1611.07399, of which only the abstracts could be read: the structure in
 two layers is that of this family, the constants are not the papers'. An error stays in its funnel,
 
-    |e| < ρ(t) = (ρ₀ − ρ_∞) exp(−l t) + ρ_∞,   ξ = e/ρ,   ε = ln((1 + ξ)/(1 − ξ)),   r = dε/dξ,
+    |e| < ρ(t) = (ρ₀ − ρ_∞) exp(−l t) + ρ_∞,   ξ = e/ρ,   ε = ln((1 + ξ)/(1 − ξ)),
 
 in continuous time, without a limit of the input, and from contact. Here time is sampled and the
 input limited, so a funnel can be left, where ε does not exist: ξ is clamped to ±`CLAMP`, and every
 exit is counted. Before the touch, which the theory does not have, the tip approaches at a constant
-speed; the funnel of the force begins at the touch.
+speed; the funnel of the force begins at the touch. A layer is −K ε; with −K ρ⁻¹ (dε/dξ) ε, which is
+steeper at a funnel's edge, a sampled loop behind thrusters diverges.
 """
 
 from dataclasses import dataclass, field
@@ -31,13 +32,13 @@ class PerformanceGains:
     force_decay: float = 0.6
     """l of the force [1/s]."""
     force_gain: float = 1.27e-3
-    """K₁ of the force [m/s], or [m N/s] in the gradient form."""
+    """K₁ of the force [m/s]."""
     position: float = 0.02
     """ρ_∞ of the position across n [m]."""
     position_start: float = 0.2
     """ρ₀ of the position [m]."""
     position_gain: float = 8.0e-3
-    """K₁ of the position [m/s], or [m²/s] in the gradient form."""
+    """K₁ of the position [m/s]."""
     decay: float = 0.5
     """l of position and velocities [1/s]."""
     station: float = 0.5
@@ -48,9 +49,6 @@ class PerformanceGains:
     """K₂ (6+n,) of the second layer [N, N m]; zero on an axis that is not driven."""
     wide: float = 3.0
     """ρ₀ of the velocities over their ρ_∞."""
-    gradient: bool = False
-    """Whether a layer is −K ρ⁻¹ r ε; else −K ε. Which one the papers print could not be read. The
-    gradient form is steeper at a funnel's edge, too steep for a sampled loop behind thrusters."""
 
 
 def funnel(start: np.ndarray | float, end: np.ndarray | float, decay: float, time: float
@@ -59,11 +57,11 @@ def funnel(start: np.ndarray | float, end: np.ndarray | float, decay: float, tim
     return np.asarray(end + (np.asarray(start) - end) * np.exp(-decay * time))
 
 
-def transformed(error: np.ndarray, rho: np.ndarray, gradient: bool) -> np.ndarray:
-    """Returns ρ⁻¹ r ε, or ε, with ξ clamped to ±`CLAMP`."""
+def transformed(error: np.ndarray, rho: np.ndarray) -> np.ndarray:
+    """Returns ε, with ξ clamped to ±`CLAMP`."""
     xi = np.clip(error / rho, -CLAMP, CLAMP)
     epsilon: np.ndarray = np.log((1.0 + xi) / (1.0 - xi))
-    return epsilon * 2.0 / ((1.0 - xi**2) * rho) if gradient else epsilon
+    return epsilon
 
 
 class PrescribedPerformance(Law):
@@ -91,7 +89,7 @@ class PrescribedPerformance(Law):
         """Returns ζ − ζ_r and its funnel (6+n,)."""
         gains, (error, rho) = self._gains, self.task_error(now)
         along, *across = np.array([gains.force_gain, gains.position_gain, gains.position_gain]) * (
-            -transformed(error, rho, gains.gradient))
+            -transformed(error, rho))
         v = tangents(now.n).T @ np.array(across) + now.across @ now.reference.v
         v += now.n * (along if now.reference.touched else now.n @ now.reference.v)
         vehicle = now.station_velocity + gains.station * now.station_error
@@ -105,7 +103,7 @@ class PrescribedPerformance(Law):
     def tau(self, now: Measured, memory: np.ndarray) -> np.ndarray:
         """See the class."""
         gains = self._gains
-        return -gains.velocity_gain * transformed(*self.velocity_error(now), gains.gradient)
+        return -gains.velocity_gain * transformed(*self.velocity_error(now))
 
     def updated(self, now: Measured, memory: np.ndarray, limited: bool) -> np.ndarray:
         """Returns the next number of exits, and which funnels are left."""

@@ -1,6 +1,7 @@
 """Medians and worst of the benchmark's runs, as data and as tables in Markdown."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -61,20 +62,23 @@ def _cell(runs: Sequence[Result]) -> Result:
     out: Result = {"runs": len(runs), "failed": sum(
         run["error"] is not None or run.get("ended") is not None for run in runs)}
     for name in METRICS:
-        values = [run.get(name) for run in runs]
-        if name in ("force_rms", "settling"):
-            values = [np.inf if value is None else value for value in values]
+        none = np.inf if name in ("force_rms", "settling") else None
+        values = [none if run.get(name) is None else run[name] for run in runs]
         known = [value for value in values if value is not None]
-        out[name] = _numbers(known) if known else None
-    limits: dict[str, float] = {}
-    for run in runs:
-        for name, excess in run.get("limits", {}).items():
-            limits[name] = max(excess, limits.get(name, 0.0))
-    return out | {"limits": limits, "broken": sum(bool(run.get("limits")) for run in runs)}
+        out[name] = _numbers(known, known) if known else None
+    return out | {"limits": _worst([run.get("limits", {}) for run in runs]),
+                  "broken": sum(bool(run.get("limits")) for run in runs)}
 
 
-def _numbers(values: Sequence[float]) -> dict[str, float]:
-    return {"median": float(np.median(values)), "worst": float(np.max(values))}
+def _numbers(medians: Sequence[float], worst: Sequence[float], scale: float = 1.0
+             ) -> dict[str, float]:
+    return {"median": scale * float(np.median(medians)), "worst": scale * float(np.max(worst))}
+
+
+def _worst(limits: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Returns the largest excess of each limit that is broken in any of several runs or cells."""
+    return {name: max(each.get(name, 0.0) for each in limits)
+            for name in dict.fromkeys(name for each in limits for name in each)}
 
 
 def _better(robot: str, case: str, cells: dict[str, Result]) -> list[Result]:
@@ -100,50 +104,55 @@ def _better(robot: str, case: str, cells: dict[str, Result]) -> list[Result]:
 
 def format_benchmark(summary: dict[str, Any]) -> str:
     """Returns the tables in Markdown."""
-    controllers, draws = summary["controllers"], summary["draws"]
-    lines: list[str] = []
-    # The draws, and the data declared to each controller.
-    lines += [f"{summary['runs']} runs, at most {draws} draw{'s' * (draws > 1)} of each case "
-              f"(seed {summary['seed']}), the same for all controllers. A number is a median; the "
-              "worst follows in brackets where it differs.", ""]
-    lines += ["## Declared to each controller", "",
-              "Besides the measured state and force, and the desired force:", ""]
-    lines += _table(["controller", "declared"], [
-        [name, ", ".join(facts)] for name, facts in summary["declared"].items()])
-    # A table of all cases, and one over them, for each robot.
+    draws, close = summary["draws"], 100 * (CLOSE - 1)
+    lines = [
+        f"{summary['runs']} runs, at most {draws} draw{'s' * (draws > 1)} of each case "
+        f"(seed {summary['seed']}), the same for all controllers. A number is a median; the worst "
+        "follows in brackets where it differs.", "",
+        "## Declared to each controller", "",
+        "Besides the measured state and force, and the desired force:", "",
+        *_table(["controller", "declared"], [
+            [name, ", ".join(facts)] for name, facts in summary["declared"].items()])]
     for robot in summary["robots"]:
-        cells = summary["cells"][robot]
-        lines += [f"## {robot}", "",
-                  "Force: rms of the error over the last 3 s [N] / peak [N] / time from the touch "
-                  f"until it stays within the tolerance [s]; {NEVER} for not within "
-                  f"{AFTER:g} s of the touch (soft {AFTER + CASES['soft'].further:g} s, slide "
-                  f"{AFTER + CASES['slide'].further:g} s), at which a run ends, or a run that "
-                  "failed or never touched.", ""]
-        cases = [case for case in summary["cases"]
-                 if any(cell["runs"] for cell in cells[case].values())]
-        lines += _table(["case", *controllers], [
-            [f"{case}: {CASES[case].text}", *(_force(cells[case][name]) for name in controllers)]
-            for case in cases])
-        lines += ["Over each controller's own cases: the median, and the worst in brackets.", ""]
-        lines += _table(["", *controllers], [
-            [text, *(_over(cells, cases, name, metric, scale) for name in controllers)]
-            for text, metric, scale in OVERALL] + [
-            ["runs that ended early", *(str(sum(cells[case][name].get("failed", 0)
-                                                for case in cases)) for name in controllers)],
-            *([text, *(_broken(cells, among, name) for name in controllers)] for text, among in (
-                ("runs that broke a limit", cases), ("of those on walls of the declared class", [
-                    case for case in cases if not CASES[case].outside]))),
-            ["limits broken, worst excess", *(_limits(cells, cases, name)
-                                              for name in controllers)]])
+        lines += _of_robot(robot, summary["cells"][robot], summary["controllers"])
     lines += ["## Better than the tube MPC", "",
-              f"Medians that another controller beats by more than {100 * (CLOSE - 1):.0f} %.", ""]
-    lines += _table(["robot", "case", "metric", "best other", "its median", "tube MPC"], [
-        [row["robot"], row["case"], JUDGED[row["metric"]], row["by"], _number(row["other"]),
-         _number(row["own"])] for row in summary["better_than_tube"]])
+              f"Medians that another controller beats by more than {close:.0f} %.", "",
+              *_table(["robot", "case", "metric", "best other", "its median", "tube MPC"], [
+                  [row["robot"], row["case"], JUDGED[row["metric"]], row["by"],
+                   _number(row["other"]), _number(row["own"])]
+                  for row in summary["better_than_tube"]]), ""]
     if summary["errors"]:
         lines += ["## Runs that failed or ended early", "",
                   *(f"- {text}" for text in summary["errors"]), ""]
     return "\n".join(lines)
+
+
+def _of_robot(robot: str, cells: dict[str, Any], controllers: Sequence[str]) -> list[str]:
+    """Returns a table of all cases of a robot, and one over them."""
+    cases = [case for case in cells if any(cell["runs"] for cell in cells[case].values())]
+
+    def over(row: Callable[[list[Result]], str], among: Sequence[str] = cases) -> list[str]:
+        """Returns a row over the cells of a controller's own cases."""
+        return [row([cells[case][name] for case in among if cells[case][name]["runs"]])
+                for name in controllers]
+
+    return [
+        f"## {robot}", "",
+        "Force: rms of the error over the last 3 s [N] / peak [N] / time from the touch until it "
+        f"stays within the tolerance [s]; {NEVER} for not within {AFTER:g} s of the touch (soft "
+        f"{AFTER + CASES['soft'].further:g} s, slide {AFTER + CASES['slide'].further:g} s), at "
+        "which a run ends, or a run that failed or never touched.", "",
+        *_table(["case", *controllers], [
+            [f"{case}: {CASES[case].text}", *(_force(cells[case][name]) for name in controllers)]
+            for case in cases]),
+        "Over each controller's own cases: the median, and the worst in brackets.", "",
+        *_table(["", *controllers], [
+            *([text, *over(partial(_over, metric, scale))] for text, metric, scale in OVERALL),
+            ["runs that ended early", *over(lambda own: str(sum(cell["failed"] for cell in own)))],
+            ["runs that broke a limit", *over(_broken)],
+            ["of those on walls of the declared class", *over(_broken, [
+                case for case in cases if not CASES[case].outside])],
+            ["limits broken, worst excess", *over(_limits)]])]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -165,24 +174,16 @@ def _force(cell: Result) -> str:
     return " / ".join(_pair(cell[name]) for name in JUDGED) if cell["runs"] else ""
 
 
-def _over(cells: dict[str, Any], cases: Sequence[str], name: str, metric: str, scale: float) -> str:
-    found = [cells[case][name][metric] for case in cases
-             if cells[case][name]["runs"] and cells[case][name][metric] is not None]
-    if not found:
-        return ""
-    return _pair({"median": scale * float(np.median([each["median"] for each in found])),
-                  "worst": scale * max(each["worst"] for each in found)})
+def _over(metric: str, scale: float, own: Sequence[Result]) -> str:
+    found = [cell[metric] for cell in own if cell[metric] is not None]
+    return _pair(_numbers([each["median"] for each in found], [each["worst"] for each in found],
+                          scale)) if found else ""
 
 
-def _broken(cells: dict[str, Any], cases: Sequence[str], name: str) -> str:
-    broken, runs = (sum(cells[case][name].get(key, 0) for case in cases)
-                    for key in ("broken", "runs"))
-    return f"{broken} of {runs}"
+def _broken(own: Sequence[Result]) -> str:
+    return " of ".join(str(sum(cell[key] for cell in own)) for key in ("broken", "runs"))
 
 
-def _limits(cells: dict[str, Any], cases: Sequence[str], name: str) -> str:
-    worst: dict[str, float] = {}
-    for case in cases:
-        for limit, excess in cells[case][name].get("limits", {}).items():
-            worst[limit] = max(excess, worst.get(limit, 0.0))
+def _limits(own: Sequence[Result]) -> str:
+    worst = _worst([cell["limits"] for cell in own])
     return ", ".join(f"{limit} {excess:.2g}" for limit, excess in worst.items()) or "none"

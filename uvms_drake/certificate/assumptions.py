@@ -53,13 +53,19 @@ def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption,
     """Returns the assumptions of a scenario's certificate, those of `SCOPE` first."""
     wall, actuation = scenario.contact.declared_wall(), scenario.actuation
     path = command_path_of(actuation, model)
-    return tuple(Assumption(about, statement, by) for about, statement, by in (
+    return tuple(Assumption(*each) for each in (
         *_actuation(scenario.model, actuation, path, scenario.limits, model),
         *_sensing([] if wall is None else [*_force_sensor(scenario)], path),
         *_surface(scenario, wall), ("surface", "the tip alone touches anything", OPERATOR),
         *_disturbance(scenario.disturbance, scenario.unknowns, model.size),
-        *_robot(scenario.model),
-        *_program(scenario.mpc.time_step, scenario.certificate.safety_factor)))
+        ("robot", "geometry, joints and their ranges are those of the files of "
+         f"{scenario.model}, and so are inertia, added mass, drag and buoyancy", MAKER),
+        ("robot", "it is at rest at the declared start, no plan before it", OPERATOR),
+        ("computer", f"each plan is there at its knot, every {scenario.mpc.time_step:g} s, and the "
+         "law's arithmetic takes no time and does not round", INTEGRATOR),
+        ("search", "no supremum that is marked 'estimated' is larger than its search found, times "
+         f"{scenario.certificate.safety_factor:g}; the terminal set holds between its samples",
+         CERTIFIER)))
 
 
 def scope_of(assumptions: Sequence[Assumption]) -> dict[str, str]:
@@ -160,8 +166,7 @@ def _surface(scenario: Scenario, wall: SensedContact | None) -> Iterator[Stateme
                f"{slow.force_rate:g} N/s and {slow.force_ripple:g} N at most", OPERATOR)
 
 
-def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int
-                 ) -> Iterator[Statement]:
+def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int) -> Iterator[Statement]:
     """Yields the bound of d, and the declared unknowns that are a part of it."""
     ball = f"in norm at most {bound.d_bound:.4g}"
     if np.size(bound.weights):
@@ -181,22 +186,6 @@ def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int
                "by the sizes of model_error", MAKER)
     if unknowns.present:
         yield ("disturbance", f"all else keeps to {1.0 - error.share:.3g} of the bound", OPERATOR)
-
-
-def _robot(robot: str) -> Iterator[Statement]:
-    """Yields the robot and its start."""
-    yield ("robot", f"geometry, joints and their ranges are those of the files of {robot}, "
-           "and so are inertia, added mass, drag and buoyancy", MAKER)
-    yield "robot", "it is at rest at the declared start, no plan before it", OPERATOR
-
-
-def _program(time_step: float, safety_factor: float) -> Iterator[Statement]:
-    """Yields the computer and the searches."""
-    yield ("computer", f"each plan is there at its knot, every {time_step:g} s, and "
-           "the law's arithmetic takes no time and does not round", INTEGRATOR)
-    yield ("search", "no supremum that is marked 'estimated' is larger than its search "
-           f"found, times {safety_factor:g}; the terminal set holds between "
-           "its samples", CERTIFIER)
 
 
 def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) -> list[Condition]:

@@ -10,7 +10,7 @@ has no certificate.
 import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -296,14 +296,14 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
 
     def search() -> dict:
         found = constants_of(names, model, declared, weights, settings)
-        return {name: constant.to_data() for name, constant in found.items()}
+        return {name: asdict(constant) for name, constant in found.items()}
 
     constants = cached(key, search) if names else {}
     # Speeds and actuators.
     speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
     return Basis(
         model=model, declared=declared,
-        constants={name: Constant.from_data(data) for name, data in constants.items()},
+        constants={name: Constant(**data) for name, data in constants.items()},
         d_bound=scenario.disturbance.d_bound, weights=weights,
         u_limit=np.asarray(limits.u, dtype=float), settings=settings,
         contact=contact, forces=bool(

@@ -100,13 +100,12 @@ for _kind in (_Loader, _FastLoader):
     _kind.add_multi_constructor("", _tagged)
 
 
-def load_file(path: Path, schema: type[T], check: Callable[[T], None]) -> T:
+def load_file(path: Path, schema: type[T]) -> T:
     """Returns the content of a YAML file as `schema`.
 
     Args:
         path: Of the file.
         schema: Dataclass of its content.
-        check: Raises `InvalidParameter` for the first value that has no meaning.
 
     Raises:
         InvalidFile: The file cannot be read, or a value in it has no meaning; names the line.
@@ -115,7 +114,6 @@ def load_file(path: Path, schema: type[T], check: Callable[[T], None]) -> T:
     try:
         text = read_text(path)
         content: T = deepcopy(_content(schema, text))  # type: ignore[arg-type]  # It is hashable.
-        check(content)
     except ScenarioError as error:
         raise InvalidFile([f"{path}: {error}"]) from None
     except InvalidParameter as error:
@@ -224,6 +222,9 @@ def _check_value(declared: typing.Any, value: typing.Any, key: str) -> None:
                 raise InvalidParameter(key, value, "a list")
             for i, item in enumerate(value):
                 _check_value(typing.get_args(option)[0], item, f"{key}[{i}]")
+        elif typing.get_origin(option) is dict:
+            for name, item in value.items():
+                _check_value(typing.get_args(option)[1], item, f"{key}.{name}")
     if _is_struct(value):
         check_values(value, key)
 

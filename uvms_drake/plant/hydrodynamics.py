@@ -32,12 +32,12 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
     added_mass_about_origin,
-    check_hydrodynamics,
 )
 from uvms_drake.model.frames.spatial import cross, cross_force, skew, times
 
@@ -150,7 +150,7 @@ class Water:
 
 def make_water(parameters: HydrodynamicParameters) -> Water:
     """Checks the parameters and stacks them in the order of `parameters.bodies`."""
-    check_hydrodynamics(parameters)
+    check_values(parameters)
     bodies: list[BodyHydrodynamics] = list(parameters.bodies.values())
     drags = [(i, drag) for i, body in enumerate(bodies) for drag in body.drag]
     drag_points = np.zeros((len(drags), 6, len(bodies), 6))

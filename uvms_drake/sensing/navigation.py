@@ -22,12 +22,13 @@ seed and of the time, so that ε needs no state.
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.errors import require, require_rate, vector, within
+from uvms_drake.common.constraints import Between, Fraction, NotNegative, Rate, Vector
+from uvms_drake.common.errors import require
 from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Sensor, Signals
@@ -53,9 +54,9 @@ def triangle(x: np.ndarray) -> np.ndarray:
 class Channel:
     """Components of the state that are measured together."""
 
-    rate: float = 50.0
+    rate: Annotated[float, Rate] = 50.0
     """Samples per second [Hz]."""
-    noise: float = 0.0
+    noise: Annotated[float, NotNegative] = 0.0
     """Standard deviation σ of a sample, of each component [m, rad, m/s, rad/s]."""
     latency: float = 0.01
     """Latency δ from a sample to the controller [s]."""
@@ -64,8 +65,6 @@ class Channel:
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require_rate("rate", self.rate)
-        require(0.0 <= self.noise < np.inf, "noise", self.noise, "zero or positive")
         require(0.0 <= self.latency <= 100.0 / self.rate, "latency", self.latency,
                 f"from 0 to 100 periods, {100.0 / self.rate:g} s")
 
@@ -74,15 +73,10 @@ class Channel:
 class Drift:
     """Slow error of the position."""
 
-    rate: float = 0.0002
+    rate: Annotated[float, NotNegative] = 0.0002
     """Bound of its rate, of each component [m/s]; the rate is drawn by the scenario's seed."""
-    bound: float = 0.02
+    bound: Annotated[float, NotNegative] = 0.02
     """Bound of each component, at which it reverses [m]."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        for key in ("rate", "bound"):
-            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
 
     def at(self, time: float, rates: np.ndarray) -> np.ndarray:
         """Returns the error (3,) [m] of drawn rates (3,) [m/s]."""
@@ -95,27 +89,23 @@ class Drift:
 class Dvl:
     """Doppler log that corrects the velocity."""
 
-    rate: float = 9.5
+    rate: Annotated[float, Between(0.01, 100.0, " Hz")] = 9.5
     """Fixes per second [Hz]."""
-    noise: np.ndarray = field(default_factory=lambda: np.array([0.0041, 0.0039, 0.0009]))
+    noise: Annotated[np.ndarray, Vector(3), NotNegative] = field(
+        default_factory=lambda: np.array([0.0041, 0.0039, 0.0009]))
     """Standard deviation σ of a fix (3,) [m/s]."""
     gap: float = 0.38
     """Longest time between two fixes [s], of which whole periods count."""
-    lost: float = 0.1
+    lost: Annotated[float, Fraction] = 0.1
     """Probability that a fix is lost; 1: every gap is the longest."""
-    growth: float = 0.02
+    growth: Annotated[float, NotNegative] = 0.02
     """Bound of the growth of the error without a fix, of each component [m/s²]: the bias of the
     accelerometers, drawn by the scenario's seed."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 < self.rate <= 100.0, "rate", self.rate, "positive, and at most 100 Hz")
-        noise = vector("noise", self.noise, 3)
-        require(bool(np.all(noise >= 0.0)), "noise", noise, "zero or positive")
         require(1.0 <= self.gap * self.rate <= 1e4, "gap", self.gap,
                 f"from one period, {1.0 / self.rate:g} s, to 10000")
-        require(0.0 <= self.lost <= 1.0, "lost", self.lost, "from 0 to 1")
-        require(0.0 <= self.growth < np.inf, "growth", self.growth, "zero or positive")
 
     @property
     def most(self) -> int:
@@ -170,20 +160,12 @@ class Navigation(Sensor):
     """Joint angles [rad]."""
     joint_rates: Channel = field(default_factory=lambda: Channel(50.0, 0.002, 0.01))
     """Rates of the joints [rad/s]."""
-    noise_multiple: float = 3.0
+    noise_multiple: Annotated[float, NotNegative] = 3.0
     """Multiple of σ to which all noise is cut, so that it is bounded."""
     drift: Drift = field(default_factory=Drift)
     """Drift of the position."""
     dvl: Dvl = field(default_factory=Dvl)
     """Doppler log of the velocity."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        for key in (*CHANNELS, "drift", "dvl"):
-            with within(key):
-                getattr(self, key).check()
-        require(0.0 <= self.noise_multiple < np.inf, "noise_multiple", self.noise_multiple,
-                "zero or positive")
 
     def assumption(self) -> str:
         """Returns the assumption that it breaks."""

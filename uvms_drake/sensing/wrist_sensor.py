@@ -18,7 +18,7 @@ attitude in it. Bound of the error of F̂: sensing/theory.md#error-bound-of-the-
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -33,9 +33,18 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.alarm import warn
-from uvms_drake.common.errors import require, require_rate, vector, within
+from uvms_drake.common.constraints import (
+    AtMost,
+    Between,
+    NotNegative,
+    Positive,
+    Rate,
+    Vector,
+)
+from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.keyed_random import normal_numbers
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import added, output_of
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.frames.euler import rotated_back, rotation_matrix
@@ -112,24 +121,16 @@ class Tool:
     times some 0.1 m/s², and its drag are left out.
     """
 
-    mass: float = 0.0
+    mass: Annotated[float, NotNegative] = 0.0
     """Mass [kg]."""
-    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    centre: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
     """Centre of mass in the sensor's frame [m]."""
-    displaced: float = 0.0
+    displaced: Annotated[float, NotNegative] = 0.0
     """Mass of the water that it displaces [kg]."""
-    buoyancy: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    buoyancy: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
     """Centre of buoyancy in the sensor's frame [m]."""
-    error: float = 0.0
+    error: Annotated[float, Between(-1, 1)] = 0.0
     """Relative error of the weight that the sensor's model takes off: too much, if positive."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        for key in ("mass", "displaced"):
-            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
-        for key in ("centre", "buoyancy"):
-            vector(key, getattr(self, key), 3)
-        require(bool(abs(self.error) <= 1.0), "error", self.error, "between -1 and 1")
 
     @property
     def _moment(self) -> np.ndarray:
@@ -158,48 +159,41 @@ class Tool:
 class WristSettings:
     """Properties of a wrist sensor; its errors are bounds."""
 
-    rate: float = 100.0
+    rate: Annotated[float, Rate] = 100.0
     """Samples per second [Hz]."""
-    lag: float = 0.02
+    lag: Annotated[float, NotNegative] = 0.02
     """Time constant T [s]; zero for none."""
-    noise: np.ndarray = field(default_factory=lambda: np.array([0.25] * 3 + [0.005] * 3))
+    noise: Annotated[np.ndarray, Vector(6), NotNegative] = field(
+        default_factory=lambda: np.array([0.25] * 3 + [0.005] * 3))
     """Standard deviation σ of a sample (6,) [N (3), N m (3)]."""
-    noise_multiple: float = 3.0
+    noise_multiple: Annotated[float, NotNegative] = 3.0
     """Multiple of σ to which the noise is cut, so that it is bounded."""
-    least_noise: float = 1.0
+    least_noise: Annotated[float, Positive, AtMost(1)] = 1.0
     """Least standard deviation of a sample over σ: below 1 for a sensor that may be quieter than
     its declared noise, whose readings repeat more often; a frozen one is then found later."""
-    resolution: np.ndarray = field(
+    resolution: Annotated[np.ndarray, Vector(6), NotNegative] = field(
         default_factory=lambda: np.array([0.0625] * 3 + [0.00133] * 3))
     """Step r of the readings (6,) [N (3), N m (3)]; zero for none."""
-    bias: np.ndarray = field(default_factory=lambda: np.array([5.0] * 3 + [0.1] * 3))
+    bias: Annotated[np.ndarray, Vector(6), NotNegative] = field(
+        default_factory=lambda: np.array([5.0] * 3 + [0.1] * 3))
     """Bound of each component of b (6,) [N (3), N m (3)]; b is drawn by the scenario's seed."""
-    drift: np.ndarray = field(default_factory=lambda: np.array([0.002] * 3 + [0.00004] * 3))
+    drift: Annotated[np.ndarray, Vector(6), NotNegative] = field(
+        default_factory=lambda: np.array([0.002] * 3 + [0.00004] * 3))
     """Bound of each component of s (6,) [N/s (3), N m/s (3)]; s is drawn likewise."""
-    range: np.ndarray = field(default_factory=lambda: np.array([2000.0] * 3 + [40.0, 40.0, 30.0]))
+    range: Annotated[np.ndarray, Vector(6), NotNegative] = field(
+        default_factory=lambda: np.array([2000.0] * 3 + [40.0, 40.0, 30.0]))
     """Largest readings either way (6,) [N (3), N m (3)]."""
     tare: float = 0.5
     """Time at the start during which nothing is touched and the mean is taken off [s]; 0: none."""
-    mounting: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    mounting: Annotated[np.ndarray, Vector(6)] = field(default_factory=lambda: np.zeros(6))
     """Pose of the sensor in the frame of the end-effector: position, ZYX Euler angles [m, rad]."""
     tool: Tool = field(default_factory=Tool)
     """Tool beyond it."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require_rate("rate", self.rate)
-        for key in ("lag", "noise_multiple"):
-            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
-        for key in ("noise", "resolution", "bias", "drift", "range"):
-            value = vector(key, getattr(self, key), 6)
-            require(bool(np.all(value >= 0.0)), key, value, "zero or positive")
-        require(0.0 < self.least_noise <= 1.0, "least_noise", self.least_noise,
-                "above 0 and at most 1")
         require(self.tare == 0.0 or 1.0 <= self.tare * self.rate < np.inf, "tare", self.tare,
                 f"0, or at least one sample long, {1.0 / self.rate:g} s")
-        vector("mounting", self.mounting, 6)
-        with within("tool"):
-            self.tool.check()
 
     @property
     def tare_samples(self) -> int:
@@ -244,7 +238,7 @@ class WristSensor(LeafSystem):
 
     def __init__(self, model: UvmsModel, settings: WristSettings, off: Imperfection):
         super().__init__()
-        settings.check()
+        check_values(settings)
         self._settings, self._off = settings, off
         # The attitude in χ is about the axes of the task's frame Σ_T: forces come in them, too.
         self._gravity = (model.gravity @ model.R_WT).tolist()

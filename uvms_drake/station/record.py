@@ -47,30 +47,28 @@ class Record:
     chi_des: np.ndarray
     """Desired pose χ_des of the last 𝔉_des (6,) [m, rad]."""
     nominal_input: np.ndarray
-    """Nominal input ū (T, 6+n) [m/s², rad/s²]; ζ̄ [m/s, rad/s] if the motion is kinematic."""
+    """Nominal input ū (T, 6+n) [m/s², rad/s²]."""
     u: np.ndarray
-    """Command 𝔲 (T, 6+n) [m/s², rad/s²]; ζ [m/s, rad/s] if the motion is kinematic."""
+    """Command 𝔲 (T, 6+n) [m/s², rad/s²]."""
     tau: np.ndarray
-    """Generalised force τ = M𝔲 (T, 6+n) [N, N m]; (T, 0) if the motion is kinematic."""
+    """Generalised force τ = M𝔲 (T, 6+n) [N, N m]."""
     state_lost: np.ndarray
     """1 where the measured state was not finite and the command was the plan's own, else 0 (T,)."""
     input_limited: np.ndarray
-    """1 where a limit cut the command, else 0 (T,); 0 if the motion is kinematic."""
+    """1 where a limit cut the command, else 0 (T,)."""
     force: np.ndarray
-    """Wrench 𝔉 exerted on the surface (T, 6) [N, N m]; if the motion is kinematic, the one that the
-    surface's law gives for the pose."""
+    """Wrench 𝔉 exerted on the surface (T, 6) [N, N m]."""
     desired_force: np.ndarray
     """Wrench 𝔉_des that the nominal MPC plans for (T, 6) [N, N m]."""
     penetration: np.ndarray
     """Depth of the end-effector in the surface (T,) [m]."""
     disturbance: np.ndarray
-    """Disturbance d (T, 6+n) [m/s², rad/s²]; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
+    """Disturbance d (T, 6+n) [m/s², rad/s²]."""
     acceleration: np.ndarray
-    """Acceleration ζ̇ (T, 6+n) [m/s², rad/s²]; (T, 0) if the motion is kinematic."""
+    """Acceleration ζ̇ (T, 6+n) [m/s², rad/s²]."""
     effective_disturbance: np.ndarray
     """Residual ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f and the sent 𝔲: d
-    and all model errors, without the effect of sample and hold; w (T, 6) [m/s, rad/s] if the motion
-    is kinematic."""
+    and all model errors, without the effect of sample and hold."""
     joint_lower: np.ndarray
     """Smallest joint angles allowed (n,) [rad]: the robot's, or the scenario's if narrower."""
     joint_upper: np.ndarray

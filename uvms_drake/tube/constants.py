@@ -9,8 +9,8 @@ over the unit ball, which `ascent` climbs for. An estimate may be too small: onl
 a bound. A law of one's own registers those that its tube needs, see `register_constant`.
 """
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -41,13 +41,6 @@ class Constant:
     """Number of states (estimated) or boxes (proven) that were evaluated."""
     sampled_value: float
     """Largest value found at a state of the set."""
-
-    to_data = asdict
-
-    @staticmethod
-    def from_data(data: dict[str, Any]) -> "Constant":
-        """Returns the constant from the result of `to_data`."""
-        return Constant(**data)
 
 
 class Quantity(NamedTuple):

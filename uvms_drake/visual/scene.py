@@ -13,7 +13,6 @@ from uvms_drake.control.plan.points import Points
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.contact import KNOWN, Coverage, DrawnEstimate, Estimate, Pressing
 from uvms_drake.visual.objects import (
     CELL,
@@ -27,7 +26,7 @@ from uvms_drake.visual.objects import (
     round_magnification,
 )
 from uvms_drake.visual.overlay import Overlay
-from uvms_drake.visual.stage import NED, UP, Stage
+from uvms_drake.visual.stage import NED, UP, Stage, VisualConfig
 
 WATER = {"top_color": [0.36, 0.60, 0.72], "bottom_color": [0.04, 0.16, 0.26]}
 GHOST = Rgba(1.0, 1.0, 1.0, 0.75)
@@ -87,9 +86,9 @@ class LimitUse:
 
         Args:
             state: (𝔮, ζ) (2(6+n),).
-            u: 𝔲 (6+n,); not read if the motion is kinematic.
+            u: 𝔲 (6+n,).
             nominal_state: (𝔮̄, ζ̄) (2(6+n),).
-            nominal_input: ū (6+n,); not read if the motion is kinematic.
+            nominal_input: ū (6+n,).
         """
         return np.maximum(self._lengths(self._limits, state, u),
                           self._lengths(self._nominal, nominal_state, nominal_input))

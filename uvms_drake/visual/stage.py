@@ -5,11 +5,14 @@ A recording keeps position, attitude and scale, but neither colour nor visibilit
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba, Shape
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
+from uvms_drake.common.constraints import AtLeast, Between
 from uvms_drake.common.errors import InvalidParameter
 
 LOCAL = "localhost"
@@ -22,6 +25,17 @@ VANISHED = 1e-5
 """Scale of an object that is hidden; zero has no inverse, which shading needs."""
 UNSEEN = 5e-4
 """Invisible change of a position [m], a direction or a scale: a quarter of a pixel."""
+
+
+@dataclass
+class VisualConfig:
+    """Settings of the picture of a run; the run itself does not depend on them."""
+
+    rate: Annotated[float, Between(1, 100, " pictures in a second")] = 25.0
+    """Pictures in a second of simulated time, live and in the replay [1/s]."""
+    magnification: Annotated[float, AtLeast(1)] | None = None
+    """Factor by which the deviation from the plan is enlarged, in the ghost of the nominal robot
+    and in the inset with the tube; without it, the tube's radius is drawn about 10 cm large."""
 
 
 def open_meshcat(host: str = LOCAL) -> Meshcat:

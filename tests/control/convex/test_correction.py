@@ -132,16 +132,6 @@ def test_a_sound_plan_takes_the_whole_step_in_one_iteration(ocp, guess):
     assert before - solution.evaluation.cost > 0.9 * (before - whole.cost) > 0.0
 
 
-def test_the_least_norm_solution_is_that_of_the_pseudoinverse():
-    """Of rows that are far from dependent, nearly dependent, and dependent."""
-    rng = np.random.default_rng(0)
-    rows, b = rng.normal(size=(4, 7)), rng.normal(size=5)
-    for part in (1.0, 2e-4, 0.0):
-        F = np.concatenate([rows, rng.normal(size=4) @ rows[None] + part * rng.normal(size=(1, 7))])
-        expected = np.linalg.pinv(F, rcond=1e-3) @ b
-        np.testing.assert_allclose(least_norm_solution(F, b), expected, atol=1e-9)
-
-
 def test_an_excess_that_no_decision_removes_takes_no_more_rounds(ocp, guess, monkeypatch):
     """The others are removed as before."""
     program = ocp.staged_program(guess)

@@ -6,7 +6,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from support.laws import SIGMA, K, pairs, resolved_input, transpose_input
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback, limited_input
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.limits import Limits
@@ -37,24 +36,6 @@ def test_the_system_computes_its_law_in_any_diagram(model, states, config):
     else:
         expected = transpose_input(model, state, nominal, nominal_input, K, SIGMA)
     np.testing.assert_array_equal(diagram.GetOutputPort("u").Eval(context), expected)
-
-
-class Careless(Resolved):
-    """Gives the joints' part of u alone."""
-
-    def command(self, model, now, nominal_acceleration, nominal_input):
-        return nominal_acceleration()[6:]
-
-
-def test_a_law_that_gives_no_command_is_named(model, states):
-    state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
-    feedback = AncillaryFeedback(model, Careless(k=K, sigma=SIGMA))
-    context = feedback.CreateDefaultContext()
-    for name, value in (("state", state), ("nominal_state", nominal),
-                        ("nominal_acceleration", acceleration)):
-        feedback.GetInputPort(name).FixValue(context, value)
-    with pytest.raises(InvalidParameter, match=r"law careless = .*: must be u \(10,\)"):
-        feedback.GetOutputPort("tau").Eval(context)
 
 
 @pytest.mark.parametrize("where", ["free", "deep"])

@@ -79,17 +79,6 @@ def test_mu_bounds_how_fast_the_preimage_grows_by_the_turning_of_j(model, pair):
     assert mu == pytest.approx(eigenvalue, rel=1e-6)
 
 
-def test_euler_angles_on_either_side_of_pi_are_close(model, states):
-    nominal = states["free"][0].copy()
-    y = model.task_pose(nominal[:10])
-    for yaw, name in ((np.pi - 1e-3, "nominal"), (-np.pi + 1e-3, "real")):
-        y[5] = yaw
-        state = np.concatenate([model.configuration(y), np.zeros(10)])
-        if name == "nominal":
-            nominal = state
-    assert deviation(model, LAW, state, nominal).norms[2] == pytest.approx(2e-3)
-
-
 def scripted(model, law=LAW, radii=None, state=None, nominal=None, disturbance=None, **options):
     """Returns a Simulator of a monitor fed by a `Script`, and the monitor."""
     builder = DiagramBuilder()
@@ -169,23 +158,6 @@ def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, pe
         said = [message for message in caplog.messages if message.endswith(f" s: {text}")]
         assert len(said) == report[f"{name}_exits"]
         assert said[0] == f"t = {report[f'{name}_first_exit']:g} s: {text}"
-
-
-def test_what_is_before_it_begins_is_not_looked_at(model, states):
-    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
-
-    def state(t):
-        moved = at_rest.copy()
-        moved[0] += 0.005 * (0.1 < t < 0.3) + 0.002 * (0.45 < t < 0.5)
-        return moved
-
-    for begin, exits, worst in ((0.0, 2.0, 5.0), (0.4, 1.0, 2.0)):
-        simulator, monitor, context = scripted(
-            model, radii={"position": 0.001}, state=state, nominal=lambda t: at_rest, begin=begin)
-        simulator.AdvanceTo(0.6)
-        report = report_of(monitor, context)
-        assert report["set_exits"] == exits
-        assert report["worst_set_position"] == pytest.approx(worst)
 
 
 def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states):

@@ -7,7 +7,7 @@ import pytest
 
 from uvms_drake.certificate.certify import certify
 from uvms_drake.control.laws import Resolved
-from uvms_drake.control.laws.law import AncillaryLaw, pair_of
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.report.figures import deviation_drawing
 from uvms_drake.report.summary import format_summary, summarise
@@ -60,12 +60,3 @@ def test_it_runs_and_its_deviation_is_watched_without_a_bound_along_the_run(reco
     assert "law sloppy; |y - y_nominal|" in text
     assert "of the bound along the run" not in text
     deviation_drawing(record)
-
-
-def test_its_errors_are_those_of_the_extended_task(model, states):
-    state, nominal = states["free"][:2]
-    now = pair_of(model, state, nominal)
-    deviation = Sloppy().deviation(now)
-    np.testing.assert_array_equal(deviation.task, pose_difference(*now.y))
-    np.testing.assert_array_equal(deviation.r, state[10:] - nominal[10:])
-    assert deviation.norms.shape == (6,)

@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -139,8 +140,9 @@ def test_the_terminal_set_knows_them(scenario):
 
 def test_only_a_known_tightening_leaves_a_margin(scenario):
     model = make_ocp(scenario).model
+    found = SimpleNamespace(radii=scenario.tube, estimated=())
     margins = {name: condition.holds for own in (Elbow(), KnownElbow())
-               for condition in tightening_margins(scenario.tube, limits_of(
+               for condition in tightening_margins(found, limits_of(
         with_own(scenario, *scenario.limits.more, own), model))
         for name in [condition.name] if "elbow" in name or "tip_" in name}
     unknown = "limits.{}, no tightening by the tube is defined"

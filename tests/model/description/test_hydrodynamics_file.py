@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.schema import check_values
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     BodyHydrodynamics,
     Drag,
     HydrodynamicParameters,
     added_mass_about_origin,
-    check_hydrodynamics,
     load_hydrodynamics,
 )
 
@@ -41,9 +41,9 @@ def _asymmetric() -> np.ndarray:
         (BodyHydrodynamics(added_mass=[AddedMass(point=np.zeros(6))]),
          r"added_mass\[0\].point", "3 finite numbers"),
         (BodyHydrodynamics(drag=[Drag(linear=np.array([0, 0, 0, 0, 0, -1.0]))]),
-         r"drag\[0\].linear", "none negative"),
+         r"drag\[0\].linear", "zero or positive"),
         (BodyHydrodynamics(drag=[Drag(), Drag(quadratic=-np.ones(6))]),
-         r"drag\[1\].quadratic", "none negative"),
+         r"drag\[1\].quadratic", "zero or positive"),
         (BodyHydrodynamics(drag=[Drag(linear=np.zeros(3))]), r"drag\[0\].linear",
          "6 finite numbers"),
         (BodyHydrodynamics(drag=[Drag(point=np.array([np.inf, 0, 0]))]), r"drag\[0\].point",
@@ -52,19 +52,19 @@ def _asymmetric() -> np.ndarray:
 def test_a_value_without_physical_meaning_is_refused_by_its_key(body, key, allowed):
     parameters = HydrodynamicParameters(bodies={"hull": body})
     with pytest.raises(InvalidParameter, match=rf"^bodies\.hull\.{key} = .*{allowed}"):
-        check_hydrodynamics(parameters)
+        check_values(parameters)
 
 
 @pytest.mark.parametrize("density", [0.0, -1000.0, np.inf, np.nan])
 def test_the_fluid_density_must_be_positive(density):
     with pytest.raises(InvalidParameter, match=r"^fluid_density = .*must be positive"):
-        check_hydrodynamics(HydrodynamicParameters(fluid_density=density))
+        check_values(HydrodynamicParameters(fluid_density=density))
 
 
 def test_a_semidefinite_added_mass_is_accepted():
     """A slender cylinder has no added inertia about its axis."""
     body = BodyHydrodynamics(added_mass=[AddedMass(matrix=np.array([0, 1, 1, 0, 1, 1.0]))])
-    check_hydrodynamics(HydrodynamicParameters(bodies={"rod": body}))
+    check_values(HydrodynamicParameters(bodies={"rod": body}))
 
 
 def test_added_mass_about_the_origin_has_the_energy_of_the_motion_of_its_point():

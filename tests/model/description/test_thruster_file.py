@@ -10,10 +10,10 @@ from pydrake.systems.framework import DiagramBuilder
 from support.thrusters import eight_thrusters, t200
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.schema import check_values
 from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
-    check_thrusters,
     load_thrusters,
     thrust_map,
 )
@@ -93,7 +93,7 @@ def with_curve(command, force):
 ])
 def test_what_has_no_meaning_is_refused_in_one_line(parameters, message):
     with pytest.raises(InvalidParameter, match=message) as error:
-        check_thrusters(parameters)
+        check_values(parameters)
     assert "\n" not in str(error.value)
 
 
@@ -105,9 +105,9 @@ def test_axes_that_no_thruster_drives_have_to_be_named():
     for undriven in ([], ["heave", "roll", "yaw"]):
         parameters.undriven = undriven
         with pytest.raises(InvalidParameter, match=r"drive: 3, such as heave, roll, pitch$"):
-            check_thrusters(parameters)
+            check_values(parameters)
     parameters.undriven = ["heave", "roll", "pitch"]
-    check_thrusters(parameters)
+    check_values(parameters)
 
 
 @pytest.mark.parametrize(("text", "message"), [

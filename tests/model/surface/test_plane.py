@@ -11,7 +11,6 @@ from support.surfaces import (
     moving,
     plane,
     tip_at,
-    work,
 )
 
 from uvms_drake.common.errors import InvalidParameter
@@ -35,14 +34,6 @@ def test_the_plane_never_pulls_whatever_the_pose_and_speed():
         assert force[:3] @ law.normal <= 0.0
         np.testing.assert_allclose(np.cross(force[:3], law.normal), 0.0, atol=1e-9)
         np.testing.assert_array_equal(force[3:], 0.0)
-
-
-def test_the_plane_without_dissipation_does_no_work_around_a_closed_path():
-    assert work(plane(dissipation=0.0)) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_plane_with_dissipation_takes_energy_around_a_closed_path():
-    assert work(plane()) > 1e-3
 
 
 @pytest.mark.parametrize("depth", [0.0, TRANSITION])

@@ -6,8 +6,7 @@ from support.shapes import LAWS, SHAPES, SHIFT, R, in_ball_of, near, surfaces
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.contact_laws import Linear
-from uvms_drake.model.surface.geometry import Cylinder, Plane
-from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 
@@ -56,13 +55,6 @@ def test_flat_linear_and_frictionless_it_is_the_unilateral_plane():
     pose, push = chi[0], np.concatenate([-12.0 * normal, np.zeros(3)])
     np.testing.assert_allclose(
         surface.pose_for(push, pose), plane.pose_for(push, pose), atol=1e-12)
-
-
-@every_surface
-def test_it_passes_the_trial_of_every_surface(surface):
-    checked = check_surface(surface)
-    chi, chi_dot = states(surface, 50, np.random.default_rng(1))
-    np.testing.assert_array_equal(checked.force(chi, chi_dot), surface.force(chi, chi_dot))
 
 
 @every_surface
@@ -198,15 +190,6 @@ def test_at_the_pose_for_a_force_it_is_that_force(surface, force):
     np.testing.assert_allclose(surface.force(chi, np.zeros(6)), push, atol=1e-6)
     np.testing.assert_array_equal(chi[3:], pose[3:])
     assert np.linalg.norm(chi[:3] - place) < 0.05
-
-
-def test_a_pole_turns_the_place_and_not_the_height_of_a_pose():
-    surface = ShapedSurface(Cylinder(radius=0.3), Linear(1000.0, 0.002))
-    push = 20.0 * np.array([np.cos(0.2), np.sin(0.2), 0.0, 0.0, 0.0, 0.0])
-    chi = surface.pose_for(push, np.array([0.0, 0.0, 0.07, 0.0, 0.0, 0.0]))
-    inside = 0.3 - 0.021
-    np.testing.assert_allclose(
-        chi[:3], [0.3 - inside * np.cos(0.2), -inside * np.sin(0.2), 0.07], atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "force", "message"), [

@@ -40,11 +40,6 @@ def test_the_spring_does_not_jump_where_an_euler_angle_does():
         law.force(chi, AT_REST), stiffness_matrix() @ [0, 0, 0, 0.02, 0, -0.02], atol=1e-12)
 
 
-def test_the_spring_rests_at_the_pose_for_a_force():
-    law, force = spring(), np.array([20.0, 1.0, -2.0, 0.3, 0.2, -0.1]) * 0.05
-    np.testing.assert_allclose(law.force(law.pose_for(force, None), AT_REST), force, atol=1e-12)
-
-
 @pytest.mark.parametrize("normal", NORMALS)
 def test_past_the_transition_the_plane_is_a_spring(normal):
     law, depth = plane(normal), 0.02

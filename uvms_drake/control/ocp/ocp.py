@@ -59,9 +59,9 @@ class MpcConfig:
     weight_y: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Diagonal of Q for y − y_des, y = (𝔭, 𝔬, q)."""
     weight_zeta: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Diagonal of Q for ζ; of R, where ζ is the input."""
+    """Diagonal of Q for ζ."""
     weight_u: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Diagonal of R for ū − ū_eq; not read where ζ is the input."""
+    """Diagonal of R for ū − ū_eq."""
     terminal_set: bool = True
     """Whether plans must end in a terminal set; without it nothing is certified."""
     terminal_radius: Annotated[float, Positive] = 0.1

@@ -44,7 +44,7 @@ class Points:
     zeta: np.ndarray = field(default_factory=lambda: UNKNOWN)
     """Velocity ζ (..., 6+n) [m/s, rad/s]."""
     u: np.ndarray = field(default_factory=lambda: UNKNOWN)
-    """Input (..., 6+n): 𝔲 of dynamic motion, ζ of kinematic motion."""
+    """Input (..., 6+n): 𝔲 [m/s², rad/s²]."""
     forces: np.ndarray = field(default_factory=lambda: UNKNOWN)
     """Generalised force τ (..., 6+n) [N, N m], if it is not M(𝔮)𝔲."""
     whole: tuple["Points", int | slice | np.ndarray] | None = None

@@ -6,15 +6,16 @@ Added mass and drag coefficients are positive: M_A = −∂(X, Y, ...)/∂ν̇, 
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from uvms_drake.common.constraints import NotNegative, Positive, Vector
 from uvms_drake.common.errors import (
     InvalidParameter,
     require,
     symmetric_matrix,
     vector,
-    within,
 )
 from uvms_drake.common.schema import load_file
 from uvms_drake.model.frames.spatial import skew
@@ -26,6 +27,8 @@ ROUNDED = 1e-3
 NEGLIGIBLE = 1e-6
 """The same of entries that are small, over the geometric mean of their two diagonal entries."""
 
+Coefficients = Annotated[np.ndarray, Vector(6), NotNegative]
+
 
 @dataclass
 class AddedMass:
@@ -36,24 +39,35 @@ class AddedMass:
     point: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Point p_BoP_B about which `matrix` is [m]."""
 
+    def check(self) -> None:
+        """Raises `InvalidParameter` unless it is one that a body can have."""
+        M = np.asarray(self.matrix)
+        symmetric_matrix("matrix", np.diag(M) if M.shape == (6,) else _symmetrised(M), 6,
+                         definite=False)
+        require_near("point", self.point)
+
 
 @dataclass
 class Drag:
     """f = −(linear + quadratic ⊙ |v|) ⊙ v with v the velocity of `point` through the water."""
 
-    linear: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    linear: Coefficients = field(default_factory=lambda: np.zeros(6))
     """Coefficients of linear drag [N s/m (3), N m s/rad (3)]."""
-    quadratic: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    quadratic: Coefficients = field(default_factory=lambda: np.zeros(6))
     """Coefficients of quadratic drag [N s²/m² (3), N m s²/rad² (3)]."""
     point: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Point p_BoP_B at which the drag acts [m]."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` if it acts far away."""
+        require_near("point", self.point)
 
 
 @dataclass
 class BodyHydrodynamics:
     """Parameters of the water's forces on one rigid body B."""
 
-    displaced_volume: float = 0.0
+    displaced_volume: Annotated[float, NotNegative] = 0.0
     """Displaced volume V [m³]: the buoyancy is ρ V g."""
     center_of_buoyancy: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Centre of buoyancy p_BoBb_B [m]."""
@@ -62,12 +76,16 @@ class BodyHydrodynamics:
     drag: list[Drag] = field(default_factory=list)
     """Drag at stated points; a slender body wants several of them, strip by strip."""
 
+    def check(self) -> None:
+        """Raises `InvalidParameter` if its centre of buoyancy is far away."""
+        require_near("center_of_buoyancy", self.center_of_buoyancy)
+
 
 @dataclass
 class HydrodynamicParameters:
     """Parameters of the water's forces on a robot."""
 
-    fluid_density: float = 1000.0
+    fluid_density: Annotated[float, Positive] = 1000.0
     """Density ρ of the water [kg/m³]."""
     bodies: dict[str, BodyHydrodynamics] = field(default_factory=dict)
     """Bodies by name in the SDFormat file; a body that is not named feels no water."""
@@ -86,33 +104,6 @@ def added_mass_about_origin(added_mass: list[AddedMass]) -> np.ndarray:
         M = np.asarray(item.matrix, dtype=float)
         total += H.T @ (np.diag(M) if M.ndim == 1 else M) @ H
     return 0.5 * (total + total.T)
-
-
-def check_hydrodynamics(parameters: HydrodynamicParameters) -> None:
-    """Raises `InvalidParameter` for the first parameter that has no physical meaning."""
-    rho = parameters.fluid_density
-    require(0.0 < rho < np.inf, "fluid_density", rho, "positive")
-    for name, body in parameters.bodies.items():
-        with within(f"bodies.{name}"):
-            _check_body(body)
-
-
-def _check_body(body: BodyHydrodynamics) -> None:
-    volume = body.displaced_volume
-    require(0.0 <= volume < np.inf, "displaced_volume", volume, "zero or positive")
-    require_near("center_of_buoyancy", body.center_of_buoyancy)
-    for i, item in enumerate(body.added_mass):
-        with within(f"added_mass[{i}]"):
-            M = np.asarray(item.matrix)
-            symmetric_matrix("matrix", np.diag(M) if M.shape == (6,) else _symmetrised(M), 6,
-                             definite=False)
-            require_near("point", item.point)
-    for i, drag in enumerate(body.drag):
-        with within(f"drag[{i}]"):
-            for key in ("linear", "quadratic"):
-                value = vector(key, getattr(drag, key), 6)
-                require(bool(np.all(value >= 0.0)), key, value, "six numbers, none negative")
-            require_near("point", drag.point)
 
 
 def require_near(key: str, place: object) -> None:
@@ -155,4 +146,4 @@ def unequal_entries(parameters: HydrodynamicParameters) -> list[str]:
 
 def load_hydrodynamics(path: Path) -> HydrodynamicParameters:
     """Reads and checks a hydrodynamics YAML file; the key of an error starts with its path."""
-    return load_file(path, HydrodynamicParameters, check_hydrodynamics)
+    return load_file(path, HydrodynamicParameters)

@@ -6,10 +6,12 @@ command by a table, a first-order lag later and after a dead time.
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.constraints import NotNegative, Positive
+from uvms_drake.common.errors import require, vector
 from uvms_drake.common.schema import load_file
 from uvms_drake.model.description.hydrodynamics_file import require_near
 from uvms_drake.model.frames.spatial import cross
@@ -33,18 +35,45 @@ class CurveData:
     """Forces at them along the thruster's axis [N], linear in between. They rise, except over the
     dead band, where they are zero; at the first and the last command they are the largest."""
 
+    def check(self) -> None:
+        """Raises `InvalidParameter` unless it is the curve of a thruster."""
+        size = int(np.size(self.command))
+        require(size >= 2, "command", self.command, "two numbers or more")
+        command, force = vector("command", self.command, size), vector("force", self.force, size)
+        require(bool(np.all(np.diff(command) > 0.0)), "command", command, "rising")
+        still = (force[:-1] == 0.0) & (force[1:] == 0.0)
+        require(bool(np.all((np.diff(force) > 0.0) | still)), "force", force,
+                "rising, or zero over the dead band")
+        require(bool(force[0] <= 0.0 <= force[-1]), "force", force,
+                "zero at some command, where the thruster stands still")
+
 
 @dataclass
 class ThrusterKind:
     """Data that thrusters of one make share."""
 
-    lag: float = 0.0
+    lag: Annotated[float, Positive] = 0.0
     """Time constant T of the force, Tḟ + f = the curve's [s]."""
-    smallest: float = 0.0
+    smallest: Annotated[float, NotNegative] = 0.0
     """Size of force below which the curve is not to be trusted [N]: a propeller that starts jumps
     to it."""
     curves: list[CurveData] = field(default_factory=list)
     """One, or several for rising voltages, between which forces are linear in the voltage."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` unless its curves belong together."""
+        require(len(self.curves) > 0, "curves", self.curves, "one curve or more")
+        voltages = [curve.voltage for curve in self.curves]
+        known = [voltage for voltage in voltages if voltage is not None]
+        require(known == sorted(set(known)) and all(0.0 < voltage < np.inf for voltage in known)
+                and len(voltages) in (1, len(known)), "curves.voltage", voltages,
+                "positive and rising, and given for each of several curves")
+        for i, curve in enumerate(self.curves):
+            force = np.asarray(curve.force)
+            require(bool(max(-force[0], force[-1]) > self.smallest), f"curves[{i}].force", force,
+                    f"beyond the smallest, {self.smallest:g} N")
+        ends = [tuple(np.asarray(curve.command)[[0, -1]]) for curve in self.curves]
+        require(len(set(ends)) == 1, "curves.command", ends, "from the same to the same command")
 
 
 @dataclass
@@ -58,16 +87,22 @@ class ThrusterData:
     axis: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Direction of a positive force, in B; of any length."""
 
+    def check(self) -> None:
+        """Raises `InvalidParameter` if it is far away, or has no direction."""
+        require_near("position", self.position)
+        axis = vector("axis", self.axis, 3)
+        require(bool(np.linalg.norm(axis) > 0.0), "axis", axis, "not zero")
+
 
 @dataclass
 class ThrusterParameters:
     """All thrusters of a robot."""
 
-    dead_time: float = 0.0
+    dead_time: Annotated[float, NotNegative] = 0.0
     """Dead time from a command to the first change of a force [s]."""
-    voltage: float | None = None
+    voltage: Annotated[float, Positive] | None = None
     """Supply voltage that the controller assumes [V]; needed for curves of several voltages."""
-    bias: float = 0.0
+    bias: Annotated[float, NotNegative] = 0.0
     """Smallest size of force [N] with which thrusters work against each other while no wrench is
     asked for, so that they stay out of their dead bands; those that can."""
     undriven: list[str] = field(default_factory=list)
@@ -77,6 +112,23 @@ class ThrusterParameters:
     """Kinds of thrusters by name."""
     thrusters: dict[str, ThrusterData] = field(default_factory=dict)
     """Thrusters by name, in the order of their commands."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` unless `undriven` are the axes that thrusters do not drive."""
+        require(0 < len(self.thrusters) <= MOST, "thrusters", list(self.thrusters),
+                f"1 to {MOST} by name")
+        for name, thruster in self.thrusters.items():
+            require(thruster.kind in self.kinds, f"thrusters.{name}.kind", thruster.kind,
+                    f"one of {', '.join(self.kinds) or 'kinds, which has none'}")
+        known = all(axis in AXES for axis in self.undriven)
+        require(known and len(set(self.undriven)) == len(self.undriven), "undriven", self.undriven,
+                f"different ones of {', '.join(AXES)}")
+        B = thrust_map(list(self.thrusters.values()))
+        lost = 6 - _rank(B)
+        weakest = ", ".join(_weakest(B, lost)) or "none"
+        driven = _rank(B[driven_rows(self.undriven)])
+        require(len(self.undriven) == lost and driven == 6 - lost, "undriven", self.undriven,
+                f"the axes that the thrusters do not drive: {lost}, such as {weakest}")
 
 
 def thrust_map(thrusters: list[ThrusterData]) -> np.ndarray:
@@ -98,71 +150,6 @@ def undriven_axes(places: list[tuple[np.ndarray, np.ndarray]]) -> list[str]:
     return _weakest(B, 6 - _rank(B))
 
 
-def check_thrusters(parameters: ThrusterParameters) -> None:
-    """Raises `InvalidParameter` for the first parameter that has no meaning."""
-    for key in ("dead_time", "bias"):
-        value = getattr(parameters, key)
-        require(0.0 <= value < np.inf, key, value, "zero or positive")
-    voltage = parameters.voltage
-    require(voltage is None or 0.0 < voltage < np.inf, "voltage", voltage, "positive")
-    require(0 < len(parameters.thrusters) <= MOST, "thrusters", list(parameters.thrusters),
-            f"1 to {MOST} by name")
-    for name, kind in parameters.kinds.items():
-        with within(f"kinds.{name}"):
-            _check_kind(kind)
-    for name, thruster in parameters.thrusters.items():
-        with within(f"thrusters.{name}"):
-            require(thruster.kind in parameters.kinds, "kind", thruster.kind,
-                    f"one of {', '.join(parameters.kinds) or 'kinds, which has none'}")
-            require_near("position", thruster.position)
-            axis = vector("axis", thruster.axis, 3)
-            require(bool(np.linalg.norm(axis) > 0.0), "axis", axis, "not zero")
-    _check_axes(parameters)
-
-
-def _check_kind(kind: ThrusterKind) -> None:
-    require(0.0 < kind.lag < np.inf, "lag", kind.lag, "positive")
-    require(0.0 <= kind.smallest < np.inf, "smallest", kind.smallest, "zero or positive")
-    require(len(kind.curves) > 0, "curves", kind.curves, "one curve or more")
-    voltages = [curve.voltage for curve in kind.curves]
-    known = [voltage for voltage in voltages if voltage is not None]
-    require(known == sorted(set(known)) and all(0.0 < voltage < np.inf for voltage in known)
-            and len(voltages) in (1, len(known)), "curves.voltage", voltages,
-            "positive and rising, and given for each of several curves")
-    for i, curve in enumerate(kind.curves):
-        with within(f"curves[{i}]"):
-            _check_curve(curve)
-            force = np.asarray(curve.force)
-            require(bool(max(-force[0], force[-1]) > kind.smallest), "force", force,
-                    f"beyond the smallest, {kind.smallest:g} N")
-    ends = [tuple(np.asarray(curve.command)[[0, -1]]) for curve in kind.curves]
-    require(len(set(ends)) == 1, "curves.command", ends, "from the same to the same command")
-
-
-def _check_curve(curve: CurveData) -> None:
-    size = int(np.size(curve.command))
-    require(size >= 2, "command", curve.command, "two numbers or more")
-    command, force = vector("command", curve.command, size), vector("force", curve.force, size)
-    require(bool(np.all(np.diff(command) > 0.0)), "command", command, "rising")
-    still = (force[:-1] == 0.0) & (force[1:] == 0.0)
-    require(bool(np.all((np.diff(force) > 0.0) | still)), "force", force,
-            "rising, or zero over the dead band")
-    require(bool(force[0] <= 0.0 <= force[-1]), "force", force,
-            "zero at some command, where the thruster stands still")
-
-
-def _check_axes(parameters: ThrusterParameters) -> None:
-    """Raises unless `undriven` are axes without which the thrusters drive all others."""
-    undriven = parameters.undriven
-    known = all(axis in AXES for axis in undriven) and len(set(undriven)) == len(undriven)
-    require(known, "undriven", undriven, f"different ones of {', '.join(AXES)}")
-    B = thrust_map(list(parameters.thrusters.values()))
-    lost = 6 - _rank(B)
-    weakest = ", ".join(_weakest(B, lost)) or "none"
-    require(len(undriven) == lost and _rank(B[driven_rows(undriven)]) == 6 - lost, "undriven",
-            undriven, f"the axes that the thrusters do not drive: {lost}, such as {weakest}")
-
-
 def _rank(B: np.ndarray) -> int:
     return int(np.linalg.matrix_rank(B, tol=1e-6 * np.linalg.norm(B))) if B.size else 0
 
@@ -176,4 +163,4 @@ def _weakest(B: np.ndarray, count: int) -> list[str]:
 
 def load_thrusters(path: Path) -> ThrusterParameters:
     """Reads and checks a thrusters YAML file; the key of an error starts with its path."""
-    return load_file(path, ThrusterParameters, check_thrusters)
+    return load_file(path, ThrusterParameters)

@@ -113,8 +113,7 @@ class Part(Component, ABC):
         Args:
             builder: Builder to add systems to, with names of the part's own.
             model: The controller's model.
-            port: The measured (𝔮, ζ) (2(6+n)) or the command τ (6+n) [N, N m]; if the motion is
-                kinematic, 𝔮 (6+n) or the command ζ (6+n) [m/s, rad/s].
+            port: The measured (𝔮, ζ) (2(6+n)) or the command τ (6+n) [N, N m].
             signals: Signals to read, and to add to, so that they are logged. `state` is the true
                 one.
             seed: Seed of random numbers, zero or positive.

@@ -13,7 +13,7 @@ import numpy as np
 
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.frames.euler import pose_difference
-from uvms_drake.papers.nikou2018.errata.simulation import settled
+from uvms_drake.papers.nikou2018.errata.simulation import SPRING, settled
 from uvms_drake.papers.nikou2018.kinematics import Run, simulate
 from uvms_drake.report.drawing import Drawing, Panel, draw, line
 from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION
@@ -47,7 +47,8 @@ def draw_choices(folder: Path, progress: Progress = silent, overrides: Sequence[
             made = drawing(panels_of(runs), runs[0].time, [named(each) for each in CHOICES[name]])
         else:
             errors = [np.linalg.norm(settled(u_ref)[0], axis=1) for u_ref in (1.0, 0.0)]
-            made = drawing({TASK_ERROR: errors}, np.arange(len(errors[0])), ["u_eq", "zero"])
+            h = load_scenario(SPRING).mpc.time_step
+            made = drawing({TASK_ERROR: errors}, h * np.arange(len(errors[0])), ["u_eq", "zero"])
         with matplotlib.rc_context(STYLE):
             draw(made).savefig(folder / name)
 

@@ -44,6 +44,8 @@ from uvms_drake.papers.nikou2018.kinematics import FIRST_ITERATIONS, Bounds, Kin
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 
+SPRING = "girona500_bilateral"
+"""Scenario with the paper's surface law."""
 SETTLING, HOLDING = 100, 40
 """Samples until the MPC of E6 settles, and for that of E9 to hold the task against w."""
 SMALL, TINY = 0.01, 1e-4
@@ -61,7 +63,7 @@ def settled(u_ref: float) -> tuple[np.ndarray, np.ndarray, float, float]:
         χ − χ_des (SETTLING, 6) at the samples [m, rad], the force part of 𝔉 − 𝔉_des at the end (3,)
         [N], the norm of u_eq, and that of ζ̄ at the end.
     """
-    ocp = copy(make_ocp(load_scenario("girona500_bilateral")))
+    ocp = copy(make_ocp(load_scenario(SPRING)))
     ocp.task_cost = replace(ocp.task_cost, u_ref=u_ref * ocp.u_eq)
     model, solver, errors = ocp.model, SequentialConvexSolver(ocp), []
     assert isinstance(model, ContactModel)
