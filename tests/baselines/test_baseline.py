@@ -5,11 +5,10 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from support.baseline_press import ROBOT, task
 
+import uvms_drake as uv
 from uvms_drake.baselines.approach import ApproachGains, moved_reference
 from uvms_drake.baselines.baseline import BASELINES, Baseline, read_gains, robots_with_gains
 from uvms_drake.baselines.law import PERIOD, Law, PressTask, integrated
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 
 X = np.array([1.0, 0.0, 0.0])
 
@@ -42,7 +41,7 @@ class Constant(Law):
 
 def pressing(laws, gains):
     """A baseline with its tip a decimetre in front of the place, touched by 5 N; its simulator."""
-    model, pressed = UvmsModel(read_uvms(ROBOT)), task()
+    model, pressed = uv.UvmsModel(uv.read_uvms(ROBOT)), task()
     baseline = Baseline(model, pressed, laws, gains)
     simulator = Simulator(baseline)
     context = simulator.get_mutable_context()
@@ -103,7 +102,7 @@ def test_an_integral_is_clamped_and_does_not_wind_up():
 @pytest.mark.parametrize("robot", ["girona500_arm5e", "bluerov2_alpha5"])
 def test_every_law_holds_either_robot_at_rest(robot):
     """Without contact and at its reference, τ is that of rest; told nothing, it is zero."""
-    gains, model = read_gains(robot), UvmsModel(read_uvms(robot))
+    gains, model = read_gains(robot), uv.UvmsModel(uv.read_uvms(robot))
     posture = 0.5 * (model.q_lower + model.q_upper)
     at = PressTask(X, np.zeros(3), np.zeros(3), posture, 5.0)
     config = model.configuration(np.concatenate([np.zeros(6), posture]))
@@ -125,7 +124,7 @@ def test_every_law_holds_either_robot_at_rest(robot):
 
 def test_a_robot_without_gains_and_a_direction_of_no_unit_length_are_refused():
     assert set(robots_with_gains()) == {ROBOT, "bluerov2_alpha5"}
-    with pytest.raises(InvalidParameter, match="one with gains of the baselines"):
+    with pytest.raises(uv.InvalidParameter, match="one with gains of the baselines"):
         read_gains("box_uvms")
-    with pytest.raises(InvalidParameter, match="a unit vector"):
+    with pytest.raises(uv.InvalidParameter, match="a unit vector"):
         PressTask(2.0 * X, np.zeros(3), np.zeros(3), task().posture, 5.0)

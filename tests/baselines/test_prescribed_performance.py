@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.baseline_press import ROBOT, run, task
 
+import uvms_drake as uv
 from uvms_drake.baselines.baseline import BASELINES, read_gains
 from uvms_drake.baselines.law import Measured, Reference
 from uvms_drake.baselines.prescribed_performance import (
@@ -11,7 +12,6 @@ from uvms_drake.baselines.prescribed_performance import (
     funnel,
     transformed,
 )
-from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 
 
 def of_theory(scale: float):
@@ -39,8 +39,8 @@ def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gravity):
 
 
 def test_an_exit_is_counted_once_and_the_command_stays_finite():
-    law, model = PrescribedPerformance(read_gains(ROBOT).performance, 10), UvmsModel(
-        read_uvms(ROBOT))
+    law, model = PrescribedPerformance(read_gains(ROBOT).performance, 10), uv.UvmsModel(
+        uv.read_uvms(ROBOT))
     pressed = task()
     config = model.configuration(np.concatenate([[0.01, 0.5, 0.0], np.zeros(3), pressed.posture]))
     now = Measured(model, pressed, 1.0, config, np.zeros(10), np.array([90.0, 0, 0, 0, 0, 0]),

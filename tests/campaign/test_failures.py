@@ -3,13 +3,13 @@
 import pytest
 from support.missions import SHORT, mission_record
 
+import uvms_drake as uv
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.failures import certificate_in_probability, failures_of
 from uvms_drake.campaign.run import mission_outcome, run_one
 from uvms_drake.command.drawn_runs import drawable
 from uvms_drake.mission.law import RUNNING, SKIPPED, TIME_OUT
 from uvms_drake.report.metrics import metrics
-from uvms_drake.station.scenario.scenario import load_scenario
 
 KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
         "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "inside": True,
@@ -19,7 +19,7 @@ KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajec
 
 @pytest.fixture(scope="module")
 def real():
-    return load_scenario("girona500_real_loop")
+    return uv.load_scenario("girona500_real_loop")
 
 
 def with_wall(**changes):
@@ -57,7 +57,7 @@ def test_a_run_that_fails_in_two_ways_is_one_failure_and_none_can_be_left_out(re
 
 
 def test_the_mission_of_every_run_is_a_part_of_the_claim():
-    scenario = load_scenario("jacket_inspection_real")
+    scenario = uv.load_scenario("jacket_inspection_real")
     results = [KEPT | {"index": i, "mission": {"done": i != 2}} for i in range(4)]
     found = certificate_in_probability(make_campaign(scenario, 1, None), scenario, results, 0.95)
     assert found.mission == ("approach, hold, retreat, approach, hold, retreat, approach, hold, "
@@ -85,7 +85,7 @@ def test_it_is_told_how_a_mission_ended_and_which_attempts_failed():
 
 @pytest.mark.slow
 def test_a_drawn_mission_is_done_on_a_wall_of_the_class():
-    campaign = make_campaign(drawable(load_scenario("girona500_inspection", SHORT)), 3, None)
+    campaign = make_campaign(drawable(uv.load_scenario("girona500_inspection", SHORT)), 3, None)
     result = run_one(campaign, 0)
     assert result["error"] is None
     assert result["mission"]["failures"] == []

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import pytest
 
 import uvms_drake as uv
-from uvms_drake.common.attribute_docs import describe_attributes
 
 
 @pytest.mark.parametrize("kind", [
@@ -31,5 +30,5 @@ def test_a_class_from_elsewhere_stays_as_it_is():
         size: int
         """Size."""
 
-    describe_attributes(Elsewhere)
+    uv.describe_attributes(Elsewhere)
     assert Elsewhere.__doc__ == "Nothing of ours."

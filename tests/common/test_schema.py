@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from pydrake.common.yaml import yaml_load_typed
 
+import uvms_drake as uv
 from uvms_drake.common.constraints import NotNegative, OneOf, Positive, Vector
-from uvms_drake.common.errors import InvalidParameter, ScenarioError, require
+from uvms_drake.common.errors import ScenarioError, require
 from uvms_drake.common.kinds import offer
 from uvms_drake.common.schema import check_values, conform, dump_typed, load_typed, parse_yaml
 
@@ -36,7 +37,7 @@ class Part:
 
 
 def message(text: str) -> str:
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises(uv.InvalidParameter) as caught:
         conform(Part, parse_yaml(text))
     return str(caught.value)
 
@@ -162,17 +163,17 @@ class Springs:
     ({"stiffness": 11}, "each[0].stiffness = 11.0: must be softer"),
 ])
 def test_the_constraints_of_a_schema_are_checked_at_load_and_in_python(raw, text):
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises(uv.InvalidParameter) as caught:
         load_typed(Springs, {"each": [raw]})
     assert str(caught.value) == text
     values = {key: np.array(value, dtype=float) if isinstance(value, list) else value
               for key, value in raw.items()}
-    with pytest.raises(InvalidParameter, match=text.split(" = ")[0].replace("[0]", r"\[0\]")):
+    with pytest.raises(uv.InvalidParameter, match=text.split(" = ")[0].replace("[0]", r"\[0\]")):
         check_values(Springs([Spring(**values)]))
 
 
 def test_drakes_own_loader_reads_a_schema_with_constraints():
     offer(Springs, Spring)
     assert yaml_load_typed(schema=Spring, data="{stiffness: 2, limit: 3}").limit == 3.0
-    with pytest.raises(InvalidParameter):
+    with pytest.raises(uv.InvalidParameter):
         load_typed(Spring, {"limit": -3.0})

@@ -3,17 +3,15 @@
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.step_size import with_step
+import uvms_drake as uv
 
 TICK = 2.0**-8
 """Time between two samples of this test [s]."""
 
 
 def test_the_law_of_a_certificate_reads_the_present_state():
-    scenario = with_step(load_scenario("girona500_tip_first"))
-    station = make_station(scenario)
+    scenario = uv.with_step(uv.load_scenario("girona500_tip_first"))
+    station = uv.make_station(scenario)
     simulator = Simulator(station)
     ApplySimulatorConfig(scenario.simulator, simulator)
     root = simulator.get_context()

@@ -4,18 +4,10 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
-from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.model.frames.euler import pose_difference
+import uvms_drake as uv
+from uvms_drake.common.errors import ScenarioError
 from uvms_drake.plant.disturbance import RandomDisturbance
-from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.report.signals import constraints
-from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.problem import make_ocp, start_state
-from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.station.simulation import simulate
-from uvms_drake.station.step_size import with_step
 
 SHORT = ["mpc.horizon=8"]
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
@@ -29,13 +21,13 @@ WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "l
 """The joint limits of the robot itself, and a wide range of attitudes."""
 
 
-def logs_of(scenario: Scenario, duration: float) -> dict[str, np.ndarray]:
+def logs_of(scenario: uv.Scenario, duration: float) -> dict[str, np.ndarray]:
     """Returns the logs of a run, without the wall times."""
-    station = make_station(scenario)
+    station = uv.make_station(scenario)
     simulator = Simulator(station)
-    ApplySimulatorConfig(with_step(scenario).simulator, simulator)
+    ApplySimulatorConfig(uv.with_step(scenario).simulator, simulator)
     simulator.AdvanceTo(duration)
-    return without_wall_times(read_logs(station, simulator.get_context()))
+    return without_wall_times(uv.read_logs(station, simulator.get_context()))
 
 
 def without_wall_times(logs: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -52,17 +44,17 @@ def assert_identical(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -
 
 
 @pytest.fixture(scope="module")
-def main() -> Record:
+def main() -> uv.Record:
     """The ideal scenario as it is: 20 s, disturbed, seed 0."""
-    return simulate(load_scenario("girona500_ideal"))
+    return uv.simulate(uv.load_scenario("girona500_ideal"))
 
 
 @pytest.fixture(scope="module")
-def undisturbed() -> Record:
-    return simulate(load_scenario("girona500_ideal", ["disturbance.bound=0", "duration=12"]))
+def undisturbed() -> uv.Record:
+    return uv.simulate(uv.load_scenario("girona500_ideal", ["disturbance.bound=0", "duration=12"]))
 
 
-def last_normal_forces(record: Record) -> np.ndarray:
+def last_normal_forces(record: uv.Record) -> np.ndarray:
     """Returns the force on the wall over the last 5 s [N]."""
     assert record.time[-1] == pytest.approx(record.scenario.duration)
     return record.force[record.time >= record.time[-1] - 5.0, 0]
@@ -114,7 +106,7 @@ def test_every_sample_of_the_mpc_is_in_the_logs_once(main):
 def test_the_real_state_stays_in_the_declared_tube(main):
     tube = main.scenario.tube
     config, zeta = main.config - main.nominal_config, main.zeta - main.nominal_zeta
-    chi = pose_difference(main.chi, main.chi_nominal)
+    chi = uv.pose_difference(main.chi, main.chi_nominal)
     for name, vectors in (
         ("e", np.hstack([chi, config[:, 6:]])), ("z", zeta),
         ("position", chi[:, :3]), ("orientation", chi[:, 3:]), ("joints", config[:, 6:]),
@@ -143,7 +135,7 @@ def test_the_limits_are_used(main):
 
 
 def test_the_papers_spring_is_pressed_from_inside_the_contact():
-    record = simulate(load_scenario("girona500_bilateral", ["duration=6"]))
+    record = uv.simulate(uv.load_scenario("girona500_bilateral", ["duration=6"]))
     assert np.linalg.norm(record.force[0] - record.scenario.task.force) > 5.0
     late = record.force[record.time > 5.0]
     assert np.max(np.linalg.norm(late - record.scenario.task.force, axis=1)) < 5.0
@@ -154,7 +146,7 @@ def test_the_papers_spring_is_pressed_from_inside_the_contact():
 
 @pytest.mark.parametrize("water", ["current=[0, 0.05, 0]", "waves=[{amplitude: 0.05}]"])
 def test_water_that_moves_without_the_controllers_knowing_is_felt(water):
-    calm, flow = (logs_of(load_scenario("girona500_ideal", [*SHORT, *more]), 0.6)
+    calm, flow = (logs_of(uv.load_scenario("girona500_ideal", [*SHORT, *more]), 0.6)
                   for more in ([], [water]))
     np.testing.assert_array_equal(calm["nominal_state"], flow["nominal_state"])
     assert 1e-5 < np.max(np.abs(flow["state"] - calm["state"])) < 0.05
@@ -162,7 +154,7 @@ def test_water_that_moves_without_the_controllers_knowing_is_felt(water):
 
 def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
     overrides = ["duration=1.2", CLOSE]
-    known, closer = (simulate(load_scenario("girona500_ideal", [*overrides, *more]))
+    known, closer = (uv.simulate(uv.load_scenario("girona500_ideal", [*overrides, *more]))
                      for more in ([], ["surface_error.shift=[-0.005, 0, 0]"]))
     np.testing.assert_array_equal(closer.chi_des, known.chi_des)
     np.testing.assert_array_equal(closer.nominal_state, known.nominal_state)
@@ -175,12 +167,12 @@ def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
 
 def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     """Bit for bit, with a law that is told the limits and with one that is not."""
-    scenario = load_scenario("girona500_ideal", [CLOSE])
+    scenario = uv.load_scenario("girona500_ideal", [CLOSE])
     told = []
 
     def without_limits(ocp, ancillary, targets, limits, command_path, solver, press):
         told.append(limits)
-        return make_tube_mpc(ocp, ancillary, targets, solver=solver)
+        return uv.make_tube_mpc(ocp, ancillary, targets, solver=solver)
 
     limited = logs_of(scenario, 2.0)
     monkeypatch.setattr("uvms_drake.station.tube_control.make_tube_mpc", without_limits)
@@ -195,16 +187,16 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     ("Resolved {k: 20, sigma: 5}", "runge_kutta3", True)])
 def test_the_command_is_cut_unless_the_integrator_is_implicit(law, scheme, limited):
     """By the command of a robot that is far from the plan, on the way."""
-    scenario = load_scenario("paper_dynamic", [
+    scenario = uv.load_scenario("paper_dynamic", [
         "mpc.horizon=8", f"ancillary=!{law}", f"simulator.integration_scheme={scheme}"])
-    station = make_station(scenario)
+    station = uv.make_station(scenario)
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
     simulator.Initialize()
     uvms = station.GetSubsystemByName("uvms")
     state = station.GetOutputPort("state").Eval(context).copy()
     state[0] += 0.1
-    set_state(uvms, uvms.GetMyMutableContextFromRoot(context), state)
+    uv.set_state(uvms, uvms.GetMyMutableContextFromRoot(context), state)
     u, flag = (station.GetOutputPort(name).Eval(context) for name in ("u", "input_limited"))
     assert bool(flag) == limited == bool(np.max(np.abs(u) / scenario.limits.u) <= 1.0)
 
@@ -212,8 +204,8 @@ def test_the_command_is_cut_unless_the_integrator_is_implicit(law, scheme, limit
 # Repeatability -----------------------------------------------------------------------------------
 
 
-def with_random_disturbance(seed: int = 0) -> Scenario:
-    scenario = load_scenario("girona500_ideal", [*SHORT, CLOSE, f"seed={seed}"])
+def with_random_disturbance(seed: int = 0) -> uv.Scenario:
+    scenario = uv.load_scenario("girona500_ideal", [*SHORT, CLOSE, f"seed={seed}"])
     scenario.disturbance = RandomDisturbance(bound=0.1, bandwidth=2.0)
     return scenario
 
@@ -235,19 +227,19 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
     """
     end = pause + 1.0
     scenario = with_random_disturbance()
-    station = make_station(scenario)
+    station = uv.make_station(scenario)
     original = Simulator(station)
-    ApplySimulatorConfig(with_step(scenario).simulator, original)
+    ApplySimulatorConfig(uv.with_step(scenario).simulator, original)
     original.AdvanceTo(pause)
     clone = original.get_context().Clone()
     original.AdvanceTo(end)
 
     other = Simulator(station, clone)
-    ApplySimulatorConfig(with_step(scenario).simulator, other)
+    ApplySimulatorConfig(uv.with_step(scenario).simulator, other)
     clone.SetTime(pause)  # The configuration has a start time.
     other.Initialize()
     other.AdvanceTo(end)
-    continued, expected = (without_wall_times(read_logs(station, each.get_context()))
+    continued, expected = (without_wall_times(uv.read_logs(station, each.get_context()))
                            for each in (other, original))
     for logs in (continued, expected):
         np.testing.assert_allclose(logs["mpc_time"][:9], 0.2 * np.arange(9), atol=1e-9)
@@ -264,7 +256,7 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
 
 
 def test_the_station_exports_what_it_documents():
-    station = make_station(load_scenario("girona500_ideal", SHORT))
+    station = uv.make_station(uv.load_scenario("girona500_ideal", SHORT))
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
     assert names == {*LOGGED, "plan", "report", "solve_seconds", "tube_report",
                      "tube_alarm"}
@@ -274,8 +266,8 @@ def test_the_station_exports_what_it_documents():
 
 
 def test_the_start_is_the_scenarios_at_rest():
-    scenario = load_scenario("girona500_ideal", SHORT)
-    state = start_state(scenario, make_ocp(scenario))
+    scenario = uv.load_scenario("girona500_ideal", SHORT)
+    state = uv.start_state(scenario, uv.make_ocp(scenario))
     np.testing.assert_array_equal(state[:6], scenario.start.eta)
     np.testing.assert_array_equal(state[6:10], scenario.start.q)
     np.testing.assert_array_equal(state[10:], 0.0)
@@ -283,8 +275,8 @@ def test_the_start_is_the_scenarios_at_rest():
 
 def test_plant_and_controller_have_models_of_their_own():
     """A mismatch put into the controller's model leaves the plant as it is."""
-    scenario = load_scenario("girona500_ideal", SHORT)
-    assert make_ocp(scenario).model is not make_ocp(scenario).model
+    scenario = uv.load_scenario("girona500_ideal", SHORT)
+    assert uv.make_ocp(scenario).model is not uv.make_ocp(scenario).model
 
 
 @pytest.mark.parametrize(("name", "overrides", "key"), [
@@ -329,15 +321,15 @@ def test_plant_and_controller_have_models_of_their_own():
     ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
 ])
 def test_what_cannot_be_used_is_named(name, overrides, key):
-    with pytest.raises((InvalidParameter, ScenarioError)) as caught:
-        make_station(load_scenario(name, overrides))
+    with pytest.raises((uv.InvalidParameter, ScenarioError)) as caught:
+        uv.make_station(uv.load_scenario(name, overrides))
     assert str(caught.value).startswith(f"{key} = ")
     assert "\n" not in str(caught.value)
 
 
 def test_a_plane_needs_a_pose():
-    scenario = load_scenario("girona500_ideal")
+    scenario = uv.load_scenario("girona500_ideal")
     scenario.task.pose = None
-    with pytest.raises(InvalidParameter) as caught:
-        make_station(scenario)
+    with pytest.raises(uv.InvalidParameter) as caught:
+        uv.make_station(scenario)
     assert caught.value.key == "task.pose"

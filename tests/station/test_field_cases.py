@@ -11,14 +11,12 @@ import pytest
 from support.random_robots import OBJ
 from support.robots import altered, diver
 
+import uvms_drake as uv
 from uvms_drake.command.main import main
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
-from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import trim_of
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.model_check import complaints_about, sound_robot
-from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.report.robot.robot_sheet import notes_of, sheet_of
 
 STL = """solid box
@@ -150,7 +148,7 @@ REFUSED = {
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_a_mistake_is_refused_in_a_line_that_names_it(mistake, tmp_path):
     changes, expected = REFUSED[mistake]
-    with pytest.raises(InvalidParameter, match=re.escape(expected)) as caught:
+    with pytest.raises(uv.InvalidParameter, match=re.escape(expected)) as caught:
         sound_robot(str(diver(tmp_path, *changes)))
     assert "\n" not in str(caught.value)
 
@@ -179,7 +177,7 @@ SDF = {
 @pytest.mark.parametrize("mistake", SDF)
 def test_a_mistake_in_sdformat_is_refused_in_a_line_that_names_it(mistake, tmp_path):
     changes, expected = SDF[mistake]
-    with pytest.raises(InvalidParameter, match=re.escape(expected)) as caught:
+    with pytest.raises(uv.InvalidParameter, match=re.escape(expected)) as caught:
         sound_robot(str(altered(tmp_path, *changes)))
     assert "\n" not in str(caught.value)
 
@@ -214,7 +212,7 @@ def test_the_order_of_a_urdf_is_no_matter(tmp_path):
     second = text.index('  <joint name="elbow"')
     turned = diver(tmp_path / "b", (".urdf", text[first:last], text[second:last]
                                     + text[first:second]))
-    known, other = Robot.load(source), Robot.load(turned)
+    known, other = uv.Robot.load(source), uv.Robot.load(turned)
     assert [joint.name() for joint in other.uvms.joints] == ["shoulder", "elbow"]
     assert complaints_about(other) == []
     q = np.array([-0.6, 0.9])
@@ -226,23 +224,23 @@ def test_the_order_of_a_urdf_is_no_matter(tmp_path):
 
 def test_two_files_of_a_robot_are_refused(tmp_path):
     robot = diver(tmp_path, diver__sdf="<sdf version='1.9'><model name='diver'/></sdf>")
-    with pytest.raises(InvalidParameter, match=r"diver\.sdf and diver\.urdf are both there"):
-        Robot.load(robot)
+    with pytest.raises(uv.InvalidParameter, match=r"diver\.sdf and diver\.urdf are both there"):
+        uv.Robot.load(robot)
 
 
 @pytest.mark.parametrize("name", ["diver.urdf", "hydrodynamics.yaml", "package.xml"])
 def test_a_file_that_is_missing_is_named(name, tmp_path):
     robot = diver(tmp_path)
     (robot / name).rename(robot / f"my_{name}")
-    with pytest.raises(InvalidParameter, match=rf"{name} is not there") as caught:
-        Robot.load(robot)
+    with pytest.raises(uv.InvalidParameter, match=rf"{name} is not there") as caught:
+        uv.Robot.load(robot)
     assert "\n" not in str(caught.value)
 
 
 def test_files_that_are_not_read_are_noted(tmp_path):
     robot = diver(tmp_path, other__urdf="<robot/>", thruster__yaml="{}", notes__txt="")
-    assert Robot.load(robot).notes == ("other.urdf is not read: the robot's file is diver.urdf",
-                                       "thruster.yaml is not read: the robot's file is diver.urdf")
+    assert uv.Robot.load(robot).notes == ("other.urdf is not read: the robot's file is diver.urdf",
+                                          "thruster.yaml is not read: the robot's file is diver.urdf")
 
 
 def test_a_robot_is_found_by_a_point_and_by_a_link(tmp_path, monkeypatch):
@@ -250,7 +248,7 @@ def test_a_robot_is_found_by_a_point_and_by_a_link(tmp_path, monkeypatch):
     (tmp_path / "current").symlink_to(robot)
     monkeypatch.chdir(robot)
     for path in (".", "../diver", str(tmp_path / "current"), f"{robot}/"):
-        assert Robot.load(path).name == "diver"
+        assert uv.Robot.load(path).name == "diver"
 
 
 # What is accepted is what is run, and what is not read is told once.
@@ -275,14 +273,14 @@ ACCEPTED = {
 def test_a_shape_that_cannot_be_drawn_is_a_note_and_stops_nothing(case, tmp_path):
     changes, note, drawn = ACCEPTED[case]
     robot = diver(tmp_path, *changes, hull__stl=STL, hull__dae=DAE, hull__obj="v 0 0\nf 1 2 3\n")
-    loaded = Robot.load(robot)
+    loaded = uv.Robot.load(robot)
     assert complaints_about(loaded) == []
     (told,) = loaded.notes
     assert note in told
     assert drawn != "box" or told.endswith("its bounding box is drawn")
     assert drawn is not None or told.endswith("it is left out")
     assert "mesh" not in loaded.files.text or drawn is None
-    make_uvms_plant(str(robot), surface=None, disturbance=None)
+    uv.make_uvms_plant(str(robot), surface=None, disturbance=None)
 
 
 def test_a_mesh_is_found_wherever_the_robot_is_named_from(tmp_path, monkeypatch):
@@ -290,10 +288,10 @@ def test_a_mesh_is_found_wherever_the_robot_is_named_from(tmp_path, monkeypatch)
     (robot / "the hull.obj").write_text(OBJ, encoding="utf-8")
     for folder, path in ((tmp_path, "diver"), (robot, "."), (robot, "../diver")):
         monkeypatch.chdir(folder)
-        loaded = Robot.load(path)
+        loaded = uv.Robot.load(path)
         assert loaded.notes == ()
         assert f"file://{robot.resolve()}/the hull.obj" in loaded.files.text
-        make_uvms_plant(path, surface=None, disturbance=None)
+        uv.make_uvms_plant(path, surface=None, disturbance=None)
 
 
 def test_the_box_of_a_mesh_is_where_the_mesh_is(tmp_path):
@@ -301,7 +299,7 @@ def test_the_box_of_a_mesh_is_where_the_mesh_is(tmp_path):
     robot = diver(tmp_path, (".urdf", SHAPE, '<visual><origin xyz="1 0 0" rpy="0 0 1.5707963268"/>'
                              '<geometry> <mesh filename="hull.stl" scale="1 2 1"/> </geometry>'),
                   hull__stl=STL)
-    text = Robot.load(robot).files.text
+    text = uv.Robot.load(robot).files.text
     size = np.array(re.search(r'<box size="([^"]*)"', text)[1].split(), dtype=float)
     place = np.array(re.search(r'<visual><origin xyz="([^"]*)"', text)[1].split(), dtype=float)
     np.testing.assert_allclose(size, [0.4, 0.4, 0.1], atol=1e-7)
@@ -320,14 +318,14 @@ def test_friction_is_told_once_for_all_joints(tmp_path):
     sdf = altered(tmp_path, (".sdf", "<damping>1.0</damping>",
                              "<damping>1.0</damping><friction>2</friction>"))
     for robot in (urdf, sdf):
-        (note,) = Robot.load(robot).notes
+        (note,) = uv.Robot.load(robot).notes
         assert re.search(r"lines \d+, \d+: not read: friction of joint", note)
 
 
 def test_what_others_read_is_told_once_for_each_kind(tmp_path, capfd):
     sensors = "".join(f'<gazebo reference="{i}"><sensor name="s"/></gazebo>' for i in range(9))
     robot = diver(tmp_path, (".urdf", END, f"{sensors}<ros2_control/>{END}"))
-    notes = Robot.load(robot).notes
+    notes = uv.Robot.load(robot).notes
     assert [note.split("not read: ")[1] for note in notes] == [
         "gazebo of the model", "ros2_control of the model"]
     assert "and 5 more" in notes[0]
@@ -338,14 +336,14 @@ def test_dry_bodies_are_one_note_and_frames_none(tmp_path):
     robot = diver(tmp_path, *(side(f"part{i}", "fixed") for i in range(5)),
                   (".urdf", END, '<link name="frame"/><joint name="to_frame" type="fixed"><parent '
                                  f'link="fore"/><child link="frame"/></joint>{END}'))
-    uvms = Robot.load(robot).uvms
+    uvms = uv.Robot.load(robot).uvms
     (note,) = notes_of(sheet_of(uvms, "diver", np.array([-0.4, 0.9])))
     assert note == ("dry, as hydrodynamics.yaml does not name them: part0, part1, part2, part3, "
                     "part4")
 
 
 def test_a_rounded_matrix_is_symmetrised_and_the_entry_is_told(tmp_path):
-    robot = Robot.load(diver(tmp_path, added("2.501", "2.502")))
+    robot = uv.Robot.load(diver(tmp_path, added("2.501", "2.502")))
     (note,) = robot.notes
     assert note == ("hydrodynamics.yaml: bodies.vehicle.added_mass[0].matrix: row 1, column 5 is "
                     "2.501, and mirrored 2.502: their mean is taken")
@@ -354,7 +352,7 @@ def test_a_rounded_matrix_is_symmetrised_and_the_entry_is_told(tmp_path):
 
 
 def test_a_centre_in_centimetres_is_noted(tmp_path):
-    robot = Robot.load(diver(tmp_path, ("hydrodynamics.yaml", "[0.01, 0, -0.03]", "[0.01, 0, -3]")))
+    robot = uv.Robot.load(diver(tmp_path, ("hydrodynamics.yaml", "[0.01, 0, -0.03]", "[0.01, 0, -3]")))
     (note,) = notes_of(sheet_of(robot.uvms, "diver", np.array([-0.4, 0.9])))
     assert note.startswith("the centre of buoyancy is 2.9")
 
@@ -375,21 +373,21 @@ def merged(folder: Path, mass: str) -> Path:
 
 
 def test_an_included_file_is_held_to_the_same(tmp_path):
-    robot = Robot.load(merged(tmp_path / "a", "2.0"))
+    robot = uv.Robot.load(merged(tmp_path / "a", "2.0"))
     assert trim_of(robot.uvms, np.zeros(2)).mass == pytest.approx(65.0)
     (note,) = robot.notes
     assert note == "part.sdf: line 3: not read: collision of link"
-    with pytest.raises(InvalidParameter, match=r"part\.sdf: line 2: link hook: inertial\.mass"):
-        Robot.load(merged(tmp_path / "b", "2,0"))
+    with pytest.raises(uv.InvalidParameter, match=r"part\.sdf: line 2: link hook: inertial\.mass"):
+        uv.Robot.load(merged(tmp_path / "b", "2,0"))
 
 
 def test_a_loaded_robot_is_put_into_a_plant_of_others(girona):
     from pydrake.multibody.plant import MultibodyPlant
 
-    robot = Robot.load("box_uvms")
+    robot = uv.Robot.load("box_uvms")
     plant = MultibodyPlant(0.0)
     uvms = robot.add_to(plant)
     plant.Finalize()
     assert uvms.plant is plant and len(uvms.joints) == len(robot.uvms.joints)
-    with pytest.raises(InvalidParameter, match="must be"):
+    with pytest.raises(uv.InvalidParameter, match="must be"):
         add_uvms(MultibodyPlant(0.0), "no_robot")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from support.unknown_wall import close_to_the_wall
 
+import uvms_drake as uv
 from uvms_drake.report.events import events
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import true_surface
-from uvms_drake.station.simulation import simulate
 
 WALL = "surface.geometry.point.0=0.01"
 
@@ -21,7 +21,7 @@ def test_it_retreats_presses_no_harder_and_goes_on_by_itself(fault, start, end):
     """While it presses, and before it touches."""
     scenario = close_to_the_wall(
         WALL, "duration=8.5", "log_period=0.01", f"faults=[{fault}]")
-    record = simulate(scenario)
+    record = uv.simulate(scenario)
     contact, felt = sensed_contact(scenario), record.signals["force_last_valid"]
     static = true_surface(scenario).static_force(record.chi)
     assert static.max() <= contact.force
@@ -41,7 +41,7 @@ def test_who_feels_nothing_any_more_has_no_force_in_the_law_and_goes_back():
     """Soon after the tare, off the wall; and the front stays where it was."""
     scenario = close_to_the_wall(
         "duration=1.2", "log_period=0.01", "faults=[!FrozenForce {start: 0.6, duration: 9}]")
-    record = simulate(scenario)
+    record = uv.simulate(scenario)
     lost = record.signals["force_lost"][:, 0] > 0.0
     x = record.chi[:, 0]
     at = np.argmax(lost)

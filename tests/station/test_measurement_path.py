@@ -3,11 +3,9 @@
 import pytest
 from pydrake.systems.framework import Diagram, InputPortIndex
 
+import uvms_drake as uv
 from uvms_drake.certificate.assumptions import assumptions_of
 from uvms_drake.station.contact.measurement_path import measurement_path
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import load_scenario
 
 STATE_FAULT = "faults=[!LostState {start: 1.0}]"
 FAULTS = "faults=[!LostForce {start: 1.0}, !FrozenState {start: 1.0}]"
@@ -34,17 +32,17 @@ def between(station: Diagram) -> set[str]:
     ("girona500_contact", []), ("girona500_contact", [FAULTS]), ("girona500_contact", [FILTER]),
     ("girona500_contact", [STATE_FAULT]), ("girona500_real_loop", []), ("bluerov2_contact", [])])
 def test_every_system_between_a_sensor_and_the_law_has_a_line(name, overrides):
-    scenario = load_scenario(name, overrides)
+    scenario = uv.load_scenario(name, overrides)
     listed = measurement_path(scenario)
-    assert {each.system for each in listed} == between(make_station(scenario))
-    lines = [each.statement for each in assumptions_of(scenario, load_model(scenario))]
+    assert {each.system for each in listed} == between(uv.make_station(scenario))
+    lines = [each.statement for each in assumptions_of(scenario, uv.load_model(scenario))]
     assert all(any(each.statement in line for line in lines) for each in listed)
     covered = {each.system for each in listed if each.theorem}
     assert covered == {"WristSensor", "ForceFaultDetector", "HoldLastValue"}
 
 
 def test_a_sensor_whose_freezing_would_be_found_late_or_never_is_said_to_have_no_detection():
-    detector = {each.system: each for each in measurement_path(load_scenario(
+    detector = {each.system: each for each in measurement_path(uv.load_scenario(
         "girona500_contact", ["sensing.0.noise=[0, 0, 0, 0, 0, 0]"]))}["ForceFaultDetector"]
     assert detector.statement.startswith("detects no frozen sensor")
     assert detector.guaranteed_by == "sensor's maker"

@@ -7,15 +7,13 @@ import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
 from support.meshcat import press
 
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
+import uvms_drake as uv
+from uvms_drake.common.errors import ScenarioError
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
 from uvms_drake.report.mission import summarise_mission
-from uvms_drake.report.summary import broken, summarise
+from uvms_drake.report.summary import broken
 from uvms_drake.station.contact.bounds import largest_force, mission_conditions
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
-from uvms_drake.station.simulation import simulate
+from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.visual.controls import HOME
 
 NAME = "girona500_inspection"
@@ -23,13 +21,13 @@ NAME = "girona500_inspection"
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario(NAME)
+    return uv.load_scenario(NAME)
 
 
 @pytest.mark.parametrize("name", ["jacket_inspection", "jacket_inspection_real"])
 def test_the_leg_of_a_jacket_is_of_the_class_that_the_controller_is_told(name):
     """Wherever the mission goes, and 10 mm beside: no normal is further off than the angle."""
-    scenario = load_scenario(name)
+    scenario = uv.load_scenario(name)
     walls, surface = scenario.contact.walls, scenario.surface
     a, b = np.meshgrid(np.linspace(-0.21, 0.31, 9), np.linspace(-0.07, 0.07, 9))
     places = a[..., None] * walls.axes[1] + b[..., None] * walls.axes[2]
@@ -44,8 +42,8 @@ def test_the_leg_of_a_jacket_is_of_the_class_that_the_controller_is_told(name):
 @pytest.mark.parametrize("name", ["bluerov2_cp_probe", "girona500_unknown_floor"])
 def test_a_shipped_surface_is_of_the_class_and_as_far_off_as_told(name):
     """What the controller is told of it at the start: its normal, its law, the way free ahead."""
-    scenario = load_scenario(name)
-    walls, surface, model = scenario.contact.walls, scenario.surface, load_model(scenario)
+    scenario = uv.load_scenario(name)
+    walls, surface, model = scenario.contact.walls, scenario.surface, uv.load_model(scenario)
     start = np.concatenate([scenario.start.eta, scenario.start.q])
     tip = model.kinematics(start).chi[:3]
     ahead = tip + np.linspace(0.0, scenario.contact.clearance, 7)[:, None] * walls.direction
@@ -62,8 +60,8 @@ def test_a_mission_comes_from_a_file_and_goes_back_into_one(scenario, tmp_path):
     assert kinds == [Approach, Hold, Retreat, Approach, Hold, Slide, Retreat]
     path = tmp_path / "mine.yaml"
     path.write_text(dump_scenario(scenario))
-    assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
-    assert load_scenario(NAME, ["mission.steps.5.speed=0.01"]).mission.steps[5].speed == 0.01
+    assert dump_scenario(uv.load_scenario(str(path))) == dump_scenario(scenario)
+    assert uv.load_scenario(NAME, ["mission.steps.5.speed=0.01"]).mission.steps[5].speed == 0.01
 
 
 @pytest.mark.parametrize(("override", "message"), [
@@ -73,11 +71,11 @@ def test_a_mission_comes_from_a_file_and_goes_back_into_one(scenario, tmp_path):
     ("contact=!KnownSurface {}", r"mission\.steps = .* left out, without a sensed contact")])
 def test_a_mission_that_makes_no_sense_is_refused_by_its_key(override, message):
     with pytest.raises(ScenarioError, match=message):
-        load_scenario(NAME, [override])
+        uv.load_scenario(NAME, [override])
 
 
 def test_the_station_is_driven_by_it(scenario):
-    station = make_station(scenario)
+    station = uv.make_station(scenario)
     assert station.HasInputPort("stop")
     assert not any(map(station.HasInputPort, ("desired_force", "place", "deepest")))
     context = station.CreateDefaultContext()
@@ -92,14 +90,14 @@ def test_the_station_is_driven_by_it(scenario):
 
 
 def test_without_a_mission_the_targets_come_from_outside(scenario):
-    station = make_station(replace(scenario, mission=Mission()))
+    station = uv.make_station(replace(scenario, mission=Mission()))
     assert not station.HasInputPort("stop")
     assert all(map(station.HasInputPort, ("desired_force", "place", "deepest")))
 
 
 def test_a_button_says_stop_to_it(scenario):
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    station = make_station(scenario, meshcat=meshcat)
+    station = uv.make_station(scenario, meshcat=meshcat)
     assert not station.HasInputPort("stop")
     context = station.CreateDefaultContext()
     mission = station.GetSubsystemByName("mission")
@@ -117,7 +115,7 @@ def test_a_button_says_stop_to_it(scenario):
     ("", "stopped"), ("!LostForce {start: 11.0, duration: 1.0}", "force lost"),
     ("!LostState {start: 11.0, duration: 0.3}", "state lost")])
 def test_from_the_middle_of_a_slide_the_vehicle_as_it_is_goes_back_within_all_limits(fault, reason):
-    scenario = load_scenario("jacket_inspection_real", [
+    scenario = uv.load_scenario("jacket_inspection_real", [
         "surface.geometry.point.0=-0.27", "duration=15", f"faults=[{fault}]", "mission.steps=["
         "!Approach {at: [-0.09, 0.06], within: 0.3}, !Hold {seconds: 0.5}, "
         "!Slide {along: [0.2, 0.0]}, !Retreat {distance: 0.05}]"])
@@ -127,20 +125,20 @@ def test_from_the_middle_of_a_slide_the_vehicle_as_it_is_goes_back_within_all_li
         if not fault and done * scenario.duration >= 11.0:
             press(meshcat, HOME)
 
-    record = simulate(scenario, meshcat=meshcat, progress=somebody)
+    record = uv.simulate(scenario, meshcat=meshcat, progress=somebody)
     *_, slide, retreat = summarise_mission(record)["steps"]
     assert (slide["kind"], slide["ended"]) == ("Slide", reason)
     assert 11.0 <= retreat["begin_s"] < 11.3
     assert retreat["ended"] == "done"
-    assert not broken(summarise(record))
+    assert not broken(uv.summarise(record))
     assert record.force[-1] == pytest.approx(np.zeros(6))
 
 
 def test_a_step_that_asks_for_more_than_the_front_allows_is_refused(scenario):
     most = largest_force(scenario)
     steps = [Approach(), Hold(force=most + 0.1), Retreat()]
-    with pytest.raises(InvalidParameter, match=r"mission\.steps\[1\]\.force = .*: must be less"):
-        make_station(replace(scenario, mission=Mission(steps=steps)))
+    with pytest.raises(uv.InvalidParameter, match=r"mission\.steps\[1\]\.force = .*: must be less"):
+        uv.make_station(replace(scenario, mission=Mission(steps=steps)))
 
 
 def test_the_certificate_names_the_step_that_it_does_not_cover(scenario):

@@ -6,8 +6,6 @@ from pydrake.systems.framework import LeafSystem
 
 import uvms_drake as uv
 from uvms_drake.common.wiring import output_of
-from uvms_drake.station.diagram import read_logs
-from uvms_drake.station.step_size import with_step
 
 
 class Still(LeafSystem):
@@ -33,14 +31,14 @@ class Still(LeafSystem):
 def test_a_controller_of_ones_own_is_wired_and_logged_by_the_names_of_its_ports():
     scenario = uv.load_scenario("girona500_contact", ["duration=1", "start.eta=[-1,0,0,0,0,0]"])
     model = uv.load_model(scenario)
-    scenario = with_step(scenario, model)
+    scenario = uv.with_step(scenario, model)
     station = uv.make_station(
         scenario, controller=Still(model, scenario.start.config), model=model)
     names = {station.get_input_port(i).get_name() for i in range(station.num_input_ports())}
     assert names == {"place"}
     simulator = Simulator(station)
     simulator.AdvanceTo(1.0)
-    logs = read_logs(station, simulator.get_context())
+    logs = uv.read_logs(station, simulator.get_context())
     assert {"state", "tau", "seen", "force_measured", "force_last_valid"} <= set(logs)
     assert not {"tube_bound", "mpc_time", "plan"} & set(logs)
     np.testing.assert_allclose(logs["state"][-1, :3], scenario.start.eta[:3], atol=0.05)

@@ -7,23 +7,20 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Gain
 
+import uvms_drake as uv
 from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.certificate.assumptions import assumed_conditions
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
-from uvms_drake.model.signals.sensor_actuator import Part
-from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
+from uvms_drake.common.errors import ScenarioError
 from uvms_drake.sensing.navigation import Channel, Dvl, Navigation
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.record import load_record, save_record
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
-from uvms_drake.station.simulation import simulate
+from uvms_drake.station.record import save_record
+from uvms_drake.station.scenario.scenario import dump_scenario
 
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 """The tip starts 4 cm off the wall and touches it within a second."""
 
 
 @dataclass
-class Nothing(Part):
+class Nothing(uv.Part):
     """Its author forgot to return a port."""
 
     def add_to(self, builder, model, port, signals, seed):
@@ -31,7 +28,7 @@ class Nothing(Part):
 
 
 @dataclass
-class Scaled(Part):
+class Scaled(uv.Part):
     """What comes out is a factor times what goes in."""
 
     factor: float = 1.0
@@ -45,7 +42,7 @@ class Scaled(Part):
 
 
 @dataclass
-class Short(Part):
+class Short(uv.Part):
     """It loses a component."""
 
     def add_to(self, builder, model, port, signals, seed):
@@ -54,7 +51,7 @@ class Short(Part):
 
 
 def scenario_of(duration: float, **lists):
-    return replace(load_scenario("girona500_ideal", [f"duration={duration}", CLOSE]), **lists)
+    return replace(uv.load_scenario("girona500_ideal", [f"duration={duration}", CLOSE]), **lists)
 
 
 def broken_assumptions(scenario) -> list[str]:
@@ -63,7 +60,7 @@ def broken_assumptions(scenario) -> list[str]:
 
 def test_the_force_settles_with_a_sampled_command():
     """Every 10 ms and 5 ms late: within a third of a time constant of the law."""
-    record = simulate(scenario_of(4.5, actuation=[SampledCommand(0.01, 0.005)]))
+    record = uv.simulate(scenario_of(4.5, actuation=[SampledCommand(0.01, 0.005)]))
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
     assert np.all(error[record.time > 4.0] < record.scenario.task.force_tolerance)
     assert np.any(record.force[0] != record.force[-1])
@@ -71,7 +68,7 @@ def test_the_force_settles_with_a_sampled_command():
 
 def test_a_part_of_ones_own_is_logged_saved_and_named_in_the_certificate(tmp_path):
     parts = [Scaled(2.0, "twice"), Scaled(0.5, "once")]
-    plain, record = simulate(scenario_of(0.4)), simulate(scenario_of(0.4, sensing=parts))
+    plain, record = uv.simulate(scenario_of(0.4)), uv.simulate(scenario_of(0.4, sensing=parts))
     np.testing.assert_array_equal(record.state, plain.state)
     np.testing.assert_array_equal(record.signals["twice"], 2.0 * record.state)
     np.testing.assert_array_equal(record.signals["once"], record.state)
@@ -80,11 +77,11 @@ def test_a_part_of_ones_own_is_logged_saved_and_named_in_the_certificate(tmp_pat
         "sensing[1], Scaled: nothing is proven about it"]
     save_record(replace(record, scenario=plain.scenario), tmp_path)
     np.testing.assert_array_equal(
-        load_record(tmp_path).signals["twice"], record.signals["twice"])
+        uv.load_record(tmp_path).signals["twice"], record.signals["twice"])
 
 
 def test_the_station_exports_a_parts_signal_and_names_its_systems_by_their_place():
-    station = make_station(scenario_of(0.4, actuation=[Scaled()]))
+    station = uv.make_station(scenario_of(0.4, actuation=[Scaled()]))
     assert station.HasSubsystemNamed("actuation[0].gain")
     assert station.HasSubsystemNamed("log.scaled")
     simulator = Simulator(station)
@@ -103,13 +100,13 @@ def test_the_station_exports_a_parts_signal_and_names_its_systems_by_their_place
 def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(
         name, entry, part, void, tmp_path):
     for tag in (f"!{type(part).__name__} ", ""):
-        scenario = load_scenario("bluerov2_ideal", [f"{name}=[{tag}{entry}]"])
+        scenario = uv.load_scenario("bluerov2_ideal", [f"{name}=[{tag}{entry}]"])
         assert repr(getattr(scenario, name)) == repr([part])
         assert broken_assumptions(scenario) == [void]
     path = tmp_path / "mine.yaml"
     path.write_text(dump_scenario(scenario))
-    assert repr(getattr(load_scenario(str(path)), name)) == repr([part])
-    assert not broken_assumptions(load_scenario("bluerov2_ideal"))
+    assert repr(getattr(uv.load_scenario(str(path)), name)) == repr([part])
+    assert not broken_assumptions(uv.load_scenario("bluerov2_ideal"))
 
 
 @pytest.mark.parametrize(("override", "expected"), [
@@ -120,7 +117,7 @@ def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(
      "or !IdealWrench")])
 def test_a_part_without_a_meaning_is_one_line(override, expected):
     with pytest.raises(ScenarioError) as caught:
-        load_scenario("girona500_ideal", [override])
+        uv.load_scenario("girona500_ideal", [override])
     assert expected in str(caught.value)
 
 
@@ -133,20 +130,20 @@ def test_a_part_without_a_meaning_is_one_line(override, expected):
     ([Nothing()], r"^sensing\[0\]\.add_to = None: must be the output port to go on from"),
     (Scaled(), r"^sensing = Scaled\(.*\): must be a list")])
 def test_a_part_takes_no_name_away_and_no_component(parts, expected):
-    with pytest.raises(InvalidParameter, match=expected):
-        make_station(scenario_of(0.4, sensing=parts))
+    with pytest.raises(uv.InvalidParameter, match=expected):
+        uv.make_station(scenario_of(0.4, sensing=parts))
 
 
 @dataclass
-class Swell(Disturbance):
+class Swell(uv.Disturbance):
     """d̃ sin t along x."""
 
     def add_to(self, builder, model, seed, signals):
         assert {"state", "e_y", "r"} <= set(signals)
-        return SinusoidalDisturbance(self.bound, np.eye(model.size)[0], 1.0).add_source(
+        return uv.SinusoidalDisturbance(self.bound, np.eye(model.size)[0], 1.0).add_source(
             builder, model.size).get_output_port()
 
 
 def test_a_disturbance_of_ones_own_is_one_class():
-    record = simulate(scenario_of(0.4, disturbance=Swell(0.1)))
+    record = uv.simulate(scenario_of(0.4, disturbance=Swell(0.1)))
     np.testing.assert_allclose(record.disturbance[:, 0], 0.1 * np.sin(record.time), atol=1e-12)

@@ -5,7 +5,6 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 import uvms_drake as uv
-from uvms_drake.common.errors import InvalidParameter
 
 
 @pytest.mark.parametrize(("name", "more"), [
@@ -29,13 +28,13 @@ def test_it_moves_as_that_of_the_station(name, more):
      "disturbance = 'AdversarialDisturbance': must be a function of time alone"),
     ("paper_kinematic", "seed=0", "simulation = .*: must be left out")])
 def test_a_scenario_that_needs_a_station_is_refused(name, override, expected):
-    with pytest.raises(InvalidParameter, match=expected):
+    with pytest.raises(uv.InvalidParameter, match=expected):
         uv.make_plant(uv.load_scenario(name, ["simulator.max_step_size=0.01", override]))
 
 
 def test_a_scenario_without_a_step_of_the_integrator_is_refused_with_the_remedy():
     """A Simulator with its configuration would stand at t = 0 for ever, without a word."""
     scenario = uv.load_scenario("girona500_ideal")
-    with pytest.raises(InvalidParameter, match=r"max_step_size = 0\.0: .*uv\.with_step\("):
+    with pytest.raises(uv.InvalidParameter, match=r"max_step_size = 0\.0: .*uv\.with_step\("):
         uv.make_plant(scenario)
     assert uv.make_plant(uv.with_step(scenario)).get_name() == "plant"

@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import load_scenario
+import uvms_drake as uv
 
 README = Path(__file__).parents[2] / "uvms_drake" / "station" / "README.md"
 
@@ -27,9 +25,9 @@ def written() -> dict[str, str]:
 @pytest.mark.parametrize("name", [
     "girona500_contact", "jacket_inspection", "girona500_real_loop", "girona500_ideal"])
 def test_every_port_is_in_the_readme_with_its_size(name):
-    scenario = load_scenario(name)
-    station, table = make_station(scenario), written()
-    size = load_model(scenario).size
+    scenario = uv.load_scenario(name)
+    station, table = uv.make_station(scenario), written()
+    size = uv.load_model(scenario).size
     sizes = {"2(6+n)": 2 * size, "6+n": size, "m": 5, "abstract": 0}
     ports = [*(station.get_input_port(i) for i in range(station.num_input_ports())),
              *(station.get_output_port(i) for i in range(station.num_output_ports()))]
@@ -42,7 +40,7 @@ def test_the_readme_has_no_port_that_is_nowhere():
     found: set[str] = set()
     for name, overrides in (("jacket_inspection_real", []), ("girona500_ideal", []),
                             ("girona500_real_loop", ["model_error.payload.mass=0.1"])):
-        station = make_station(load_scenario(name, overrides))
+        station = uv.make_station(uv.load_scenario(name, overrides))
         found |= {station.get_input_port(i).get_name() for i in range(station.num_input_ports())}
         found |= {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
     assert set(written()) == found

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from uvms_drake.common.errors import InvalidParameter
+import uvms_drake as uv
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.desired_force import DesiredForce
@@ -62,5 +62,5 @@ def test_outputs_follow_every_input_and_not_the_time(model, monkeypatch, name):
 def test_a_direction_is_a_unit_vector(make):
     """Of [2, 0, 0] and a force of 1 N the filter made 4 N."""
     make(N)
-    with pytest.raises(InvalidParameter, match=r"direction = \[2.*: must be a unit vector"):
+    with pytest.raises(uv.InvalidParameter, match=r"direction = \[2.*: must be a unit vector"):
         make(2.0 * N)

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 import uvms_drake
-from uvms_drake.station.diagram import SAMPLED, make_station
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import load_scenario
+import uvms_drake as uv
+from uvms_drake.station.diagram import SAMPLED
 from uvms_drake.station.signals import (
     IN_NAMES,
     MPC_SIGNALS,
@@ -32,8 +30,8 @@ def test_the_table_in_the_docs_is_current():
     "girona500_contact", "jacket_inspection_real", "girona500_real_loop",
     "bluerov2_real_loop"])
 def test_every_logged_signal_of_a_station_is_described_with_its_size(name):
-    scenario = load_scenario(name)
-    station, model = make_station(scenario), load_model(scenario)
+    scenario = uv.load_scenario(name)
+    station, model = uv.make_station(scenario), uv.load_model(scenario)
     logged = {system.get_name().removeprefix("log.") for system in station.GetSystems()
               if system.get_name().startswith("log.")} - set(SAMPLED)
     assert logged <= set(SIGNALS)
@@ -46,13 +44,13 @@ def test_every_logged_signal_of_a_station_is_described_with_its_size(name):
 
 def test_the_names_of_a_record_are_those_of_the_ports():
     """D10: `planned_tip` in the csv, `chi_nominal` in the npz, `nominal_state` at the port."""
-    station = make_station(load_scenario("girona500_contact"))
+    station = uv.make_station(uv.load_scenario("girona500_contact"))
     ports = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
     derived = {name for name, signal in SIGNALS.items() if signal.source.endswith("no port")}
-    of_record = {field.name for field in fields(Record)} & set(SIGNALS)
+    of_record = {field.name for field in fields(uv.Record)} & set(SIGNALS)
     assert of_record <= ports | derived
     assert not derived & ports
-    assert {f.name for f in fields(Record) if f.name.startswith("mpc_")} < set(MPC_SIGNALS)
+    assert {f.name for f in fields(uv.Record) if f.name.startswith("mpc_")} < set(MPC_SIGNALS)
 
 
 def test_units_are_in_the_names_and_a_sliding_joint_has_its_own():

@@ -4,18 +4,14 @@ import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver, SolverOptions
 
+import uvms_drake as uv
 from uvms_drake.command.main import main
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.convex.staged_solver import DrakeConvexSolver
 from uvms_drake.control.mpc.planner import KEPT, SOLVED
 from uvms_drake.control.ocp.ocp import SOLVERS, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.solvers import CONVEX, NONLINEAR, NonlinearSolver, make_solver
+from uvms_drake.control.ocp.solvers import CONVEX, NONLINEAR, NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.station.problem import make_ocp
-from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.simulation import simulate
 
 NEAR = ("surface.geometry.point.0=-0.25",)
 """The unknown wall 5 cm from the tip."""
@@ -29,8 +25,8 @@ def test_every_name_has_a_solver_or_says_why_not(short_ocp):
     made = {}
     for name in SOLVERS:
         try:
-            made[name] = make_solver(short_ocp, name)
-        except InvalidParameter as error:
+            made[name] = uv.make_solver(short_ocp, name)
+        except uv.InvalidParameter as error:
             assert str(error).startswith(f"solver = '{name}': must be ")
             assert "\n" not in str(error)
     assert {"structured", "clarabel", "scs", "snopt", "ipopt"} <= set(made)
@@ -40,21 +36,21 @@ def test_every_name_has_a_solver_or_says_why_not(short_ocp):
 
 
 def test_a_solver_for_linear_constraints_is_for_a_problem_without_norms(short_ocp):
-    with pytest.raises(InvalidParameter, match=r"able to solve the problem.*LorentzCone"):
-        make_solver(short_ocp, "osqp")
-    scenario = load_scenario("girona500_ideal", ["mpc.horizon=5", "mpc.terminal_set=false"])
-    ocp = make_ocp(scenario)
+    with pytest.raises(uv.InvalidParameter, match=r"able to solve the problem.*LorentzCone"):
+        uv.make_solver(short_ocp, "osqp")
+    scenario = uv.load_scenario("girona500_ideal", ["mpc.horizon=5", "mpc.terminal_set=false"])
+    ocp = uv.make_ocp(scenario)
     ocp.limits = {name: limit for name, limit in ocp.limits.items()
                   if name not in ("nu1", "nu2", "qdot")}
     config = ocp.model.configuration(ocp.y_des - 0.05 * np.eye(10)[0])
     guess = ocp.resting_plan(0.0, np.concatenate([config, np.zeros(10)]))
-    one, other = (make_solver(ocp, name).solve(guess, 1) for name in ("structured", "osqp"))
+    one, other = (uv.make_solver(ocp, name).solve(guess, 1) for name in ("structured", "osqp"))
     assert other.evaluation.cost == pytest.approx(one.evaluation.cost, rel=1e-3)
 
 
 def test_one_s_own_constraints_need_a_solver_of_the_whole_program(short_ocp):
-    with pytest.raises(InvalidParameter, match="one of ipopt, nlopt, snopt"):
-        make_solver(short_ocp, "structured", extend=print)
+    with pytest.raises(uv.InvalidParameter, match="one of ipopt, nlopt, snopt"):
+        uv.make_solver(short_ocp, "structured", extend=print)
 
 
 def test_a_nonlinear_solver_starts_from_the_plan_of_another(short_ocp):
@@ -124,7 +120,7 @@ def met(name: str, overrides: list[str], monkeypatch) -> list[tuple[Ocp, Plan]]:
 
     with monkeypatch.context() as patch:
         patch.setattr(SequentialConvexSolver, "solve", recording)
-        simulate(load_scenario(name, overrides))
+        uv.simulate(uv.load_scenario(name, overrides))
     return found[1:]
 
 
@@ -141,7 +137,7 @@ def same_optimum(ocp: Ocp, guess: Plan, *, cold: bool = True) -> bool:
         assert fast.cost == pytest.approx(whole.evaluation.cost, rel=1e-6)
         assert whole.evaluation.violation <= ocp.tolerance
     program = ocp.staged_program(guess)
-    structured, clarabel = SequentialConvexSolver(ocp), make_solver(ocp, "clarabel")
+    structured, clarabel = SequentialConvexSolver(ocp), uv.make_solver(ocp, "clarabel")
     one, other = (solver.solve(guess, 1).evaluation.cost for solver in (structured, clarabel))
     assert one == pytest.approx(other, rel=1e-6)
     assert DrakeConvexSolver(CONVEX["clarabel"]())(program).cone_programs == 1
@@ -168,8 +164,8 @@ def test_fifty_states_of_two_runs_have_the_same_optimum(name, overrides, monkeyp
 # Closed loops -------------------------------------------------------------------------------------
 
 
-def run(name: str, solver: str, overrides: list[str]) -> Record:
-    return simulate(load_scenario(name, [f"mpc.solver={solver}", *overrides]))
+def run(name: str, solver: str, overrides: list[str]) -> uv.Record:
+    return uv.simulate(uv.load_scenario(name, [f"mpc.solver={solver}", *overrides]))
 
 
 def same_loop(name: str, solver: str, overrides: list[str]) -> None:

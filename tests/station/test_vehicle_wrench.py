@@ -7,19 +7,17 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Demultiplexer, FirstOrderLowPassFilter
 
+import uvms_drake as uv
 from uvms_drake.actuation.joint_brake import StuckJoint
-from uvms_drake.control.laws import Resolved, TipFirst
-from uvms_drake.control.laws.law import Command
+from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.tip_first import BlockGains
-from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Part
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH
 
 LAGS = np.repeat([0.2, 0.01], [6, 4])
 
 
 @dataclass
-class Slow(Part):
+class Slow(uv.Part):
     """Thrusters that lag, and say what they give, or what they are commanded."""
 
     early: bool = False
@@ -34,19 +32,19 @@ class Slow(Part):
 
 
 @dataclass
-class ContactSpecification(Resolved):
+class ContactSpecification(uv.Resolved):
     """It commands the joints to ten times what the vehicle is given, and so shows that."""
 
     takes_wrench = True
 
     def command(self, model, now, nominal_acceleration, nominal_input):
         tau = np.concatenate([np.arange(1.0, 7.0), 10.0 * now.wrench[:4]])
-        return Command(u=np.zeros(10), tau=tau, M=np.eye(10))
+        return uv.Command(u=np.zeros(10), tau=tau, M=np.eye(10))
 
 
 def station_of(law, part):
-    return make_station(replace(
-        load_scenario("girona500_ideal", ["duration=1"]), ancillary=law, actuation=[part]))
+    return uv.make_station(replace(
+        uv.load_scenario("girona500_ideal", ["duration=1"]), ancillary=law, actuation=[part]))
 
 
 def test_the_law_takes_what_the_thrusters_give_now():
@@ -65,7 +63,7 @@ def test_the_law_takes_what_the_thrusters_give_now():
 
 
 def test_a_law_that_does_not_take_it_does_not_see_it():
-    station = station_of(Resolved(), Slow(early=True))
+    station = station_of(uv.Resolved(), Slow(early=True))
     controller = station.GetSubsystemByName("tube_mpc")
     context = controller.GetMyContextFromRoot(station.CreateDefaultContext())
     assert not controller.GetInputPort(VEHICLE_WRENCH).HasValue(context)
@@ -78,8 +76,8 @@ def test_what_follows_at_once_from_the_command_is_an_algebraic_loop():
 
 def test_an_observer_is_told_what_known_actuators_give_and_of_no_fault():
     law = TipFirst(tip=BlockGains(20.0, 10.0, 2.0))
-    station = make_station(replace(
-        load_scenario("girona500_ideal", ["duration=1"]), ancillary=law, actuation=[Slow()],
+    station = uv.make_station(replace(
+        uv.load_scenario("girona500_ideal", ["duration=1"]), ancillary=law, actuation=[Slow()],
         faults=[StuckJoint(0, 0.0)]))
     context = station.CreateDefaultContext()
     controller, lag, brake = (station.GetSubsystemByName(name) for name in (

@@ -2,13 +2,14 @@
 
 import pytest
 
-from uvms_drake.station.scenario.scenario import load_scenario, remarks
+import uvms_drake as uv
+from uvms_drake.station.scenario.scenario import remarks
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 
 @pytest.mark.parametrize("name", list(shipped_scenarios()))
 def test_nothing_is_in_vain_in_a_shipped_scenario(name):
-    assert remarks(load_scenario(name)) == []
+    assert remarks(uv.load_scenario(name)) == []
 
 
 @pytest.mark.parametrize(("override", "expected"), [
@@ -23,4 +24,4 @@ def test_nothing_is_in_vain_in_a_shipped_scenario(name):
     ("sensing=[!ForceSensor {}, !Navigation {}]", "sensing[0] measures the force in the true "
      "attitude: parts that change the measured one come after it")])
 def test_what_has_no_effect_is_said(override, expected):
-    assert remarks(load_scenario("girona500_ideal", [override])) == [expected]
+    assert remarks(uv.load_scenario("girona500_ideal", [override])) == [expected]

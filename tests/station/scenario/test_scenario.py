@@ -6,34 +6,31 @@ import pytest
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
 from support.scenarios import error_of, load_text
 
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
+import uvms_drake as uv
+from uvms_drake.common.errors import ScenarioError
 from uvms_drake.common.kinds import kinds_of
 from uvms_drake.common.schema import check_values
-from uvms_drake.station.scenario.scenario import (
-    Scenario,
-    dump_scenario,
-    load_scenario,
-)
+from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_shipped_scenario_has_its_name_and_a_description(name):
-    scenario = load_scenario(name)
+    scenario = uv.load_scenario(name)
     assert scenario.name == name
     assert scenario.description
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_loading_the_dump_gives_the_same_scenario(name, tmp_path):
-    dump = dump_scenario(load_scenario(name))
+    dump = dump_scenario(uv.load_scenario(name))
     assert dump_scenario(load_text(tmp_path, dump)) == dump
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_the_dump_has_the_fields_in_their_order(name):
-    data = yaml_load_data(dump_scenario(load_scenario(name)))
-    assert list(data) == [field.name for field in dataclasses.fields(Scenario)]
+    data = yaml_load_data(dump_scenario(uv.load_scenario(name)))
+    assert list(data) == [field.name for field in dataclasses.fields(uv.Scenario)]
     assert list(data["start"]) == ["eta", "q"]
     assert list(data["simulator"]) == [
         "integration_scheme", "max_step_size", "accuracy", "use_error_control", "start_time",
@@ -44,11 +41,11 @@ def test_the_dump_has_the_fields_in_their_order(name):
     "publish_every_time_step: is mentioned first",
     "One line.\npublish_every_time_step: false\n",
     "One line.\n  publish_every_time_step: true\nAnother line.",
-    yaml_dump_typed(Scenario().simulator, child_name="simulator"),
+    yaml_dump_typed(uv.Scenario().simulator, child_name="simulator"),
 ])
 def test_no_text_is_lost_in_the_dump(description, tmp_path):
     """Whatever it says about a setting that is left out for the sake of other versions of Drake."""
-    dump = dump_scenario(Scenario(name="mine", description=description))
+    dump = dump_scenario(uv.Scenario(name="mine", description=description))
     assert "publish_every_time_step" not in yaml_load_data(dump)["simulator"]
     loaded = load_text(tmp_path, dump)
     assert loaded.description == description
@@ -63,13 +60,13 @@ def test_an_empty_file_is_no_scenario(text, tmp_path):
 
 def test_what_a_file_does_not_say_is_the_default_and_its_name_the_files(tmp_path):
     scenario = load_text(tmp_path, "seed: 0")
-    assert dump_scenario(scenario) == dump_scenario(Scenario(name="mine"))
+    assert dump_scenario(scenario) == dump_scenario(uv.Scenario(name="mine"))
 
 
 def test_the_default_of_every_choice_is_its_first_type():
-    for field in dataclasses.fields(Scenario):
+    for field in dataclasses.fields(uv.Scenario):
         if kinds_of(field.type):
-            assert type(getattr(Scenario(), field.name)) is kinds_of(field.type)[0]
+            assert type(getattr(uv.Scenario(), field.name)) is kinds_of(field.type)[0]
 
 
 def test_a_mistake_in_the_file_is_reported_without_mention_of_overrides(tmp_path):
@@ -87,10 +84,10 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
 
 
 def test_a_scenario_made_in_python_is_checked_too():
-    with pytest.raises(InvalidParameter, match="duration = nan: must be positive"):
-        check_values(Scenario(duration=float("nan")))
+    with pytest.raises(uv.InvalidParameter, match="duration = nan: must be positive"):
+        check_values(uv.Scenario(duration=float("nan")))
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_run_of_an_hour_is_no_reason_to_refuse_a_shipped_scenario(name):
-    assert load_scenario(name, ["duration=3600"]).duration == 3600.0
+    assert uv.load_scenario(name, ["duration=3600"]).duration == 3600.0

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from support.scenarios import error_of, load_text
 
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.plant.disturbance import RandomDisturbance, SinusoidalDisturbance
-from uvms_drake.station.problem import make_ocp
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+import uvms_drake as uv
+from uvms_drake.common.errors import ScenarioError
+from uvms_drake.plant.disturbance import RandomDisturbance
+from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.station.scenario.scenario_file import scenario_path, shipped_scenarios
 
 SHIPPED = ("bluerov2_ceiling", "bluerov2_contact", "bluerov2_cp_probe", "bluerov2_ideal",
@@ -32,7 +30,7 @@ def test_a_file_takes_over_what_it_does_not_say_from_its_base(tmp_path):
     scenario = load_text(
         tmp_path, "base: girona500_ideal\nduration: 10\ntask: {force: [15, 0, 0, 0, 0, 0]}\n"
         "surface: {stiffness: 800}\ndisturbance: !RandomDisturbance {bound: 0.05}\n")
-    assert dump_scenario(scenario) == dump_scenario(load_scenario("girona500_ideal", [
+    assert dump_scenario(scenario) == dump_scenario(uv.load_scenario("girona500_ideal", [
         "name=mine", "description=''", "duration=10", "task.force=[15, 0, 0, 0, 0, 0]",
         "surface.stiffness=800", "disturbance=!RandomDisturbance {bound: 0.05}"]))
 
@@ -42,9 +40,9 @@ def test_a_base_is_a_file_beside_and_may_have_one_itself(tmp_path):
     folder.mkdir()
     (folder / "first.yaml").write_text("base: girona500_bilateral\nseed: 3\nduration: 7\n")
     (tmp_path / "second.yaml").write_text("base: inside/first.yaml\nseed: 4\n")
-    scenario = load_scenario(str(tmp_path / "second.yaml"), ["log_period=0.1"])
+    scenario = uv.load_scenario(str(tmp_path / "second.yaml"), ["log_period=0.1"])
     assert (scenario.name, scenario.seed, scenario.duration) == ("second", 4, 7.0)
-    assert scenario.law == load_scenario("girona500_bilateral").law
+    assert scenario.law == uv.load_scenario("girona500_bilateral").law
 
 
 @pytest.mark.parametrize(("text", "expected"), [
@@ -64,8 +62,8 @@ def test_what_a_file_cannot_mean_is_one_line(text, expected, tmp_path):
     (tmp_path / "mine.yaml").write_text(text)
     try:
         line = ""
-        make_ocp(load_scenario(str(tmp_path / "mine.yaml")))
-    except (ScenarioError, InvalidParameter) as error:
+        uv.make_ocp(uv.load_scenario(str(tmp_path / "mine.yaml")))
+    except (ScenarioError, uv.InvalidParameter) as error:
         line = str(error)
     assert expected in line
     assert "\n" not in line
@@ -73,11 +71,11 @@ def test_what_a_file_cannot_mean_is_one_line(text, expected, tmp_path):
 
 def test_a_file_of_the_same_content_loads_by_path():
     path = str(scenario_path("girona500_ideal"))
-    assert dump_scenario(load_scenario(path)) == dump_scenario(load_scenario("girona500_ideal"))
+    assert dump_scenario(uv.load_scenario(path)) == dump_scenario(uv.load_scenario("girona500_ideal"))
 
 
 def test_overrides_change_values_at_any_depth():
-    scenario = load_scenario("girona500_ideal", [
+    scenario = uv.load_scenario("girona500_ideal", [
         "seed=7", "surface.stiffness=2e3", "limits.u.0=0.125", "current=[0, 0.1, 0]",
         "simulator.max_step_size=1e-3"])
     assert scenario.seed == 7
@@ -88,32 +86,32 @@ def test_overrides_change_values_at_any_depth():
 
 
 def test_an_override_below_a_tag_keeps_the_tag():
-    spring = load_scenario("girona500_bilateral", ["surface.equilibrium.0=0.5"]).surface
-    assert isinstance(spring, BilateralSpring)
+    spring = uv.load_scenario("girona500_bilateral", ["surface.equilibrium.0=0.5"]).surface
+    assert isinstance(spring, uv.BilateralSpring)
     assert spring.equilibrium[0] == 0.5
 
 
 def test_an_override_reaches_into_what_the_file_leaves_at_its_default(tmp_path):
     scenario = load_text(tmp_path, "seed: 1", ["disturbance.bound=0.2", "surface.stiffness=50"])
-    assert isinstance(scenario.disturbance, SinusoidalDisturbance)
+    assert isinstance(scenario.disturbance, uv.SinusoidalDisturbance)
     assert scenario.disturbance.bound == 0.2
-    assert isinstance(scenario.surface, UnilateralPlane)
+    assert isinstance(scenario.surface, uv.UnilateralPlane)
     assert scenario.surface.stiffness == 50.0
 
 
 def test_an_override_with_a_tag_changes_the_type():
-    scenario = load_scenario("girona500_ideal", [
+    scenario = uv.load_scenario("girona500_ideal", [
         "disturbance=!RandomDisturbance {bound: 0.05, bandwidth: 2}"])
     assert type(scenario.disturbance) is RandomDisturbance
     assert (scenario.disturbance.bound, scenario.disturbance.bandwidth) == (0.05, 2.0)
 
 
 def test_an_optional_value_can_be_taken_away():
-    assert load_scenario("girona500_ideal", ["task.pose=null"]).task.pose is None
+    assert uv.load_scenario("girona500_ideal", ["task.pose=null"]).task.pose is None
 
 
 def test_the_last_override_of_a_key_wins():
-    assert load_scenario("girona500_ideal", ["seed=1", "seed=2"]).seed == 2
+    assert uv.load_scenario("girona500_ideal", ["seed=1", "seed=2"]).seed == 2
 
 
 def test_private_top_level_keys_are_room_for_anchors(tmp_path):
@@ -158,16 +156,16 @@ def test_an_unknown_scenario_names_the_shipped_ones_and_the_closest():
 
 
 def test_a_robot_that_is_not_as_it_is_known_comes_from_a_file_and_goes_back_into_one(tmp_path):
-    scenario = load_scenario("girona500_ideal", [
+    scenario = uv.load_scenario("girona500_ideal", [
         "model_error={buoyancy: 0.98, payload: {mass: 0.5}, joint_friction: {coulomb: [0.5]}}"])
     error = scenario.model_error
     assert (error.buoyancy, error.payload.mass, error.joint_friction.largest) == (0.98, 0.5, 0.5)
     assert error.joint_friction.creep == 0.005
     path = tmp_path / "mine.yaml"
     path.write_text(dump_scenario(scenario))
-    assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
+    assert dump_scenario(uv.load_scenario(str(path))) == dump_scenario(scenario)
     with pytest.raises(ScenarioError, match=r"model_error\.payload\.mass = -1\.0: must be from 0"):
-        load_scenario("girona500_ideal", ["model_error.payload.mass=-1"])
+        uv.load_scenario("girona500_ideal", ["model_error.payload.mass=-1"])
 
 
 def test_a_robot_stands_beside_the_file_that_names_it_or_where_the_program_runs(
@@ -182,6 +180,6 @@ def test_a_robot_stands_beside_the_file_that_names_it_or_where_the_program_runs(
             ("", "lab/mine.yaml", "lab/otter"), ("", "other.yaml", "lab/otter"),
             ("lab", "mine.yaml", "otter"), ("", "lab/shipped.yaml", "girona500_arm5e")):
         monkeypatch.chdir(tmp_path / folder)
-        assert load_scenario(file).model == expected
+        assert uv.load_scenario(file).model == expected
     monkeypatch.chdir(tmp_path / "lab")
-    assert load_scenario("girona500_ideal", ["model=otter"]).model == "otter"
+    assert uv.load_scenario("girona500_ideal", ["model=otter"]).model == "otter"
