@@ -9,7 +9,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 import uvms_drake as uv
 from uvms_drake.benchmark.cases import CASES, ROBOTS, Case, drawn_case
-from uvms_drake.benchmark.controllers import CONTROLLERS, declared_to
+from uvms_drake.benchmark.controllers import CONTROLLERS
 from uvms_drake.benchmark.press import AfterTouch, Course, Trace, measure, run_press
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
@@ -183,9 +183,3 @@ def test_the_observer_removes_the_steady_error_of_a_nominal_mpc():
         errors[name] = np.mean(trace.signals["force"][last, 0]) - scenario.task.force[0]
     assert abs(errors["nominal_mpc"]) > 1.0
     assert errors["nominal_mpc_offset_free"] == pytest.approx(0.0, abs=0.02)
-
-
-def test_data_of_a_controller_are_listed_once_and_unknown_for_ones_own():
-    assert declared_to("sliding_decoupled", GIRONA) == ["direction", "model"]
-    assert "model" not in declared_to("prescribed_performance", GIRONA)
-    assert declared_to("my_law.py", GIRONA) == ["not known"]

@@ -168,7 +168,7 @@ def test_workers_that_always_die_are_given_up():
     def dies(cell):
         raise OSError("gone")
 
-    with pytest.raises(uv.RunFailed, match=r"die before any run comes back \(of 2 runs: 0, 1\): gone"):
+    with pytest.raises(uv.RunFailed, match=r"die before any run .* \(of 2 runs: 0, 1\): gone"):
         list(run_all(dies, [0, 1], pool_of(Here())))
 
 

@@ -52,10 +52,6 @@ def test_every_kind_of_field_is_loaded_with_its_type():
     assert (part.holes[0].radius, part.named["big"].radius) == (1e-3, 5.0)
 
 
-def test_a_mapping_without_a_tag_is_the_first_type_of_a_union():
-    assert load_typed(Part, parse_yaml("shape: {radius: 2}")).shape == Round(2.0)
-
-
 def test_numbers_that_yaml_takes_for_text_become_floats():
     assert conform(Part, parse_yaml("shape: {radius: 1e-3}")).shape.radius == 1e-3
     assert math.isclose(conform(np.ndarray, ["1e-3", 2])[0], 1e-3)
@@ -81,11 +77,6 @@ def test_a_type_that_no_field_names_is_dumped_under_its_name():
     data = parse_yaml(dump_typed(Part(shape=Star(2.0), holes=[Star(points=3), Round()])))
     assert data["shape"] == {"_tag": "!Star", "radius": 2.0, "points": 5}
     assert data["holes"] == [{"_tag": "!Star", "radius": 1.0, "points": 3}, {"radius": 1.0}]
-
-
-def test_the_first_type_of_a_field_is_dumped_without_a_tag():
-    assert parse_yaml(dump_typed(Part(), leave_out=("label",))) == {
-        "shape": {"radius": 1.0}, "count": 0, "hollow": False, "holes": [], "named": {}}
 
 
 @pytest.mark.parametrize(("text", "expected"), [

@@ -11,7 +11,6 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.station.contact.bounds import (
     between_knots,
     largest_reading_error,
-    sensing_of,
 )
 from uvms_drake.station.contact.tube_in_contact import force_bounds
 from uvms_drake.station.problem import limits_of
@@ -27,13 +26,6 @@ def test_the_error_of_a_reading_grows_with_the_time_between_two():
     change = 3.0 / 4.0 * np.diff([h * (45.0 + 500.0 * h) for h in (0.01, 0.1)])[0]
     assert late - known == pytest.approx(change)
     assert known - calm > 0.5
-
-
-def test_a_second_part_that_measures_the_force_is_refused():
-    two = uv.load_scenario("girona500_contact", ["sensing=[!ForceSensor {}, !ForceSensor {rate: 50}]"])
-    with pytest.raises(uv.InvalidParameter, match=(
-            r"^sensing\[1\] = 'ForceSensor': must be left out: sensing\[0\] measures the force")):
-        sensing_of(two)
 
 
 def test_no_angle_of_a_plan_goes_further_between_its_knots_and_some_as_far():

@@ -108,9 +108,50 @@ def test_a_problem_that_it_cannot_serve_is_refused():
         uv.make_tube_mpc(uv.make_ocp(scenario), scenario.ancillary)
 
 
-def test_the_limit_of_a_known_surface_is_refused_in_the_terms_of_the_scenario():
-    """D9: `surface = 'UnmeasuredWall': must be one that has static_force_rows`."""
-    scenario = uv.load_scenario("girona500_contact", ["limits.static_force=30"])
-    with pytest.raises(uv.InvalidParameter, match=r"^limits\.static_force = 30\.?0?: must be left out "
-                       r"\(null\) .* contact\.force limits$"):
-        uv.make_station(scenario)
+# The plant of a scenario is the station's: the same acceleration by the same command.
+
+
+@pytest.mark.parametrize(("name", "more"), [
+    ("girona500_ideal", ["surface_error.shift=[-0.4, 0, 0]"]),
+    ("girona500_ideal", ["model_error.mass=1.2", "current=[0.1, 0.2, 0]",
+                         "waves=[{amplitude: 0.2, period: 5.0, depth: 3.0}]"])])
+def test_it_moves_as_that_of_the_station(name, more):
+    scenario = uv.load_scenario(name, ["simulator.max_step_size=0.01", *more])
+    station, plant = uv.make_station(scenario), uv.make_plant(scenario)
+    simulator = Simulator(station)
+    simulator.Initialize()
+    whole, alone = simulator.get_context(), plant.CreateDefaultContext()
+    plant.GetInputPort("tau").FixValue(alone, station.GetOutputPort("tau").Eval(whole))
+    for port in ("state", "force", "disturbance", "acceleration"):
+        np.testing.assert_allclose(plant.GetOutputPort(port).Eval(alone),
+                                   station.GetOutputPort(port).Eval(whole), atol=1e-12)
+
+
+# The law of a worst-case certificate reads the present state, as its theory says; no older one.
+
+
+TICK = 2.0**-8
+"""Time between two samples of this test [s]."""
+
+
+def test_the_law_of_a_certificate_reads_the_present_state():
+    scenario = uv.with_step(uv.load_scenario("girona500_tip_first"))
+    station = uv.make_station(scenario)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    root = simulator.get_context()
+
+    def value(system: str, port: str) -> np.ndarray:
+        """Returns the present value of a port of a subsystem."""
+        part = station.GetSubsystemByName(system)
+        return part.GetOutputPort(port).Eval(part.GetMyContextFromRoot(root)).copy()
+
+    controller = station.GetSubsystemByName("tube_mpc")
+    for tick in (35, 69):  # Just after a plan, and on the way.
+        simulator.AdvanceTo(tick * TICK)
+        read = controller.GetInputPort("state").Eval(controller.GetMyContextFromRoot(root))
+        assert np.any(read[len(read) // 2:]), "it moves"
+        assert np.array_equal(read, value("uvms", "state"))
+        due = value("tube_mpc", "tau")
+        simulator.AdvanceTo((tick + 0.5) * TICK)
+        assert np.max(np.abs(value("tube_mpc", "tau") - due)) > 0.01, "half a period is told apart"

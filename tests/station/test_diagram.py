@@ -5,20 +5,12 @@ import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 import uvms_drake as uv
-from uvms_drake.common.errors import ScenarioError
 from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.report.signals import constraints
 
 SHORT = ["mpc.horizon=8"]
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 """The tip starts 4 cm off the wall and touches it within a second."""
-LOGGED = ("state", "chi", "nominal_state", "nominal_input", "u", "tau", "state_lost",
-          "input_limited", "force", "penetration", "desired_force", "disturbance", "acceleration",
-          "tube_deviation", "tube_bound")
-"""Signals of every station."""
-WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",
-        "limits.pitch=0.3"]
-"""The joint limits of the robot itself, and a wide range of attitudes."""
 
 
 def logs_of(scenario: uv.Scenario, duration: float) -> dict[str, np.ndarray]:
@@ -210,14 +202,6 @@ def with_random_disturbance(seed: int = 0) -> uv.Scenario:
     return scenario
 
 
-def test_the_same_seed_gives_identical_logs_and_another_seed_does_not():
-    first, again, other = (logs_of(with_random_disturbance(seed), 0.6) for seed in (3, 3, 4))
-    assert_identical(first, again)
-    assert not np.array_equal(first["disturbance"], other["disturbance"])
-    assert not np.array_equal(first["state"], other["state"])
-    assert np.max(np.linalg.norm(first["disturbance"], axis=1)) <= 0.1
-
-
 @pytest.mark.parametrize("pause", [1.0, 0.93])
 def test_a_clone_of_the_context_goes_on_as_the_original(pause):
     """Bit for bit, in a Simulator of its own, with the logs so far.
@@ -243,93 +227,10 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
                            for each in (other, original))
     for logs in (continued, expected):
         np.testing.assert_allclose(logs["mpc_time"][:9], 0.2 * np.arange(9), atol=1e-9)
-    for name in ("time", *LOGGED):
+    for name in sorted({*expected} - {name for name in expected if name.startswith("mpc_")}):
         late = continued["time"] > pause, expected["time"] > pause
         assert np.sum(late[0]) >= 50
         np.testing.assert_array_equal(
             continued[name][late[0]], expected[name][late[1]], err_msg=name)
     if pause == 1.0:
         assert_identical(expected, logs_of(scenario, end))
-
-
-# Ports and bad values ----------------------------------------------------------------------------
-
-
-def test_the_station_exports_what_it_documents():
-    station = uv.make_station(uv.load_scenario("girona500_ideal", SHORT))
-    names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
-    assert names == {*LOGGED, "plan", "report", "solve_seconds", "tube_report",
-                     "tube_alarm"}
-    assert station.num_input_ports() == 1
-    assert station.HasInputPort("desired_force")
-    assert station.get_name() == "station"
-
-
-def test_the_start_is_the_scenarios_at_rest():
-    scenario = uv.load_scenario("girona500_ideal", SHORT)
-    state = uv.start_state(scenario, uv.make_ocp(scenario))
-    np.testing.assert_array_equal(state[:6], scenario.start.eta)
-    np.testing.assert_array_equal(state[6:10], scenario.start.q)
-    np.testing.assert_array_equal(state[10:], 0.0)
-
-
-def test_plant_and_controller_have_models_of_their_own():
-    """A mismatch put into the controller's model leaves the plant as it is."""
-    scenario = uv.load_scenario("girona500_ideal", SHORT)
-    assert uv.make_ocp(scenario).model is not uv.make_ocp(scenario).model
-
-
-@pytest.mark.parametrize(("name", "overrides", "key"), [
-    ("girona500_ideal", ["start.eta.3=0.296", "limits.roll=0.299"], "start.eta"),
-    ("girona500_ideal", ["start.eta.4=0.296", "limits.pitch=0.299"], "start.eta"),
-    ("girona500_ideal", ["start.q.1=0.1", *WIDE], "start.eta"),  # the tip's pitch
-    ("girona500_ideal", ["start.q.2=0.7295", *WIDE], "start.q"),
-    ("girona500_ideal", ["start.q.0=-0.6", *WIDE], "start.q"),
-    ("girona500_ideal", ["limits.q_lower=[-0.4, 0.8995, -1, -3]"], "start.q"),
-    ("girona500_ideal", ["limits.q_upper=[0.1505, 1.3, 0.7, 3]"], "start.q"),
-    ("girona500_ideal", ["limits.q_lower=[-0.53, -0.1, -1, -3]"], "limits.q_lower"),
-    ("girona500_ideal", ["limits.q_upper=[1.4, 1.3, 0.7]"], "limits.q_upper"),
-    ("girona500_ideal", ["limits.q_upper=[1.4, 1.0, 0.7, 3]"], "task.posture"),
-    ("girona500_ideal", ["start.q=[0, 1]"], "start.q"),
-    ("girona500_ideal", ["task.force=[-20, 0, 0, 0, 0, 0]"], "task.force"),
-    ("girona500_ideal", ["task.force=[20, 5, 0, 0, 0, 0]"], "task.force"),
-    ("girona500_ideal", ["task.force=[0, 0, 0, 0, 0, 0]"], "task.force"),
-    ("girona500_ideal", ["task.pose.4=0.9"], "task.pose"),
-    ("girona500_ideal", ["task.posture=[0, 1.35, 0.4, 0]"], "task.posture"),
-    ("girona500_ideal", ["task.posture=[0, 1.1, 0, 0]", *WIDE], "task.posture"),
-    ("girona500_ideal", ["task.posture=[0, 1.1]"], "task.posture"),
-    ("girona500_ideal", ["limits.u.4=0.14"], "limits.u[4]"),
-    ("girona500_ideal", ["limits.u.4=0"], "limits.u"),
-    ("girona500_ideal", ["limits.tau=[1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"], "limits.tau"),
-    ("girona500_ideal", ["limits.tau=[1, 1, 1]"], "limits.tau"),
-    ("girona500_ideal", ["task.force=[400, 0, 0, 0, 0, 0]"], "task.force"),
-    ("girona500_ideal", ["task.force.0=400", "limits.static_force=500"], "limits.u"),
-    ("girona500_ideal", ["limits.static_force=1.5"], "limits.static_force"),
-    ("girona500_ideal", ["limits.static_force=0"], "limits.static_force"),
-    ("girona500_bilateral", ["limits.static_force=25"], "start.eta"),
-    ("girona500_ideal", ["limits.nu1=0.03", "tube.nu1=0.03"], "limits.nu1"),
-    ("girona500_ideal", ["limits.roll=0.003", "tube.roll=0.004"], "limits.roll"),
-    ("girona500_ideal", ["tube.qdot=-1"], "tube.qdot"),
-    ("girona500_ideal", ["tube.joints=0.75", *WIDE], "limits.q2"),
-    ("girona500_ideal", ["surface.stiffness=-1"], "surface.stiffness"),
-    ("girona500_ideal", ["disturbance.bound=-0.1"], "disturbance.bound"),
-    ("girona500_ideal", ["disturbance.weights=[1, 1, 1, 1, 1, 1]"], "disturbance.weights"),
-    ("girona500_ideal", ["ancillary.k=0"], "ancillary.k"),
-    ("girona500_ideal", ["mpc.weight_u.3=0"], "mpc.weight_u"),
-    ("girona500_ideal", ["model=no_such_robot"], "model"),
-    ("girona500_bilateral", ["task.pose=[0, 0, 0, 0, 0, 0]"], "task.pose"),
-    ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
-])
-def test_what_cannot_be_used_is_named(name, overrides, key):
-    with pytest.raises((uv.InvalidParameter, ScenarioError)) as caught:
-        uv.make_station(uv.load_scenario(name, overrides))
-    assert str(caught.value).startswith(f"{key} = ")
-    assert "\n" not in str(caught.value)
-
-
-def test_a_plane_needs_a_pose():
-    scenario = uv.load_scenario("girona500_ideal")
-    scenario.task.pose = None
-    with pytest.raises(uv.InvalidParameter) as caught:
-        uv.make_station(scenario)
-    assert caught.value.key == "task.pose"

@@ -5,17 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
-from support.laws import PAPER
+from support.unknown_wall import close_to_the_wall
 
 import uvms_drake as uv
 from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.common.errors import ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.report.events import events
 from uvms_drake.sensing.faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import Navigation
-from uvms_drake.station.scenario.parts import faults_at
+from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.scenario import dump_scenario
 
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
@@ -208,14 +210,55 @@ def test_a_lost_state_does_not_take_the_force_along():
 # What is refused ---------------------------------------------------------------------------------
 
 
-def test_a_fault_of_a_force_that_nobody_measures_is_refused():
-    with pytest.raises(uv.InvalidParameter, match=(
-            r"^faults\[0\] = 'LostForce': must be left out: no part measures the force$")):
-        uv.make_station(scenario_of(1.0, sensing=[], faults=[LostForce()]))
-    assert set(faults_at("force", [LostForce()])) == {"faults[0]"}
+# A force sensor that fails while the robot presses by what it feels: the whole closed loop.
 
 
-def test_a_law_that_does_not_take_the_force_is_refused():
-    with pytest.raises(uv.InvalidParameter, match=(
-            r"^ancillary = 'transpose': must be a law that takes the measured force")):
-        uv.make_station(scenario_of(1.0, PAPER, "ancillary=!Transpose {}"))
+WALL = "surface.geometry.point.0=0.01"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("fault", "start", "end"), [
+    ("!LostForce {start: 3.0, duration: 1.0}", 3.0, 4.0),
+    ("!FrozenForce {start: 1.0, duration: 1.5}", 1.0, 2.5),
+])
+def test_it_retreats_presses_no_harder_and_goes_on_by_itself(fault, start, end):
+    """While it presses, and before it touches."""
+    scenario = close_to_the_wall(
+        WALL, "duration=8.5", "log_period=0.01", f"faults=[{fault}]")
+    record = uv.simulate(scenario)
+    contact, felt = sensed_contact(scenario), record.signals["force_last_valid"]
+    static = true_surface(scenario).static_force(record.chi)
+    assert static.max() <= contact.force
+    assert np.all(record.mpc_status == 0.0)
+    assert max(record.mpc_violation.max(), record.mpc_terminal_slack.max()) <= 1e-6
+    lost = record.signals["force_lost"][:, 0] > 0.0
+    assert start < record.time[lost][0] < start + 0.9
+    assert not np.any(lost[record.time > end + 0.05])
+    assert np.mean(np.any(felt[lost], axis=1)) < 0.1, "but for samples at which it comes back"
+    retreats = [event for event in events(record) if event.kind == "force_lost"]
+    assert record.time[lost][0] == retreats[0].start
+    assert retreats[-1].end is not None
+    assert static[-1] > 4.0, "it is back on its way to the desired force"
+
+
+def test_who_feels_nothing_any_more_has_no_force_in_the_law_and_goes_back():
+    """Soon after the tare, off the wall; and the front stays where it was."""
+    scenario = close_to_the_wall(
+        "duration=1.2", "log_period=0.01", "faults=[!FrozenForce {start: 0.6, duration: 9}]")
+    record = uv.simulate(scenario)
+    lost = record.signals["force_lost"][:, 0] > 0.0
+    x = record.chi[:, 0]
+    at = np.argmax(lost)
+    assert record.time[at] == pytest.approx(0.6 + 0.01 * (4 + 10), abs=0.021)
+    assert np.all(lost[at:])
+    assert not np.any(record.signals["force_last_valid"][lost])
+    held = record.signals["force_last_valid"][(record.time > 0.61) & ~lost]
+    assert np.all(held == held[0]) and np.all(held[0] != 0.0)
+    y, tilt = record.chi[lost, 1:3], sensed_contact(scenario).walls.tilt
+    aside = np.max(np.sum(np.abs(y - y[0]), axis=1))  # The front is a pyramid.
+    assert np.ptp(record.signals["safe_depth"][lost]) <= 1.2 * tilt * aside
+    target = record.signals["target"][lost, 0]
+    assert np.ptp(target) == 0.0
+    a_sample = scenario.mpc.time_step * np.max(np.gradient(x, record.time))
+    assert target[0] == pytest.approx(x[at] - 0.05, abs=a_sample)
+    assert record.nominal_zeta[-1, 0] < 0.0 < np.max(record.nominal_zeta[:, 0])

@@ -75,12 +75,3 @@ def test_a_problem_of_another_force_has_its_own_equilibrium_and_terminal_set(sce
     assert np.linalg.norm(one.terminal.P - other.terminal.P) > 0.0
     assert other.y_des[0] - one.y_des[0] == pytest.approx(0.01, abs=2e-3)  # 10 N at 1000 N/m
     assert other.terminal.radius > 0.0
-
-
-def test_a_force_that_the_tube_does_not_leave_of_its_limit_is_an_error(scenario):
-    """1.7 mm of tube at 1000 N/m."""
-    model = uv.load_model(scenario)
-    with pytest.raises(uv.InvalidParameter, match=r"task\.force.*44 N, is at most 43\.29 N"):
-        retargeted_ocp(scenario, model, np.array([44.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    with pytest.raises(uv.InvalidParameter, match=r"task\.force"):
-        retargeted_ocp(scenario, model, np.full(6, np.nan))

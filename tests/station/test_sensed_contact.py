@@ -13,11 +13,8 @@ from uvms_drake.command.run import print_outcome
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.station.contact.bounds import (
     largest_force,
-    pressing_force,
-    reading_of,
     safe_depth_margin,
     sensed_contact,
-    sensing_of,
 )
 from uvms_drake.station.contact.tube_in_contact import in_contact
 from uvms_drake.station.problem import true_surface
@@ -67,13 +64,6 @@ def test_a_sensor_that_is_slow_or_silent_or_tares_for_long_is_trusted(overrides)
     """Off the wall: of such sensors, readings that repeat are no sign that they froze."""
     record = uv.simulate(uv.load_scenario("girona500_contact", ["duration=1.2", *overrides]))
     assert record.signals["force_lost"].max() == 0.0
-
-
-def test_of_a_sensor_that_nothing_is_known_of_no_reading_is_refused():
-    contact = uv.load_scenario("girona500_contact")
-    assert (sensing_of(contact).repeats, reading_of(contact).tare) == (4, 0.5)
-    unknown = sensing_of(replace(contact, sensing=[]))
-    assert unknown.repeats == 0
 
 
 def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class_allows():
@@ -135,20 +125,6 @@ def test_it_is_certified_for_every_wall_of_the_class(few_searches):
 def test_what_voids_the_certificate_is_named(few_searches, override, broken):
     certificate = uv.certify(uv.load_scenario("girona500_contact", [*QUICK, override]))
     assert certificate.failed.name.startswith(broken), certificate.failed
-
-
-@pytest.mark.parametrize(("overrides", "message"), [
-    (["sensing=[]"], "sensing"),
-    (["task.force.0=40.0"], r"task\.force.*less than"),
-    (["contact.force_error=12.0"], r"task\.force"),
-])
-def test_what_is_missing_or_too_much_is_named(overrides, message):
-    with pytest.raises(uv.InvalidParameter, match=message):
-        uv.make_station(uv.load_scenario("girona500_contact", overrides))
-
-
-def test_the_force_along_the_direction_is_that_of_the_task():
-    assert pressing_force(uv.load_scenario("girona500_contact")) == 20.0
 
 
 def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():

@@ -59,33 +59,3 @@ def test_a_run_touches_a_surface_of_any_kind(tmp_path, name):
     assert np.all(across <= surface.friction * along + 1e-9)
     assert (np.max(across) > 0.1) == (surface.friction > 0.0)
     assert (tmp_path / "out" / "replay.html").is_file()
-
-
-@pytest.mark.parametrize(("override", "expected"), [
-    ("surface=!ShapedSurface {geometry: !Sphere {}}",
-     "surface.geometry = '!Sphere': must be a mapping tagged !Plane or !Cylinder or !Bumpy or "
-     "!Bead"),
-    ("surface=!ShapedSurface {law: !Bilinear {kne: 1}}",
-     "surface.law.kne = 1: must be under one of the keys stiffness, transition, ratio, knee (did"),
-    ("surface=!ShapedSurface {law: !Hardening {ratio: 0.5}}",
-     "surface.law.ratio = 0.5: must be at least 1"),
-    ("surface=!ShapedSurface {geometry: !Cylinder {radius: -1}}",
-     "surface.geometry.radius = -1.0: must be positive"),
-    ("surface=!ShapedSurface {friction: 3}", "surface.friction = 3.0: must be from 0 to 2"),
-    ("surface=!ShapedSurface {geometry: !Plane {normal: [-0.6, 0, 0.8]}}",
-     "task.force = [20., 0., 0., 0., 0., 0.]: must be along a normal of the surface near the pose, "
-     "which is [0.6, 0.0, -0.8] there")])
-def test_a_bad_surface_is_one_line(tmp_path, capsys, override, expected):
-    assert main(["run", "girona500_ideal", "--uncertified", "--output", str(tmp_path / "out"),
-                 "--set", override,
-                 "--set", "limits.static_force=null"]) == 2
-    err = capsys.readouterr().err
-    assert expected in err
-    assert err.count("\n") == 1
-
-
-def test_a_limit_on_the_static_force_and_a_certificate_need_what_it_does_not_offer(capsys):
-    """Nobody who does not know a surface knows either; see `contact`."""
-    assert main(["certify", "girona500_ideal", "--set", "surface=!ShapedSurface {}"]) == 2
-    assert ("limits.static_force = 45.0: must be null, or the ShapedSurface one that has "
-            "`static_force_rows`") in capsys.readouterr().err

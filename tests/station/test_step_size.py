@@ -72,20 +72,10 @@ def test_a_step_that_no_rate_is_known_for_has_to_be_given(monkeypatch):
 
     monkeypatch.setattr("uvms_drake.station.step_size._rates_at_task", without_plan)
     scenario = uv.load_scenario("girona500_ideal")
-    with pytest.raises(uv.InvalidParameter, match=r"max_step_size = 0\.0: must be positive: no plan "
-                       r".*: limits\.u\[3\] is exceeded$"):
+    with pytest.raises(uv.InvalidParameter, match=r"no plan .*: limits\.u\[3\] is exceeded$"):
         uv.with_step(scenario, uv.load_model(scenario))
     given = uv.load_scenario("girona500_ideal", ["simulator.max_step_size=0.02"])
     assert uv.with_step(given, uv.load_model(given)) is given
-
-
-@pytest.mark.parametrize(("settings", "expected"), [
-    ("{integration_scheme: runge_kutta2, use_error_control: true}", "simulator.use_error_control"),
-    ("{integration_scheme: explicit_euler, use_error_control: true}",
-     "simulator.use_error_control")])
-def test_a_scheme_without_an_estimate_cannot_control_its_error(settings, expected):
-    with pytest.raises(uv.InvalidParameter, match=expected):
-        uv.with_step(uv.load_scenario("girona500_ideal", [f"simulator={settings}"]))
 
 
 def test_a_semi_explicit_scheme_has_its_step_chosen_as_an_explicit_one():
@@ -102,20 +92,6 @@ def test_a_chosen_step_follows_the_gains():
         assert chosen == pytest.approx(step)
 
 
-def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they_need():
-    gains = ["ancillary.k=200", "ancillary.sigma=200"]
-    scenario = uv.load_scenario("girona500_ideal", [*gains, "simulator.max_step_size=0.02"])
-    model = uv.load_model(scenario)
-    with pytest.raises(uv.InvalidParameter) as caught:
-        uv.with_step(scenario, model)
-    assert str(caught.value) == (
-        "simulator.max_step_size = 0.02: must be at most 0.0055 s with runge_kutta3: the "
-        "feedback law (ancillary.k = 200 1/s) has a rate of 200 1/s, and longer steps are "
-        "inaccurate")
-    shorter = uv.load_scenario("girona500_ideal", [*gains, "simulator.max_step_size=0.0055"])
-    uv.with_step(shorter, model)
-
-
 def test_a_stiff_wall_is_the_integrators_where_a_held_command_does_not_cancel_it():
     stiff = ["surface.stiffness=1e5", "surface.transition=1e-4", "limits.static_force=null",
              "mpc.time_step=0.1"]
@@ -125,13 +101,6 @@ def test_a_stiff_wall_is_the_integrators_where_a_held_command_does_not_cancel_it
     held = uv.load_scenario("girona500_ideal", [*stiff, "actuation=[{}]"])
     with pytest.raises(uv.InvalidParameter, match=r"^simulator\.max_step_size"):
         uv.with_step(held, uv.load_model(held))
-
-
-def test_dry_joints_that_the_step_is_too_long_for_are_refused():
-    scenario = uv.load_scenario("girona500_ideal", [
-        "model_error.joint_friction.coulomb=[0.5]", "simulator.max_step_size=0.02"])
-    with pytest.raises(uv.InvalidParameter, match=r"at most 0\.000\d+ s .* a rate of 1\.\d+e\+03"):
-        uv.with_step(scenario, uv.load_model(scenario))
 
 
 def sliding(friction, speed):
@@ -160,19 +129,6 @@ def test_the_rate_of_friction_is_that_of_a_tip_that_slides_at_half_its_creep():
     assert 0.75 * rate < np.max(np.abs(rates)) <= 1.02 * rate
     *_, at_rest = sliding(0.3, 0.0)
     assert np.max(np.abs(at_rest)) < 0.1 * rate
-
-
-def test_friction_that_the_step_is_too_long_for_is_refused():
-    slow = "surface=!ShapedSurface {friction: 0.3, creep: 0.005}"
-    scenario = uv.load_scenario("girona500_ideal", [
-        slow, "limits.static_force=null", "simulator.max_step_size=0.02"])
-    model = uv.load_model(scenario)
-    with pytest.raises(uv.InvalidParameter, match=r"^simulator\.max_step_size = 0\.02: must be at "
-                       r"most 0\.00\d+ s with runge_kutta3: the friction on the end-effector "
-                       r"and in the joints \(surface\.friction, surface\.creep = 0\.005 m/s\) "
-                       r"has a rate of \d+ 1/s, and"):
-        uv.with_step(scenario, model)
-    uv.with_step(replace(scenario, surface=uv.ShapedSurface(friction=0.3, creep=0.2)), model)
 
 
 def test_a_step_is_rounded_down():

@@ -48,7 +48,6 @@ from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
-from uvms_drake.common.errors import ScenarioError
 from uvms_drake.common.schema import check_values
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
@@ -316,38 +315,6 @@ def test_faults_go_through_a_file_and_back(tmp_path):
     path.write_text(dump_scenario(replace(uv.load_scenario("girona500_ideal"), faults=EVERY)))
     again = uv.load_scenario(str(path), ["seed=1"])
     assert again.faults == EVERY
-
-
-def test_faults_can_be_set_by_overrides():
-    scenario = uv.load_scenario("girona500_ideal", [
-        "faults=[!FrozenState {start: 0.5}, {probability: 0.1}]", "faults.0.duration=2"])
-    assert scenario.faults == [FrozenState(0.5, 2.0), SolverFailure(0.1)]
-    assert uv.load_scenario("girona500_ideal").faults == []
-
-
-@pytest.mark.parametrize(("faults", "expected"), [
-    ("[{probability: 1.1}]", "faults[0].probability = 1.1: must be between 0 and 1"),
-    ("[!SolverTimeout {start: -1}]", "faults[0].start = -1.0: must be zero or positive"),
-    ("[{}, !DroppedPeriod {duration: 0}]", "faults[1].duration = 0.0: must be positive"),
-    ("[!StuckJoint {joint: -1}]", "faults[0].joint = -1: must be an index from 0"),
-    ("[!ExcessDisturbance {factor: 1}]", "faults[0].factor = 1.0: must be above 1"),
-    ("[!LostState {}, {}, !LostState {start: 3}]",
-     "faults[2] = 'LostState': must be of a kind that is not declared twice"),
-    ("[{}, !LostState {start: 0}]",
-     "faults[1].start = 0.0: must be above 0: the first plan needs a measured state"),
-    ("[!Frozen {}]", "faults[0] = '!Frozen': must be a mapping tagged !SolverFailure or"),
-    ("[!FrozenState {start: .inf}]", "faults[0].start = inf: must be a finite number"),
-    ("{}", "faults = {}: must be a list")])
-def test_a_fault_without_a_meaning_is_one_line(faults, expected):
-    with pytest.raises(ScenarioError) as caught:
-        uv.load_scenario("girona500_ideal", [f"faults={faults}"])
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_stuck_joint_has_a_torque_and_is_one_of_the_arms():
-    with pytest.raises(uv.InvalidParameter, match=r"^faults\[0\]\.joint = 4: must be an index from 0"):
-        uv.make_station(scenario_of(1.0, StuckJoint(joint=4)))
 
 
 def test_the_certificate_is_void_only_with_faults_that_the_proofs_do_not_cover():

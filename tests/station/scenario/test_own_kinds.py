@@ -217,13 +217,6 @@ def test_a_module_that_cannot_be_imported_is_one_line(source, expected, tmp_path
     assert error_of(str(path)) == expected.format(path=module)
 
 
-def test_a_tag_that_no_module_registers_is_refused_with_the_known_ones(tmp_path):
-    path = tmp_path / "mine.yaml"
-    path.write_text("base: girona500_ideal\nsurface: !Rale {}\n", encoding="utf-8")
-    assert error_of(str(path)).startswith(
-        "surface = '!Rale': must be a mapping tagged !UnilateralPlane or !BilateralSpring or")
-
-
 def test_what_cannot_be_a_kind_is_refused_by_name():
     class Bare(uv.Surface):
         pass
@@ -242,7 +235,7 @@ def test_what_cannot_be_a_kind_is_refused_by_name():
     class Alone:
         gain: float = 1.0
 
-    with pytest.raises(uv.InvalidParameter, match="register = 'Alone': must be derived from one of "):
+    with pytest.raises(uv.InvalidParameter, match="register = 'Alone': must be derived from"):
         uv.register(Alone)
 
     @dataclass
