@@ -112,6 +112,6 @@ def test_a_path_that_cannot_be_written_to_is_refused_at_once(tmp_path, below):
 
 @pytest.mark.parametrize("path", ["n" * 300, "a\0b"])
 def test_a_path_that_no_disk_can_hold_is_refused(tmp_path, path):
-    with pytest.raises(uv.InvalidParameter, match="^--output = .*: must be a folder"), \
+    with pytest.raises(uv.InvalidParameter, match=r"^--output = .*: must be a folder"), \
             output_folder(tmp_path / path, []):
         pytest.fail("the block was entered")

@@ -113,6 +113,15 @@ REFUSED = {
                                 "line 4: bodies.vehicle.center_of_buoyancy"),
     "a decimal comma": ([(".urdf", '<mass value="1.2"/>', '<mass value="1,2"/>')],
                         "link upper: inertial.mass.value = '1,2': must be a number, decimals"),
+    "no range": ([(".urdf", ELBOW, '<limit lower="0" upper="0"')],
+                 "line 33: joint elbow: limit = [0.0, 0.0]: must be a range: lower is upper, and "
+                 "the joint cannot move: type fixed, or give limits"),
+    "thrusters in millimetres": ([("thrusters.yaml", "position: [0.2, 0, 0]",
+                                   "position: [200, 0, 0]")],
+                                 "thrusters.yaml: line 8: thrusters.bow.position = [200., 0., "
+                                 "0.]: must be within 10 m"),
+    "an element that is mistyped": ([(".urdf", FORE, FORE.replace("origin", "orgin"))],
+                                    "joint elbow: orgin: must be one of name, type, origin,"),
     # Matrices beyond their rounding.
     "a sign that is lost": ([added("2.5", "-2.5")],
                             "bodies.vehicle.added_mass[0].matrix = 'row 1, column 5: 2.5 against "
@@ -127,6 +136,11 @@ SDF = {
                                  "</fluid_added_mass><mass>60.0</mass>")],
                                "link vehicle: inertial.fluid_added_mass: must be left out: added "
                                "mass is in hydrodynamics.yaml, bodies.<link>.added_mass"),
+    "an include": ([(".sdf", "</model>", "<include><uri>package://box_uvms/arm.sdf</uri></include>"
+                     "</model>")], "include = 'package://box_uvms/arm.sdf': must be merged"),
+    "a mimicking joint": ([(".sdf", "<xyz>0 1 0</xyz>", "<xyz>0 1 0</xyz><mimic joint='shoulder'>"
+                            "<multiplier>-1</multiplier></mimic>")],
+                          "joint shoulder: axis.mimic: must be left out"),
     "a pose of four numbers": ([(".sdf", "<pose>0 0 0.02 0 0 0</pose>", "<pose>0 0 0.02 0</pose>")],
                                "link vehicle: inertial.pose = '0 0 0.02 0': must be 6 numbers"),
 }
@@ -313,3 +327,19 @@ def test_an_included_file_is_held_to_the_same(tmp_path):
     assert note == "part.sdf: line 3: not read: collision of link"
     with pytest.raises(uv.InvalidParameter, match=r"part\.sdf: line 2: link hook: inertial\.mass"):
         uv.Robot.load(merged(tmp_path / "b", "2,0"))
+
+
+def test_a_centre_in_centimetres_is_noted(tmp_path):
+    robot = uv.Robot.load(diver(tmp_path, ("hydrodynamics.yaml", "[0.01, 0, -0.03]", "[0.01, 0, -3]")))
+    (note,) = notes_of(sheet_of(robot.uvms, "diver", np.array([-0.4, 0.9])))
+    assert note.startswith("the centre of buoyancy is 2.9")
+
+
+def test_all_joints_beside_the_chain_are_told_at_once(tmp_path, capsys):
+    robot = diver(tmp_path, side("prop_1", "continuous"), side("prop_2", "continuous"),
+                  side("jaw", "prismatic", "fore"), side("camera", "revolute"))
+    assert main(["robot", str(robot)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split("joint ")[1].split(":")[0] for line in lines] == [
+        "prop_1_joint", "prop_2_joint", "camera_joint", "jaw_joint"]
+    assert all("must be of type fixed" in line for line in lines)
