@@ -162,16 +162,10 @@ def test_the_tip_yields_as_the_stiffness_says_and_as_damped_as_stated():
 
 
 @pytest.mark.slow
-def test_the_force_has_no_steady_error():
+@pytest.mark.parametrize("name", ["impedance", "admittance"])
+def test_the_force_has_no_steady_error(name):
     gains = read_gains(ROBOT)
-    press = run(BASELINES["impedance"](gains), gains, seconds=6.0, depth=0.005)
-    assert press.now[-1].force == pytest.approx(20.0, rel=0.02)
-
-
-@pytest.mark.slow
-def test_an_admittance_has_no_steady_error():
-    gains = read_gains(ROBOT)
-    press = run(BASELINES["admittance"](gains), gains, seconds=6.0, depth=0.005)
+    press = run(BASELINES[name](gains), gains, seconds=6.0, depth=0.005)
     assert press.now[-1].force == pytest.approx(20.0, rel=0.02)
 
 

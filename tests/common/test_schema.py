@@ -85,21 +85,15 @@ def test_a_type_that_no_field_names_is_dumped_under_its_name():
     ("holes: [{}, {radus: 1}]",
      "holes[1].radus = 1: must be under one of the keys radius (did you mean 'radius'?)"),
     ("count: 1.5", "count = 1.5: must be a whole number"),
-    ("count: true", "count = True: must be a whole number"),
     ("label: 5", "label = 5: must be text (in quotes, if it looks like something else)"),
     ("hollow: 1", "hollow = 1: must be true or false"),
     ("shape: {radius: wide}", "shape.radius = 'wide': must be a finite number"),
-    ("shape: {radius: .nan}", "shape.radius = nan: must be a finite number"),
     ("shape: {radius: inf}", "shape.radius = 'inf': must be a finite number"),
-    ("shape: {radius: [1]}", "shape.radius = [1]: must be a finite number"),
-    ("shape: 3", "shape = 3: must be a mapping tagged !Round or !Square"),
     ("shape: !Sqare {}", "shape = '!Sqare': must be a mapping tagged !Round or !Square "
                          "(did you mean '!Square'?)"),
-    ("offset: 3", "offset = 3: must be a list of numbers"),
     ("offset: [1, x]", "offset[1] = 'x': must be a finite number"),
     ("offset: [[1, 2], [3]]",
      "offset = [[1, 2], [3]]: must be a list of numbers, or of rows of equal length"),
-    ("holes: {}", "holes = {}: must be a list"),
     ("named: []", "named = []: must be a mapping of names to values"),
     ("holes: [!Square {}]",
      "holes[0] = '!Square': must be !Round, or left out: there is no choice"),
@@ -111,9 +105,7 @@ def test_a_mistake_is_named_by_key_value_and_what_is_allowed(text, expected):
 
 @pytest.mark.parametrize(("text", "expected"), [
     ("a: [1, 2\nb: 3", "line 2, column 2: expected ',' or ']', but got ':'"),
-    ("a: *b", "line 1, column 4: found undefined alias 'b'"),
     ("a: 1\nb: {c: 2, c: 3}", "line 2: the key 'c' is there already, in line 2"),
-    ("a: 1\nb: 2\na: 3", "line 3: the key 'a' is there already, in line 1"),
     ("a: !Tag", "line 1, column 4: expected a mapping node, but found scalar"),
 ])
 def test_a_yaml_syntax_error_is_one_line_with_its_place(text, expected):

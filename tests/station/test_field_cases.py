@@ -330,7 +330,8 @@ def test_an_included_file_is_held_to_the_same(tmp_path):
 
 
 def test_a_centre_in_centimetres_is_noted(tmp_path):
-    robot = uv.Robot.load(diver(tmp_path, ("hydrodynamics.yaml", "[0.01, 0, -0.03]", "[0.01, 0, -3]")))
+    robot = uv.Robot.load(diver(
+        tmp_path, ("hydrodynamics.yaml", "[0.01, 0, -0.03]", "[0.01, 0, -3]")))
     (note,) = notes_of(sheet_of(robot.uvms, "diver", np.array([-0.4, 0.9])))
     assert note.startswith("the centre of buoyancy is 2.9")
 

@@ -9,16 +9,13 @@ from support.unknown_wall import close_to_the_wall
 
 import uvms_drake as uv
 from uvms_drake.certificate.assumptions import assumed_conditions
-from uvms_drake.common.errors import ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import events
 from uvms_drake.sensing.faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 from uvms_drake.sensing.force_sensor import ForceSensor
-from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import true_surface
-from uvms_drake.station.scenario.scenario import dump_scenario
 
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 """The tip starts 4 cm off the wall and touches it within a second."""
@@ -136,27 +133,6 @@ def test_a_scenarios_seed_is_that_of_the_sensor():
                 for seed in (1, 1, 2)]
     np.testing.assert_array_equal(*readings[:2])
     assert np.max(np.abs(readings[0] - readings[2])) > 0.1
-
-
-def test_the_attitude_is_that_which_is_measured_before_it():
-    """Behind a navigation; the state passes through unchanged."""
-    record = uv.simulate(scenario_of(0.4, sensing=[Navigation(), SENSOR]))
-    assert set(record.signals) == {
-        "measured_state", "force_measured", "force_raw", "force_last_valid"}
-
-
-def test_a_sensor_comes_from_a_file_and_voids_the_certificate(tmp_path):
-    scenario = uv.load_scenario("girona500_ideal", [
-        "sensing=[!ForceSensor {lag: 0.03, tool: {mass: 2.0, centre: [0, 0, 0.1]}}]"])
-    sensor, = scenario.sensing
-    assert (sensor.lag, sensor.tool.mass) == (0.03, 2.0)
-    assert given_up(scenario) == [
-        "sensing[0], ForceSensor: the proofs know the contact force by the surface's law"]
-    path = tmp_path / "mine.yaml"
-    path.write_text(dump_scenario(scenario))
-    assert dump_scenario(uv.load_scenario(str(path))) == dump_scenario(scenario)
-    with pytest.raises(ScenarioError, match=r"sensing\[0\]\.tool\.mass = -2\.0: must be zero"):
-        uv.load_scenario("girona500_ideal", ["sensing=[!ForceSensor {tool: {mass: -2}}]"])
 
 
 # Faults ------------------------------------------------------------------------------------------

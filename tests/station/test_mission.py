@@ -24,7 +24,6 @@ from uvms_drake.station.contact.drawn_mission import (
     seconds_of,
 )
 from uvms_drake.station.contact.mission_legs import legs_of
-from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.ultimate_bounds import tip_errors
 from uvms_drake.visual.controls import HOME
@@ -68,15 +67,6 @@ def test_a_shipped_surface_is_of_the_class_and_as_far_off_as_told(name):
     assert surface.dissipation < scenario.contact.dissipation
 
 
-def test_a_mission_comes_from_a_file_and_goes_back_into_one(scenario, tmp_path):
-    kinds = [type(step) for step in scenario.mission.steps]
-    assert kinds == [Approach, Hold, Retreat, Approach, Hold, Slide, Retreat]
-    path = tmp_path / "mine.yaml"
-    path.write_text(dump_scenario(scenario))
-    assert dump_scenario(uv.load_scenario(str(path))) == dump_scenario(scenario)
-    assert uv.load_scenario(NAME, ["mission.steps.5.speed=0.01"]).mission.steps[5].speed == 0.01
-
-
 def test_the_station_is_driven_by_it(scenario):
     station = uv.make_station(scenario)
     assert station.HasInputPort("stop")
@@ -90,12 +80,6 @@ def test_the_station_is_driven_by_it(scenario):
     assert found["mission_progress"] == pytest.approx(np.zeros(5))
     assert found["target"][1:] == pytest.approx(np.zeros(2), abs=1e-12)
     assert -0.3 < found["target"][0] < -0.25, "as deep as the tip is at the start"
-
-
-def test_without_a_mission_the_targets_come_from_outside(scenario):
-    station = uv.make_station(replace(scenario, mission=Mission()))
-    assert not station.HasInputPort("stop")
-    assert all(map(station.HasInputPort, ("desired_force", "place", "deepest")))
 
 
 def test_a_button_says_stop_to_it(scenario):

@@ -280,12 +280,3 @@ def test_a_law_takes_what_the_thrusters_give_by_their_model():
     # The law gives joints torques for the wrench as it is: the tip goes as it is planned to.
     off = np.linalg.norm(record.chi[:, :3] - record.chi_nominal[:, :3], axis=1)
     assert np.max(off) < 5e-4
-
-
-@pytest.mark.parametrize("name", ["girona500_tip_first", "girona500_contact"])
-def test_what_is_late_voids_a_certificate_with_a_budget_and_without(name):
-    late = "actuation=[!SampledCommand {period: 0.001, delay: 0.0}, !Thrusters {}]"
-    given_up = [item.name for item in assumed_conditions(
-        uv.load_scenario(name, [late])) if not item.holds]
-    assert [each.partition(":")[0] for each in given_up] == [
-        "actuation[0], SampledCommand", "actuation[1], Thrusters"]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver, SolverOptions
+from support.runs import simulated
 
 import uvms_drake as uv
 from uvms_drake.command.main import main
@@ -164,33 +165,21 @@ def test_fifty_states_of_two_runs_have_the_same_optimum(name, overrides, monkeyp
 # Closed loops -------------------------------------------------------------------------------------
 
 
-def run(name: str, solver: str, overrides: list[str]) -> uv.Record:
-    return uv.simulate(uv.load_scenario(name, [f"mpc.solver={solver}", *overrides]))
-
-
-def same_loop(name: str, solver: str, overrides: list[str]) -> None:
-    """Compares a run with that of the structured solver, to 1e-3 of the desired force.
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "solver", "seconds", "overrides"), [
+    ("girona500_ideal", "clarabel", 4.0, ()),
+    ("girona500_ideal", "snopt", 2.6, ("mpc.horizon=5", "mpc.iterations=20")),
+    ("girona500_contact", "clarabel", 3.6, NEAR),
+    pytest.param("girona500_ideal", "snopt", 6.0, (), marks=pytest.mark.long),
+    pytest.param("girona500_contact", "snopt", 3.6, NEAR, marks=pytest.mark.long)])
+def test_the_closed_loop_does_not_depend_on_the_solver(name, solver, seconds, overrides):
+    """To 1e-3 of the desired force.
 
     Where the horizon is short, one iteration a sample is not converged, as a nonlinear solver is.
     """
-    one, other = (run(name, each, overrides) for each in ("structured", solver))
+    one, other = (simulated(name, seconds, f"mpc.solver={each}", *overrides)
+                  for each in ("structured", solver))
     desired = np.max(np.abs(one.desired_force))
     assert np.max(np.abs(one.force)) > 0.5 * desired, "it presses"
     assert np.max(np.abs(one.force - other.force)) < 1e-3 * desired
     assert set(np.unique(other.mpc_status)) <= {SOLVED, KEPT}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "solver", "overrides"), [
-    ("girona500_ideal", "clarabel", ["duration=4"]),
-    ("girona500_ideal", "snopt", ["duration=2.6", "mpc.horizon=5", "mpc.iterations=20"]),
-    ("girona500_contact", "clarabel", ["duration=3.6", *NEAR])])
-def test_the_closed_loop_does_not_depend_on_the_solver(name, solver, overrides):
-    same_loop(name, solver, overrides)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("name", "overrides"), [
-    ("girona500_ideal", ["duration=6"]), ("girona500_contact", ["duration=3.6", *NEAR])])
-def test_nor_over_longer_with_a_nonlinear_solver(name, overrides):
-    same_loop(name, "snopt", overrides)

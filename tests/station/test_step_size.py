@@ -14,7 +14,6 @@ from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.station.step_size import (
     ACCURACY,
-    floored,
     friction_rate,
     largest_step,
     loop_rates,
@@ -129,8 +128,3 @@ def test_the_rate_of_friction_is_that_of_a_tip_that_slides_at_half_its_creep():
     assert 0.75 * rate < np.max(np.abs(rates)) <= 1.02 * rate
     *_, at_rest = sliding(0.3, 0.0)
     assert np.max(np.abs(at_rest)) < 0.1 * rate
-
-
-def test_a_step_is_rounded_down():
-    assert floored(0.00557) == pytest.approx(0.0055)
-    assert floored(0.3) <= 0.3

@@ -1,6 +1,5 @@
 """Tests of `uvms_drake.station.scenario.scenario`."""
 
-import dataclasses
 import re
 import shlex
 
@@ -11,7 +10,6 @@ from support.scenarios import error_of, load_text
 
 import uvms_drake as uv
 from uvms_drake.common.errors import ScenarioError
-from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.report.signals import surface_depth
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import true_surface
@@ -20,26 +18,9 @@ from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
-def test_a_shipped_scenario_has_its_name_and_a_description(name):
-    scenario = uv.load_scenario(name)
-    assert scenario.name == name
-    assert scenario.description
-
-
-@pytest.mark.parametrize("name", shipped_scenarios())
 def test_loading_the_dump_gives_the_same_scenario(name, tmp_path):
     dump = dump_scenario(uv.load_scenario(name))
     assert dump_scenario(load_text(tmp_path, dump)) == dump
-
-
-@pytest.mark.parametrize("name", shipped_scenarios())
-def test_the_dump_has_the_fields_in_their_order(name):
-    data = yaml_load_data(dump_scenario(uv.load_scenario(name)))
-    assert list(data) == [field.name for field in dataclasses.fields(uv.Scenario)]
-    assert list(data["start"]) == ["eta", "q"]
-    assert list(data["simulator"]) == [
-        "integration_scheme", "max_step_size", "accuracy", "use_error_control", "start_time",
-        "target_realtime_rate"]
 
 
 @pytest.mark.parametrize("description", [
@@ -106,15 +87,11 @@ def test_a_base_is_a_file_beside_and_may_have_one_itself(tmp_path):
 
 @pytest.mark.parametrize(("text", "expected"), [
     ("base: girona500_contcat", "must be one of bluerov2_ceiling, bluerov2_contact"),
-    ("base: nothing.yaml", "must be a file that exists, or one of"),
     ("base: mine.yaml", "base = 'mine.yaml': must be another file: this one has itself as its"),
-    ("base: [girona500_ideal]", "base = ['girona500_ideal']: must be a shipped scenario's"),
     ("base: ''", "must be a file: this is a folder"),
     ("base: girona500_ideal\nsurface: {stifness: 1}", "surface.stifness = 1: must be under one"),
     ("base: girona500_ideal\nsurface: !BilateralSpring {}", "must be left out: K⁻¹𝔉_des"),
     ("seed: 010", "line 1: 010 is not decimal in YAML"),
-    ("base: girona500_ideal\nduration: 1:30", "line 2: 1:30 is not decimal in YAML"),
-    ("seed: 1e30", "seed = 1000000000000000019884624838656: must be at most 9223372036854775807"),
     ("base: girona500_ideal\nstart: {eta: [0, 0, 0, 0, 0, 100]}",
      "must be with angles within ±2π")])
 def test_what_a_file_cannot_mean_is_one_line(text, expected, tmp_path):
@@ -153,13 +130,6 @@ def test_an_override_reaches_into_what_the_file_leaves_at_its_default(tmp_path):
     assert scenario.surface.stiffness == 50.0
 
 
-def test_an_override_with_a_tag_changes_the_type():
-    scenario = uv.load_scenario("girona500_ideal", [
-        "disturbance=!RandomDisturbance {bound: 0.05, bandwidth: 2}"])
-    assert type(scenario.disturbance) is RandomDisturbance
-    assert (scenario.disturbance.bound, scenario.disturbance.bandwidth) == (0.05, 2.0)
-
-
 def test_private_top_level_keys_are_room_for_anchors(tmp_path):
     assert load_text(tmp_path, "_value: &value 3\nseed: *value").seed == 3
 
@@ -167,17 +137,9 @@ def test_private_top_level_keys_are_room_for_anchors(tmp_path):
 @pytest.mark.parametrize(("override", "expected"), [
     ("surface.stifness=3", "surface.stifness = 3: must be under one of the keys point, normal, "
                            "stiffness, dissipation, transition (did you mean 'stiffness'?)"),
-    ("simulator.accurcy=3", "(did you mean 'accuracy'?)"),
     ("duration=long", "duration = 'long': must be a finite number"),
-    ("duration.x=1", "duration = {'x': 1}: must be a finite number"),
-    ("seed=0.5", "seed = 0.5: must be a whole number"),
-    ("current=[0, 0, .inf]", "current[2] = inf: must be a finite number"),
     ("limits.u.99=1", "limits.u.99 = 1: must be given with an index below 10"),
-    ("surface=!Wall {}", "surface = '!Wall': must be a mapping tagged !UnilateralPlane or "
-                         "!BilateralSpring"),
     ("seed", "--set = 'seed': must be key.path=value"),
-    ("a..b=1", "--set = 'a..b=1': must be key.path=value"),
-    ("seed=[1", "seed = '[1': must be a YAML value"),
     ("seed=1\nduration: 2", "seed = '1\\nduration: 2': must be a YAML value"),
 ])
 def test_a_bad_override_is_one_line_with_the_file_the_option_and_what_is_allowed(
