@@ -131,12 +131,9 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert not Path("out").exists()
 
 
-def test_a_controller_is_found_by_its_file(own):
+def test_a_controller_is_found_by_its_name_or_file_and_first_draws_come_first(own):
     assert isinstance(controller_named(str(own))(None, type("Model", (), {"size": 10})), LeafSystem)
     assert controller_named("impedance") is CONTROLLERS["impedance"]
-
-
-def test_the_first_draw_of_every_case_comes_before_the_second_of_any():
     wanted = runs_of(["impedance"], [ROBOT], ["soft", "stiff"], 2, 1)
     assert [(run.case, run.draw) for run in wanted] == [
         ("soft", 0), ("stiff", 0), ("soft", 1), ("stiff", 1)]
@@ -156,9 +153,7 @@ def test_medians_worst_and_lost_rows_are_those_of_the_runs():
     text = format_benchmark(summary)
     assert "| runs that broke a limit | 3 of 3 | 3 of 3 |" in text
     assert "0.2 (0.9) / 21 / 0.2 (0.9)" in text and "0.4 (–) / 20.5 / 0.4 (–)" in text
-
-
-def test_a_stiff_wall_is_not_of_the_class():
+    # A stiff wall is not of the class.
     text = format_benchmark(summarise([
         result("tube_mpc", 0, 0.3, limits={}), result("tube_mpc", 0, 0.3, case="stiff")]))
     assert "| runs that broke a limit | 1 of 2 |" in text

@@ -36,8 +36,8 @@ WALL_MEASURES = {
 """Labels of the metrics of unknown walls."""
 SMALL_IS_BAD = "margin"
 COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
-PROMISES = ("exceptions", "not_finite", "exits_set", "exits_trajectory", "violations", "limited")
-"""Counts that must be zero."""
+PROMISED = ("exits_set", "exits_trajectory", "violations", "limited")
+"""Counts of a run that must be zero."""
 BROKEN = ("static", "peak", "no_plan")
 """Guarantees for a wall of the class that a run may break: the largest force at rest and in motion,
 and a plan at every sample."""
@@ -157,21 +157,23 @@ def _grouped(results: Results, key: Callable[[Result], str]) -> dict[str, dict[s
         for kind, among in kinds.items()}
 
 
+def is_broken(result: Result) -> bool:
+    """Returns whether a run broke a guarantee; all but two are for a disturbance within d̃."""
+    if result["error"] is not None or not result["finite"]:
+        return True
+    return bool(result["inside"]) and bool(
+        any(result[name] for name in PROMISED) or broken_promises(result))
+
+
 def _badness(result: Result) -> tuple[float, ...]:
     """Returns a sort key, worst first: exception, broken guarantee, largest deviation.
 
     A run whose disturbance exceeded d̃ comes last.
     """
-    index = result["index"]
     if result["error"] is not None:
-        return (-2.0, 0.0, index)
-    far = -(result["ratio_set"] or 0.0)
-    if result["finite"] and not result["inside"]:
-        return (1.0, far, index)
-    broken = not result["finite"] or bool(
-        result["exits_set"] + result["exits_trajectory"] + result["violations"]
-        + result["limited"] + len(broken_promises(result)))
-    return (-float(broken), far, index)
+        return (-2.0, 0.0, result["index"])
+    rank = -1.0 if is_broken(result) else 0.0 if result["inside"] else 1.0
+    return (rank, -(result["ratio_set"] or 0.0), result["index"])
 
 
 def _replay(result: Result) -> dict[str, Any]:
@@ -183,10 +185,8 @@ def _replay(result: Result) -> dict[str, Any]:
 
 def all_well(summary: Mapping[str, Any]) -> bool:
     """Returns whether every guarantee was kept in every run, and nearly all runs were counted."""
-    counts = summary["counts"]
-    return (counts["not_covered"] <= NOT_COVERED * summary["runs"]
-            and not any(summary.get("walls", {}).get("broken", {}).values())
-            and not any(counts[name] for name in PROMISES))
+    return (summary["counts"]["not_covered"] <= NOT_COVERED * summary["runs"]
+            and not any(map(is_broken, summary["results"])))
 
 
 def summarise_times(runs: Results) -> dict[str, Any]:
