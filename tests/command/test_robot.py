@@ -13,8 +13,6 @@ from support.robots import TEMPLATE, altered
 from support.snapshot import check_snapshot
 
 from uvms_drake.command.main import main
-from uvms_drake.model.robot import Robot
-from uvms_drake.plant.model_check import complaints_about
 from uvms_drake.report.robot.robot_page import sweeps
 
 
@@ -75,36 +73,6 @@ def test_each_joint_goes_through_its_limits_alone():
     np.testing.assert_allclose(frames.max(axis=0), [0.5, np.pi], atol=0.01)
     assert np.all(np.any(np.isclose(frames, posture), axis=1))
     np.testing.assert_array_equal(frames[[0, -1]], [posture, posture])
-
-
-URDF = """<robot name="urdf_robot">
-  <link name="vehicle"><inertial><mass value="20"/>
-    <inertia ixx="1" iyy="1" izz="1.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
-    <inertia ixx="0.001" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="vehicle"/><child link="arm"/>
-    <origin xyz="0.4 0 0.1"/><axis xyz="0 1 0"/>
-    <limit lower="-1" upper="1" effort="10" velocity="1"/></joint>
-  <frame name="tip" link="arm" xyz="0.4 0 0" rpy="0 0 0"/>
-  <transmission name="t"><type>transmission_interface/SimpleTransmission</type>
-    <joint name="shoulder"><hardwareInterface>effort</hardwareInterface></joint>
-    <actuator name="motor"><drake:rotor_inertia xmlns:drake="drake" value="0.1"/></actuator>
-  </transmission>
-</robot>"""
-
-
-def test_a_robot_may_be_a_urdf(tmp_path, capsys):
-    robot = tmp_path / "urdf_robot"
-    robot.mkdir()
-    (robot / "urdf_robot.urdf").write_text(URDF, encoding="utf-8")
-    (robot / "package.xml").write_text("<package><name>urdf_robot</name></package>")
-    (robot / "hydrodynamics.yaml").write_text(
-        "bodies: {vehicle: {displaced_volume: 21.0e-3, center_of_buoyancy: [0, 0, -0.05]}}")
-    assert complaints_about(Robot.load(robot)) == []
-    assert main(["robot", str(robot)]) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("urdf_robot: 1 joints")
-    assert "note: dry, as hydrodynamics.yaml does not name it: arm\n" in out
 
 
 CASES = runpy.run_path(str(

@@ -207,19 +207,11 @@ def test_a_closed_surface_has_its_volume_and_its_corners_once(tmp_path):
     np.testing.assert_allclose(bounding_box(file), [[5, 5, 5], [7, 8, 9]])
 
 
-def test_estimates_are_marked_and_neutral(robots):
-    """What the file does not say is asked for by file and key, and the robot floats."""
+def test_a_robot_of_estimates_floats(robots):
     robot = robots["dummy_root.urdf"]
-    asked = " ".join(notes_of("dummy_root.urdf").asked)
-    for key in ("displaced_volume", "added_mass", "drag", "drake:rotor_inertia", "frame tip",
-                "thrusters.yaml"):
-        assert key in asked
     mass = drakes_inertia(robot, np.zeros(3))[0, 0]
     volume = sum(body.displaced_volume for body in robot.uvms.hydrodynamics.bodies.values())
     assert 1000.0 * volume == pytest.approx(1.002 * mass, rel=1e-6)
-    readme = (robot.folder / "README.md").read_text("utf-8")
-    assert readme.endswith(notes_of("dummy_root.urdf").format().replace("robot.sdf",
-                                                                        "dummy_root.sdf"))
 
 
 def test_a_matrix_that_is_no_rounding_is_refused():

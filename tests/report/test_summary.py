@@ -1,6 +1,7 @@
 """Tests of `uvms_drake.report.summary`."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,6 @@ from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report import signals
 from uvms_drake.report.summary import (
-    EVENT_LINES,
     broken,
     format_summary,
     headline,
@@ -26,17 +26,6 @@ from uvms_drake.report.summary import (
     summarise_claim,
     verdict_of,
 )
-
-KEYS = {
-    "scenario", "seed", "versions", "duration_s", "wall_time_s", "real_time_factor", "mpc",
-    "task_error", "force", "contact", "constraints", "disturbance", "tube", "events"}
-CONSTRAINTS = [
-    "nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch", "q1_min", "q1_max", "q2_min", "q2_max",
-    "q3_min", "q3_max", "q4_min", "q4_max", "static_force", "u_surge", "u_sway", "u_heave",
-    "u_roll", "u_pitch", "u_yaw", "u_q1", "u_q2", "u_q3", "u_q4"]
-TUBE = {
-    "certified", "law", "error", "bound_e", "worst_e", "bound_z", "worst_z", "exits",
-    "first_exit_s", "exits_along_the_run", "worst_ratio", "disturbance_excesses"}
 
 
 def reporting(**values):
@@ -59,22 +48,11 @@ def pressing(force_x, **changes):
     return replace(base, time=np.arange(float(len(force_x))), force=force, **short, **changes)
 
 
-def test_the_fixed_keys_are_there_and_valid_json():
+def test_the_keys_are_the_stored_ones_and_valid_json():
     summary = summarise(synthetic_record())
-    assert set(summary) >= KEYS
-    assert set(summary["versions"]) == {"uvms_drake", "drake", "python"}
-    assert set(summary["mpc"]) == {
-        "solves", "failures", "late", "dropped", "fallbacks", "kept", "step_ms", "refused_targets",
-        "worst_terminal_slack", "worst_violation"}
-    assert set(summary["mpc"]["step_ms"]) == {"p50", "p95", "p99", "max"}
-    assert set(summary["task_error"]) >= {"initial", "final", "final_norm"}
-    assert set(summary["force"]) >= {
-        "desired", "final", "final_error_norm", "worst_error_norm_after_settling",
-        "settling_time_s"}
-    assert set(summary["tube"]) == TUBE
-    assert set(summary["tube"]["worst_ratio"]) == {"set", "trajectory"}
-    assert list(summary["constraints"]) == CONSTRAINTS
-    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    text = json.dumps(summary, allow_nan=False, indent=1)
+    assert json.loads(text) == summary
+    check_snapshot("summary_keys", "\n".join(re.findall(r'^ *"\w+":', text, re.MULTILINE)))
 
 
 def test_a_joint_without_limits_has_no_constraint(monkeypatch):
@@ -93,8 +71,9 @@ def test_forces_are_constraints_only_if_they_are_limited():
     limits = replace(record.scenario.limits, tau=np.array([120.0] * 9 + [2.0]))
     limited = replace(record, tau=tau, scenario=replace(record.scenario, limits=limits))
     constraints = summarise(limited)["constraints"]
-    assert list(constraints) == CONSTRAINTS + [
-        name.replace("u_", "tau_") for name in CONSTRAINTS if name.startswith("u_")]
+    inputs = [name for name in constraints if name.startswith("u_")]
+    assert list(constraints) == [*summarise(record)["constraints"],
+                                 *(name.replace("u_", "tau_") for name in inputs)]
     assert constraints["tau_surge"] == {"limit": 120.0, "worst": 130.0, "margin": -10.0,
                                         "unit": "N"}
     assert constraints["tau_q4"] == {"limit": 2.0, "worst": 0.5, "margin": 1.5,
@@ -171,22 +150,6 @@ def test_separate_times_above_the_bound_are_counted(above, times):
     d[list(above), 0] = 0.1001
     summary = summarise(replace(record, effective_disturbance=d))
     assert summary["disturbance"]["exceeded"] == times
-
-
-def test_what_alarms_comes_first_and_the_rest_is_counted():
-    record = synthetic_record()
-    d = np.zeros_like(record.disturbance)
-    d[::20] = 1.0
-    summary = summarise(replace(record, effective_disturbance=d))
-    number = len(summary["events"])
-    assert number > EVENT_LINES
-    text = format_summary(summary)
-    block = text[text.index("\nevents ") + 1:].splitlines()
-    assert len(block) == EVENT_LINES
-    assert block[0] == ("events        0.00 s to 0.02 s    whole disturbance above its bound of "
-                        "0.1, at most 3.16")
-    assert all("whole disturbance above" in line for line in block[:-1])
-    assert block[-1].strip() == f"... and {number - EVENT_LINES + 1} more in summary.json"
 
 
 def test_contact_is_told_by_touch_losses_and_static_force_on_the_real_surface():
@@ -365,12 +328,3 @@ def test_the_table_has_the_numbers_of_the_summary_and_begins_with_its_headline()
     chi[[0, -1]] = record.chi_des + np.outer([0.1, 0.001], [3.0, 0.0, 4.0, 1.0, 0.0, 0.0])
     moved = format_summary(summarise(replace(record, chi=chi)))
     assert "task error    500 mm and 100 mrad at the start, 5 mm and 1 mrad at the end" in moved
-
-
-def test_alarms_come_first_in_the_table_and_the_rest_is_counted():
-    summary = summarise(runs()["more events than lines"])
-    number, text = len(summary["events"]), format_summary(summary)
-    block = text[text.index("\nevents ") + 1:].splitlines()
-    assert len(block) == EVENT_LINES < number
-    assert all("whole disturbance above" in line for line in block[:-1])
-    assert block[-1].strip() == f"... and {number - EVENT_LINES + 1} more in summary.json"

@@ -1,14 +1,11 @@
 """`report.robot.robot_sheet`: against closed forms, and against the model let go."""
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.robots import TEMPLATE, altered
+from support.robots import without_an_arm
 
-from uvms_drake.control.laws.outputs import POSE
-from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
@@ -16,23 +13,16 @@ from uvms_drake.model.description.thruster_file import (
     ThrusterParameters,
 )
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
-from uvms_drake.plant.model_check import complaints_about
 from uvms_drake.report.robot.robot_sheet import (
     Thrust,
-    format_sheet,
     largest_wrench,
     notes_of,
     sheet_of,
     swing,
     thrust_of,
 )
-
-TIP = '<frame name="tip" attached_to="forearm">'
-BARE = [(".sdf", TIP, TIP.replace("forearm", "vehicle")),
-        (".sdf", 'type="revolute"', 'type="fixed"')]
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +34,7 @@ def sheets():
 
 def test_a_pendulum_swings_with_the_period_that_it_is_said_to(tmp_path):
     """Let go at a small roll, without drag; the vehicle is free in sway meanwhile."""
-    robot = altered(tmp_path, *BARE, (".yaml", "linear: [20.0, 30.0, 30.0, 5.0, 5.0, 5.0]",
+    robot = without_an_arm(tmp_path, (".yaml", "linear: [20.0, 30.0, 30.0, 5.0, 5.0, 5.0]",
                                       "linear: [0, 0, 0, 0, 0, 0]"))
     uvms = read_uvms(str(robot))
     model = UvmsModel(uvms)
@@ -133,41 +123,3 @@ def test_what_is_no_mistake_is_noted(sheets):
         "joint elbow has no limits", "joint elbow has no inertia of a motor",
         "thruster bow is too weak to hold the robot level",
         "dry, as hydrodynamics.yaml does not name it"]
-
-
-def test_a_vehicle_without_an_arm_has_a_sheet(tmp_path):
-    bare = read_uvms(str(altered(tmp_path, *BARE)))
-    text = format_sheet(sheet_of(bare, "bare", np.zeros(0)))
-    assert text.startswith("bare: 0 joints, no thrusters.yaml\n")
-    assert "reach" not in text
-
-
-@pytest.mark.parametrize("n", [3, 6, 7])
-def test_arms_of_any_length_are_sound_and_have_a_sheet(n, tmp_path):
-    """The forearm again and again, each turned by a third more about the one before."""
-    robot = tmp_path / TEMPLATE
-    shutil.copytree(model_dir(TEMPLATE), robot)
-    file = robot / f"{TEMPLATE}.sdf"
-    file.write_text(with_joints(file.read_text(encoding="utf-8"), n), encoding="utf-8")
-    loaded = Robot.load(robot)
-    uvms = loaded.uvms
-    assert len(uvms.joints) == n
-    assert complaints_about(loaded) == []
-    sheet = sheet_of(uvms, "arm", middle_posture(uvms))
-    assert len(sheet.rows) == n
-    assert sheet.rows[:6] == (POSE[:3] if n == 3 else POSE)
-    assert format_sheet(sheet).startswith(f"arm: {n} joints")
-    (dry,) = (note for note in notes_of(sheet) if note.startswith("dry, as hydrodynamics.yaml"))
-    assert dry.endswith(f"link{n}")
-
-
-def with_joints(sdf: str, n: int) -> str:
-    """Returns the template with n joints; links beyond the second are like it, and dry."""
-    start, end = sdf.index('<link name="forearm">'), sdf.index('<frame name="tip"')
-    second, more, last = sdf[start:end], "", "forearm"
-    for i in range(3, n + 1):
-        link = second.replace("forearm", f"link{i}").replace("elbow", f"joint{i}")
-        link = link.replace('"upper_arm">0.3 0 0 0 0 0', f'"{last}">0.3 0 0 1.05 0 0')
-        more += link.replace(">upper_arm<", f">{last}<")
-        last = f"link{i}"
-    return sdf[:end] + more + sdf[end:].replace('"forearm"', f'"{last}"')
