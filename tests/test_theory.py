@@ -22,6 +22,8 @@ BELOW_PACKAGE = re.compile(r"(?<![\w/.(])((?:[\w-]+/)*theory\.md)#([\w-]+)")
 """A link in code: a path below the package and a heading."""
 RELATIVE = re.compile(r"\]\(((?:[\w./-]*theory\.md)?)#([\w-]+)\)")
 """A link of a document, relative to it."""
+
+
 def is_theorem(link: str) -> bool:
     """Returns whether a link below the package has its page and heading."""
     path, _, anchor = link.partition("#")

@@ -6,18 +6,16 @@ import numpy as np
 import pytest
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
+import uvms_drake as uv
 from uvms_drake.campaign.run import outcome
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Cylinder, Plane
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.surface.unknown_contact import HoldForces, UnknownContact
 from uvms_drake.report.contact_check import departures, force_bands, has_stood, summarise_bands
 from uvms_drake.report.signals import surface_depth, surface_slope
-from uvms_drake.report.summary import broken, format_summary, summarise
+from uvms_drake.report.summary import broken, format_summary
 from uvms_drake.report.wall_metrics import wall_metrics
-from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.contact.sensor_error import ripple
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
@@ -68,12 +66,12 @@ def test_the_summary_has_both_phases_and_a_band_that_is_left_breaks_the_guarante
     assert bands["hold"]["worst_ratio"] == pytest.approx(0.4 / least)
     assert bands["motion"]["worst_error"] == pytest.approx(6.0)
     assert bands["hold"]["exits"] == bands["motion"]["exits"] == 0
-    (line,) = (line for line in format_summary(summarise(record)).splitlines()
+    (line,) = (line for line in format_summary(uv.summarise(record)).splitlines()
                if " in a hold (" in line)
     assert f"which is {least:.3g} N at least" in line
     outside = record.force.copy()
     outside[-1, 0] = 20.0 + 1.01 * least
-    left = summarise(replace(record, force=outside))
+    left = uv.summarise(replace(record, force=outside))
     assert left["contact"]["force_bands"]["hold"]["exits"] == 1
     assert "the force band in a hold" in broken(left)
 
@@ -158,9 +156,9 @@ LARGEST = 45.0
 
 def pressing(*stretches, stiffness=STIFFNESS, tilt=TILT):
     """A record of 20 s in which the tip is that deep in a plane from each of the times on."""
-    scenario = load_scenario("girona500_contact", ["duration=20", "log_period=0.02"])
+    scenario = uv.load_scenario("girona500_contact", ["duration=20", "log_period=0.02"])
     into = np.array([np.cos(tilt), 0.0, np.sin(tilt)])
-    wall = ShapedSurface(Plane(np.zeros(3), -into), Linear(stiffness, 0.001), 0.0, 0.0)
+    wall = uv.ShapedSurface(Plane(np.zeros(3), -into), Linear(stiffness, 0.001), 0.0, 0.0)
     scenario = replace(scenario, surface=wall, task=replace(scenario.task, pose=np.zeros(6)))
     begins, depths = map(np.array, zip((0.0, -0.1), *stretches, strict=True))
     depth = depths[np.searchsorted(begins, np.arange(1001) * 0.02 + 1e-9) - 1]
@@ -254,14 +252,14 @@ def tips(count=40):
 
 def test_along_n_a_tilted_plane_begins_where_its_equation_says():
     chi, point = tips(), np.array([0.05, 0.3, 0.1])
-    surface = ShapedSurface(Plane(point, ASLANT)).checked()
+    surface = uv.ShapedSurface(Plane(point, ASLANT)).checked()
     distance = (point - chi[:, :3]) @ ASLANT / (NORTH @ ASLANT)
     np.testing.assert_allclose(
         surface_depth(surface, chi, NORTH), chi[:, 0] + distance, atol=1e-8)
 
 
 def test_along_n_a_hull_begins_where_the_ray_enters_it():
-    hull = ShapedSurface(Cylinder(
+    hull = uv.ShapedSurface(Cylinder(
         point=np.array([0.1, 0.0, 0.0]), normal=-NORTH, radius=0.3)).checked()
     chi = tips()
     chi[:, 0] = np.minimum(chi[:, 0], 0.05)
@@ -273,14 +271,14 @@ def test_along_n_a_hull_begins_where_the_ray_enters_it():
 
 
 def test_a_surface_that_is_too_far_is_nowhere():
-    far = ShapedSurface(Plane(np.array([0.9, 0.0, 0.0]), -NORTH)).checked()
+    far = uv.ShapedSurface(Plane(np.array([0.9, 0.0, 0.0]), -NORTH)).checked()
     assert np.all(np.isnan(surface_depth(far, tips(), NORTH)))
-    behind = ShapedSurface(Plane(np.array([-0.9, 0.0, 0.0]), -NORTH)).checked()
+    behind = uv.ShapedSurface(Plane(np.array([-0.9, 0.0, 0.0]), -NORTH)).checked()
     assert np.all(np.isnan(surface_depth(behind, tips(), NORTH)))
 
 
 def test_the_slope_along_n_is_that_of_the_law_times_the_cosine_of_the_tilt():
-    surface = ShapedSurface(Plane(np.array([0.05, 0.0, 0.0]), ASLANT),
+    surface = uv.ShapedSurface(Plane(np.array([0.05, 0.0, 0.0]), ASLANT),
                             Linear(stiffness=700.0, transition=0.002)).checked()
     chi = tips()
     slope, depth = surface_slope(surface, chi, NORTH), surface.penetration(chi)
@@ -291,7 +289,7 @@ def test_the_slope_along_n_is_that_of_the_law_times_the_cosine_of_the_tilt():
 
 @pytest.mark.parametrize("stiffness", [500.0, 1500.0])
 def test_the_slope_of_a_plane_that_is_known_is_its_stiffness(stiffness):
-    plane = UnilateralPlane(stiffness=stiffness, transition=0.002).checked()
+    plane = uv.UnilateralPlane(stiffness=stiffness, transition=0.002).checked()
     chi = tips()
     chi[:, 0] = plane.anchor[0] + 0.02
     np.testing.assert_allclose(surface_slope(plane, chi, -plane.normal), stiffness, rtol=1e-6)
