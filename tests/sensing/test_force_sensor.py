@@ -17,20 +17,9 @@ from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
-from uvms_drake.sensing.force_sensor import (
-    ForceSensor,
-    error_bound,
-    in_tip_axes,
-    readable_force,
-)
+from uvms_drake.sensing.force_sensor import ForceSensor, error_bound, in_tip_axes, readable_force
 from uvms_drake.sensing.measurements import TipPose
-from uvms_drake.sensing.wrist_sensor import (
-    Imperfection,
-    Tool,
-    WristSensor,
-    cut_noise,
-    transfer,
-)
+from uvms_drake.sensing.wrist_sensor import Imperfection, Tool, WristSensor, cut_noise, transfer
 
 ZERO = np.zeros(6)
 MOUNTING = np.array([0.02, -0.03, -0.11, 0.4, -0.7, 2.1])
