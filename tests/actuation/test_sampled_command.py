@@ -8,11 +8,11 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.station.controller import make_tube
 from uvms_drake.station.plant import make_simulated_uvms
 from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
-from uvms_drake.station.tube_control import make_tube
 
 PERIOD, DELAY = 1.0 / 64.0, 1.0 / 128.0
 """Sums of them are exact, so that events that are meant to be of one instant are."""

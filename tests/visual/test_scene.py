@@ -14,9 +14,9 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.report.replay import moment_of
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.objects import PLAN, Mark, round_magnification
 from uvms_drake.visual.overlay import ACTIVE, NEAR, TIME, Overlay, Readout
 from uvms_drake.visual.scene import CLOSE, LimitUse, Scene

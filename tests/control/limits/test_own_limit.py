@@ -18,9 +18,9 @@ from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.report.signals import constraints
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.station.problem import limits_of, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
-from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.terminal_set import TerminalLoop
 
