@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.report.wall_metrics`: synthetic runs and their metrics."""
+"""Tests of `uvms_drake.report.metrics.wall_metrics`: synthetic runs and their metrics."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from uvms_drake.campaign.run import outcome
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
-from uvms_drake.report.wall_metrics import wall_metrics
+from uvms_drake.report.metrics import wall_metrics
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.contact.sensor_error import ripple
 

@@ -9,7 +9,7 @@ from pydrake.systems.primitives import Gain, PassThrough
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import outputs, wire
+from uvms_drake.common.wiring import added, outputs, wire
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.mission.system import MissionControl
@@ -171,7 +171,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
     if scenario.mission.steps:
         given |= add_mission(builder, scenario, model, measured, signals, meshcat)
     elif meshcat is not None and controller.HasInputPort("desired_force"):
-        slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
+        slider = added(builder, "force_slider", ForceSlider(scenario.task.force, meshcat))
         given["desired_force"] = slider.get_output_port()
     solver_faults = faults_at("solver", faults)
     if solver_faults:
@@ -253,7 +253,7 @@ def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
     if meshcat is None:
         builder.ExportInput(mission.GetInputPort("stop"), "stop")
     else:
-        wire(builder, mission, outputs(HomeButton.AddToBuilder(builder, meshcat)))
+        wire(builder, mission, outputs(added(builder, "home_button", HomeButton(meshcat))))
     asked = outputs(mission)
     for port, name in MISSION_SIGNALS.items():
         signals[name] = asked.pop(port)
