@@ -111,7 +111,7 @@ def summarise_force(record: Record) -> dict[str, Any]:
     magnitude = float(np.linalg.norm(desired[:3]))
     direction = desired[:3] / magnitude if magnitude > 0.0 else np.zeros(3)
     normal = record.force[:, :3] @ direction
-    aside = np.linalg.norm(record.force[:, :3] - np.outer(normal, direction), axis=1)
+    tangential = np.linalg.norm(record.force[:, :3] - np.outer(normal, direction), axis=1)
     end = record.time >= record.time[-1] - LAST_SECONDS
     return {
         "desired": desired,
@@ -119,7 +119,7 @@ def summarise_force(record: Record) -> dict[str, Any]:
         "final": record.force[-1],
         "final_error_norm": error[-1],
         "final_error_normal": normal[-1] - magnitude,
-        "final_error_tangential": aside[-1] if magnitude > 0.0 else None,
+        "final_error_tangential": tangential[-1] if magnitude > 0.0 else None,
         "worst_error_norm_after_settling": None if index is None else np.max(error[index:]),
         "worst_normal_error_after_settling": (
             None if index is None else np.max(np.abs(normal[index:] - magnitude))),
@@ -128,7 +128,7 @@ def summarise_force(record: Record) -> dict[str, Any]:
         "overshoot": None if record.penetration[0] > 0.0 else _overshoot(normal, magnitude, index),
         "last_5_s": {"mean_error_norm": np.mean(error[end]),
                      "worst_normal_error": np.max(np.abs(normal[end] - magnitude)),
-                     "worst_tangential_error": np.max(aside[end])},
+                     "worst_tangential_error": np.max(tangential[end])},
     }
 
 
