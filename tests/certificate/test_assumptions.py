@@ -8,6 +8,7 @@ from support.quick import FEW, search_less
 from support.scenarios import OF_A_STATION
 
 import uvms_drake as uv
+from uvms_drake.certificate import declared_unknowns as declared
 from uvms_drake.certificate.assumptions import (
     SCOPE,
     assumed_conditions,
@@ -17,19 +18,6 @@ from uvms_drake.certificate.assumptions import (
     unnamed_axes,
 )
 from uvms_drake.certificate.certify import basis_of
-from uvms_drake.certificate.declared_unknowns import (
-    HAND,
-    LEAST_WEIGHT,
-    RESERVED,
-    UnmodelledBounds,
-    declared_effects,
-    fitting_disturbance,
-    payload_acceleration,
-    payload_condition,
-    unknown_effects,
-    unknowns_condition,
-    weights_of,
-)
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.waves import water_motion
@@ -118,16 +106,16 @@ def basis():
 
 
 def bounds_in(scenario, basis):
-    return UnmodelledBounds(scenario.model, basis, RADII, scenario.seed)
+    return declared.UnmodelledBounds(scenario.model, basis, RADII, scenario.seed)
 
 
 def effects_of(scenario, basis):
-    return unknown_effects(scenario.unknowns, bounds_in(scenario, basis),
-                           weights_of(scenario.disturbance, basis))
+    return declared.unknown_effects(scenario.unknowns, bounds_in(scenario, basis),
+                           declared.weights_of(scenario.disturbance, basis))
 
 
 def condition_of(scenario, basis, effects):
-    return unknowns_condition(
+    return declared.unknowns_condition(
         scenario.disturbance, scenario.unknowns, bounds_in(scenario, basis), effects)
 
 
@@ -183,7 +171,8 @@ def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basi
     shared = replace(wide, model_error=replace(wide.model_error, share=0.51))
     assert condition_of(shared, basis, effects).holds
     narrow = replace(wide, disturbance=replace(wide.disturbance, bound=0.5 * total))
-    fitted = fitting_disturbance(narrow.disturbance, narrow.unknowns, bounds_in(narrow, basis))
+    fitted = declared.fitting_disturbance(
+        narrow.disturbance, narrow.unknowns, bounds_in(narrow, basis))
     advice = condition_of(narrow, basis, effects).advice
     assert advice.startswith(f"--set disturbance.bound={fitted.bound:g} --set disturbance.weights=")
     assert advice.endswith("--set model_error.share=0.95")
@@ -192,17 +181,17 @@ def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basi
 @pytest.mark.parametrize("name", ["current", "friction"])
 def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):
     scenario = uv.load_scenario(NAME, [*FEW, *CASES[name]])
-    given = fitting_disturbance(
+    given = declared.fitting_disturbance(
         scenario.disturbance, scenario.unknowns, bounds_in(scenario, basis))
     fitted = replace(scenario, disturbance=given, model_error=replace(
-        scenario.model_error, share=RESERVED))
+        scenario.model_error, share=declared.RESERVED))
     (effect,) = effects_of(fitted, replace(basis, weights=given.weights))
     assert condition_of(fitted, basis, [effect]).holds
-    assert RESERVED * given.bound < 1.01 * effect.takes
+    assert declared.RESERVED * given.bound < 1.01 * effect.takes
     assert np.max(given.weights) == 1.0
     # No component of the ellipsoid is much larger than it has to be.
     proportion = np.array(effect.each) / (given.weights * given.bound)
-    assert np.all(proportion[given.weights > LEAST_WEIGHT] > 0.2)
+    assert np.all(proportion[given.weights > declared.LEAST_WEIGHT] > 0.2)
     assert np.all(proportion <= 1.0)
     assert type(given) is type(scenario.disturbance)
 
@@ -217,22 +206,22 @@ def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis
     scenario = uv.load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1"])
     effects = effects_of(scenario, basis)
     bounds = bounds_in(scenario, basis)
-    found = payload_acceleration(scenario, bounds, effects)
+    found = declared.payload_acceleration(scenario, bounds, effects)
     assert 0.5 * found.claim < found.second <= found.claim
-    failed = payload_condition(scenario.model_error.payload.acceleration, found)
+    failed = declared.payload_condition(scenario.model_error.payload.acceleration, found)
     assert failed.advice.startswith("--set model_error.payload.acceleration=")
     allowed = uv.load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1",
                                    failed.advice.removeprefix("--set ")])
-    assert payload_condition(allowed.model_error.payload.acceleration, found).holds
+    assert declared.payload_condition(allowed.model_error.payload.acceleration, found).holds
     # The change of its weight and inertia since the tare.
     plain, heavy = (force_bounds(each) for each in (
         uv.load_scenario(NAME, FEW), allowed))
     most = 9.81 + allowed.model_error.payload.acceleration
     assert heavy.error - plain.error == pytest.approx(2.0 * 0.1 * most)
     nothing = uv.load_scenario(NAME, FEW)
-    assert payload_acceleration(nothing, bounds, ()) is None
-    (effect,), estimates, conditions = declared_effects(allowed, basis, RADII)
-    assert [each.name for each in estimates] == [f"d by {effect.name}", HAND]
+    assert declared.payload_acceleration(nothing, bounds, ()) is None
+    (effect,), estimates, conditions = declared.declared_effects(allowed, basis, RADII)
+    assert [each.name for each in estimates] == [f"d by {effect.name}", declared.HAND]
     assert [each.topic for each in conditions] == ["declared unknowns", "model_error"]
 
 

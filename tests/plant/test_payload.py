@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 from support.robots import FIELD_CASES
+from support.runs import simulated
 
 import uvms_drake as uv
 from uvms_drake.command.main import main
@@ -110,29 +111,14 @@ def test_the_hand_pays_for_what_it_holds():
 
 # The sensor --------------------------------------------------------------------------------------
 
-SENSOR = """
-sensing:
-  - !ForceSensor
-    noise: [0, 0, 0, 0, 0, 0]
-    resolution: [0, 0, 0, 0, 0, 0]
-    bias: [0, 0, 0, 0, 0, 0]
-    drift: [0, 0, 0, 0, 0, 0]
-    lag: {lag}
-    tare: {tare}
-    mounting: [0.02, -0.03, -0.11, 0.4, -0.7, 2.1]
-    tool: {tool}
-model_error:
-  payload: {payload}
-"""
-
-
-def recorded(folder, *, payload="{}", tool="{}", lag=0.0, tare=0.0, overrides=()):
-    """Returns the record of a short run; the sensor is mounted aslant."""
-    folder.mkdir()
-    file = folder / "felt.yaml"
-    file.write_text("base: girona500_ideal\nduration: 0.4" + SENSOR.format(
-        payload=payload, tool=tool, lag=lag, tare=tare), encoding="utf-8")
-    return uv.simulate(uv.load_scenario(str(file), list(overrides)))
+def recorded(lag=0.0, tare=0.0):
+    """Returns the record of a short run with a payload; the sensor is mounted aslant."""
+    none = "[0, 0, 0, 0, 0, 0]"
+    return simulated(
+        "girona500_ideal", 0.4, "model_error.payload={mass: 1.5, displaced: 0.5, "
+        "centre: [0, 0, 0.1]}", f"sensing=[!ForceSensor {{noise: {none}, resolution: {none}, "
+        f"bias: {none}, drift: {none}, lag: {lag}, tare: {tare}, "
+        "mounting: [0.02, -0.03, -0.11, 0.4, -0.7, 2.1]}]")
 
 
 def test_the_field_case_reads_what_hangs_at_the_tip(tmp_path):
@@ -154,9 +140,9 @@ def test_the_field_case_reads_what_hangs_at_the_tip(tmp_path):
         reading[5], np.array([0.0, 0.0, -9.81]) + 1.75 * accelerations, atol=0.05)
 
 
-def test_it_reads_the_weight_and_the_inertia_in_its_own_axes(tmp_path):
+def test_it_reads_the_weight_and_the_inertia_in_its_own_axes():
     """Every sample is the wrench at its instant, moved to the sensor by hand."""
-    record = recorded(tmp_path / "run", payload="{mass: 1.5, displaced: 0.5, centre: [0, 0, 0.1]}")
+    record = recorded()
     R = rotation_matrix(np.array([0.4, -0.7, 2.1]))
     p = np.array([0.02, -0.03, -0.11])
     wrench, reading = record.signals[PAYLOAD], record.signals["force_raw"]
@@ -170,10 +156,9 @@ def test_it_reads_the_weight_and_the_inertia_in_its_own_axes(tmp_path):
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.02])
-def test_a_tare_takes_off_the_weight_but_not_its_turning(lag, tmp_path):
+def test_a_tare_takes_off_the_weight_but_not_its_turning(lag):
     """What is left after the tare is small; without it, all of the weight is read."""
-    tared = recorded(tmp_path / "tared", payload="{mass: 1.5, displaced: 0.5}", lag=lag, tare=0.2)
-    whole = recorded(tmp_path / "whole", payload="{mass: 1.5, displaced: 0.5}", lag=lag)
+    tared, whole = recorded(lag, 0.2), recorded(lag)
     late = tared.time > 0.25
     left, read = (np.linalg.norm(each.signals["force_raw"][late, :3], axis=1)
                   for each in (tared, whole))

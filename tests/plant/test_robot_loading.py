@@ -128,19 +128,6 @@ def test_every_shipped_robot_is_sound():
         assert complaints_about(uv.Robot.load(name)) == []
 
 
-LEGAL = {
-    "axes that are skew": [(".sdf", "<xyz>0 1 0</xyz>", "<xyz>0.6 0.48 0.64</xyz>")],
-    "a tool that is turned": [(".sdf", "<pose>0.3 0 0 0 0 0</pose>",
-                               "<pose>0.2 -0.1 0.05 0.3 -0.4 1.1</pose>")],
-    "a gripper that is fixed": [gripper("fixed")],
-    "no limits": [(".sdf", "<lower>-1.5</lower> <upper>0.5</upper> <!-- [rad] -->", ""),
-                  (".sdf", "<lower>0.1</lower> <upper>2.2</upper>", "")],
-    "an arm that slides": [(".sdf", ELBOW, ELBOW.replace("revolute", "prismatic"))],
-    "a vehicle's slide": [(".sdf", SHOULDER, SHOULDER.replace("revolute", "prismatic"))],
-    "no gears": [(".sdf", "<drake:gear_ratio>100", "<drake:gear_ratio>1")],
-}
-
-
 def test_the_robot_is_checked_wherever_a_scenario_is_run_or_certified(tmp_path):
     """`load_model` is what `run`, `certify`, `simulate` and `make_station` share."""
     robot = altered(tmp_path, *BROKEN["tip on a middle link"][0])

@@ -77,19 +77,6 @@ def test_a_wall_is_turned_to_a_tool_that_cannot_be_level(tmp_path):
     assert tips @ into == pytest.approx(-0.2, abs=0.03)
 
 
-def test_a_robot_that_is_too_weak_is_told_why(tmp_path, capsys):
-    weak = altered(tmp_path, (".sdf", "<effort>30</effort>", "<effort>1.2</effort>"))
-    file = tmp_path / "press.yaml"
-    assert main(["scenario", "--new", str(file), "--robot", str(weak)]) == 1
-    assert re.fullmatch(
-        r"uvms-drake: error: not with this robot, because the motor of joint shoulder gives "
-        r"1\.2 N m along q1, of which weight and buoyancy take [\d.]+ N m, and 5 N on the wall add "
-        r"[\d.]+ at rest, and has to move [\d.]+ kg m²: .*; what would help: [\d.]+ N m along q1 "
-        r"and [\d.]+ N m along q2\n",
-        capsys.readouterr().err)
-    assert not file.exists()
-
-
 def test_what_thrusters_cannot_hold_against_is_not_promised(monkeypatch):
     uvms = uv.read_uvms("bluerov2_alpha5")
     assert first_scenario(uvms, 5.0).covered == 1.0

@@ -49,12 +49,6 @@ def test_it_is_the_scenario_of_the_file_that_the_command_writes(robot, tmp_path)
         np.testing.assert_allclose(now, before, rtol=1e-3, atol=1e-4, err_msg=key)
 
 
-def test_a_posture_beyond_the_joint_limits_is_named():
-    """In degrees it asked for `limits.q_lower` below `limits.q_upper`."""
-    with pytest.raises(uv.InvalidParameter, match=r"^posture = \[ ?0\., 63\., .*joint limits, \["):
-        uv.make_scenario(GIRONA, force=5.0, posture=[0.0, 63.0, 27.0, 0.0])
-
-
 def test_it_takes_a_kind_of_contact_with_the_sensor_that_it_needs():
     sensor = uv.sensors.ForceSensor(rate=500.0, lag=0.004)
     contact = uv.SensedContact(force=20.0, angle=0.08, speed=0.06, delay=0.03)
@@ -114,18 +108,6 @@ def test_a_surface_and_a_law_of_ones_own_run():
     record = uv.simulate(press)
     assert record.force[-1, 0] == pytest.approx(8.0, abs=1.0)
     assert record.summary()["scenario"] == "press"
-
-
-def test_a_robot_is_loaded_once_from_the_objects_to_the_summary(monkeypatch):
-    """But for the plant, which parses the robot's files into one of its own."""
-    loads, load = [], uv.Robot.load
-    monkeypatch.setattr(uv.Robot, "load", staticmethod(
-        lambda model: loads.append(model) or load(model)))
-    press = uv.make_scenario(uv.Robot.load(GIRONA), force=12.0, posture=POSTURE, disturbance=0.001)
-    assert loads == [GIRONA]
-    press.duration = 0.1
-    assert uv.simulate(press).summary()["scenario"] == "press"
-    assert loads == [GIRONA, GIRONA]
 
 
 @pytest.mark.parametrize(("arguments", "expected"), [

@@ -16,16 +16,10 @@ from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.papers.nikou2018.errata import (
     Erratum,
     all_errata,
+    choices,
     errata_markdown,
     proof,
     simulation,
-)
-from uvms_drake.papers.nikou2018.errata.choices import (
-    CHOICES,
-    FIGURES,
-    TASK_ERROR,
-    draw_choices,
-    panels_of,
 )
 from uvms_drake.papers.nikou2018.errata.paper import (
     CHI_DES,
@@ -85,16 +79,16 @@ def test_the_table_of_the_readme_is_the_output(errata):
 
 def test_the_choices_show_what_the_errata_state(tmp_path):
     """E9: the nominal motion jumps at every sample; E5: the paper's law leaves the joints alone."""
-    draw_choices(tmp_path, overrides=["duration=0.6"])
-    assert all((tmp_path / name).stat().st_size > 10_000 for name in FIGURES)
+    choices.draw_choices(tmp_path, overrides=["duration=0.6"])
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in choices.FIGURES)
     (nominal, measured), (resolved, transpose) = (
-        [simulate(uv.load_scenario("paper_kinematic", [each])) for each in CHOICES[name]]
+        [simulate(uv.load_scenario("paper_kinematic", [each])) for each in choices.CHOICES[name]]
         for name in ("initial_state.png", "law.png"))
     jumps = [np.max(np.linalg.norm(np.diff(run.chi_nominal, axis=0), axis=1)[300:])
              for run in (nominal, measured)]
     assert jumps[1] > 2.0 * jumps[0]
     late = nominal.time > 4.5
-    errors = panels_of([nominal, measured])[TASK_ERROR]
+    errors = choices.panels_of([nominal, measured])[choices.TASK_ERROR]
     assert np.max(errors[1][late]) > 1.4 * np.max(errors[0][late])
     drift = [np.max(np.abs((run.config - run.nominal_config)[:, 6:]))
              for run in (resolved, transpose)]
