@@ -89,7 +89,8 @@ def test_the_jacobian_gives_the_rate_of_the_pose(X_WV):
 
 @pytest.mark.parametrize("X_WV", POSES, ids=["upright", "turned and moved"])
 @pytest.mark.parametrize("kind", ["spring", "plane"])
-def test_the_force_is_the_laws_at_the_pose_and_rate_of_the_tip(X_WV, kind):
+def test_the_force_is_the_laws_at_the_tip_and_the_robot_feels_minus_its_power(X_WV, kind):
+    """By virtual power: vᵀτ = −𝔉ᵀχ̇ for every v, with χ̇ by finite differences."""
     plant = plant_of(robot())
     state = random_state(plant, X_WV)
     config = spring_config() if kind == "spring" else plane_config(plant, state)
@@ -99,22 +100,12 @@ def test_the_force_is_the_laws_at_the_pose_and_rate_of_the_tip(X_WV, kind):
     out = outputs(system, state)
     np.testing.assert_allclose(
         out["force"], law.force(chi, chi_rate(plant, state)), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(out["penetration"], [law.penetration(chi)], rtol=1e-12)
-
-
-@pytest.mark.parametrize("X_WV", POSES, ids=["upright", "turned and moved"])
-@pytest.mark.parametrize("kind", ["spring", "plane"])
-def test_the_robot_feels_minus_the_power_that_the_surface_takes(X_WV, kind):
-    """By virtual power: vᵀτ = −𝔉ᵀχ̇ for every v, with χ̇ by finite differences."""
-    plant = plant_of(robot())
-    state = random_state(plant, X_WV)
-    config = spring_config() if kind == "spring" else plane_config(plant, state)
-    out = outputs(CompliantSurface(plant, plant.GetFrameByName("tip"), config), state)
     assert np.linalg.norm(out["force"]) > 1.0
     for v in np.eye(plant.num_velocities()):
         virtual = np.append(state[: plant.num_positions()], v)
         assert v @ out["generalized_force"] == pytest.approx(
             -out["force"] @ chi_rate(plant, virtual), abs=1e-6 * np.linalg.norm(out["force"]))
+    np.testing.assert_allclose(out["penetration"], [law.penetration(chi)], rtol=1e-12)
 
 
 def test_a_ball_bounces_off_a_plane_and_leaves_with_less_energy():

@@ -43,17 +43,6 @@ def moving(law, rate):
     return np.concatenate([-rate * law.normal + tangent, [0.4, -0.9, 1.1]])
 
 
-def work(law, duration=2.0 * np.pi, steps=4000):
-    """Returns ∮ 𝔉ᵀχ̇ dt along a closed path through the surface and out of it."""
-    center = tip_at(law, 0.001) if law.normal is not None else law.equilibrium
-    amplitude = np.array([0.02, -0.03, 0.015, 0.3, 0.2, -0.4])
-    frequency = np.array([1, 2, 3, 2, 1, 4])
-    t = np.linspace(0.0, duration, steps, endpoint=False)[:, None]
-    chi = center + amplitude * np.sin(frequency * t + np.arange(6))
-    chi_dot = amplitude * frequency * np.cos(frequency * t + np.arange(6))
-    return np.sum(law.force(chi, chi_dot) * chi_dot) * duration / steps
-
-
 class Sphere(Surface):
     """A ball of rubber that pushes along its radius: a surface of one's own."""
 

@@ -24,7 +24,6 @@ from support.surfaces import (
     spring,
     stiffness_matrix,
     tip_at,
-    work,
 )
 
 import uvms_drake as uv
@@ -200,10 +199,6 @@ def test_the_spring_pulls_and_pushes_by_k_times_its_stretch():
         np.testing.assert_allclose(
             law.force(law.equilibrium + sign * stretch, AT_REST),
             sign * stiffness_matrix() @ stretch, rtol=1e-12)
-
-
-def test_the_spring_does_no_work_around_a_closed_path():
-    assert work(spring()) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_spring_does_not_jump_where_an_euler_angle_does():
