@@ -255,16 +255,6 @@ def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
     assert str(failing()).count("DOES NOT HOLD") == 4
 
 
-@pytest.mark.parametrize(("override", "line"), [
-    ("faults=[!StuckJoint {}]", "not certified: faults, which the proofs do not cover; what would "
-                                "help: no faults but those of the solver"),
-    ("surface_error.stiffness=1.25", "not certified: surface_error, which the controller does not "
-                                     "know: 0.25 <= 0 does not hold by 0.25; what would help: ")])
-def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
-    given_up = uv.load_scenario("girona500_ideal", [override])
-    assert replace(HOLDS, conditions=tuple(assumed_conditions(given_up))).verdict.startswith(line)
-
-
 def test_every_topic_of_a_condition_has_its_advice():
     for topic, advice in HELP.items():
         assert help_for(Condition("...", 1.0, "<", 0.0, theorem="t", topic=topic)).endswith(advice)
@@ -305,13 +295,6 @@ def test_as_few_failures_have_the_remaining_probability(failures, runs, confiden
                      binomial_tail(runs, failures, float(exact)))
     assert tails[0] == pytest.approx(1.0 - confidence, rel=1e-6)
     assert tails[1] > tails[0]
-
-
-def test_it_grows_with_failures_and_confidence_and_falls_with_runs():
-    bounds = [failure_bound(60, k, 0.95) for k in range(61)]
-    assert np.all(np.diff(bounds) > 0.0)
-    assert bounds[-1] == 1.0
-    assert failure_bound(60, 2, 0.99) > failure_bound(60, 2, 0.95) > failure_bound(61, 2, 0.95)
 
 
 @pytest.mark.parametrize("true", [0.01, 0.1, 0.4])

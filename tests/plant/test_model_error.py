@@ -1,6 +1,5 @@
 """Scaled parameters and their factors, dry joints, and a payload that a wrist sensor feels."""
 
-import shutil
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -13,7 +12,6 @@ from support.runs import simulated
 from support.true_model import model_with_error
 
 import uvms_drake as uv
-from uvms_drake.command.main import main
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.signals.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
 from uvms_drake.model.surface.law import check_surface
@@ -348,23 +346,19 @@ def recorded(lag=0.0, tare=0.0):
         "mounting: [0.02, -0.03, -0.11, 0.4, -0.7, 2.1]}]")
 
 
-def test_the_field_case_reads_what_hangs_at_the_tip(tmp_path):
+def test_the_field_case_reads_what_hangs_at_the_tip():
     """(0, 0, −9.81) N of weight, 1 kg less its water, and 1.75 kg times the tip's acceleration.
 
     The acceleration is by second differences of the tip's logged positions.
     """
-    file = tmp_path / "felt.yaml"
-    shutil.copy(FIELD_CASES / "payload_not_felt" / "felt.yaml", file)
-    assert main(["run", str(file), "--uncertified", "--no-figures", "--no-replay", "--quiet",
-                 "--output", str(tmp_path / "out")]) in (0, 1)
-    with np.load(tmp_path / "out" / "log.npz") as log:
-        reading, tip, step = log["force_measured"][:, :3], log["chi"][:, :3], log["time"][1]
-        rest, rpy = log[PAYLOAD_AT_REST][5], log["chi"][5, 3:]
-    np.testing.assert_allclose(rotation_matrix(rpy) @ rest[:3], [0.0, 0.0, -9.81], atol=1e-9)
-    accelerations = (tip[6] - 2.0 * tip[5] + tip[4]) / step**2
-    assert np.linalg.norm(accelerations) > 0.3  # It is felt.
+    log = uv.simulate(uv.load_scenario(str(FIELD_CASES / "payload_not_felt" / "felt.yaml")))
+    tip, rest = log.chi[:, :3], log.signals[PAYLOAD_AT_REST][5]
     np.testing.assert_allclose(
-        reading[5], np.array([0.0, 0.0, -9.81]) + 1.75 * accelerations, atol=0.05)
+        rotation_matrix(log.chi[5, 3:]) @ rest[:3], [0.0, 0.0, -9.81], atol=1e-9)
+    accelerations = (tip[6] - 2.0 * tip[5] + tip[4]) / log.time[1]**2
+    assert np.linalg.norm(accelerations) > 0.3  # It is felt.
+    np.testing.assert_allclose(log.signals["force_measured"][5, :3], np.array(
+        [0.0, 0.0, -9.81]) + 1.75 * accelerations, atol=0.05)
 
 
 def test_it_reads_the_weight_and_the_inertia_in_its_own_axes():

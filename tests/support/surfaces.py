@@ -51,7 +51,7 @@ class Sphere(Surface):
 
     @property
     def anchor(self):
-        return np.array([1.0, 0.0, 0.0])
+        return np.array([-1.0, 0.0, 0.0])
 
     def checked(self):
         require(self.stiffness > 0.0, "stiffness", self.stiffness, "positive")
@@ -66,13 +66,5 @@ class Sphere(Surface):
     def penetration(self, chi):
         return np.maximum(1.0 - np.linalg.norm(chi[..., :3], axis=-1), 0.0)
 
-    def pose_for(self, force, pose):
-        raise NotImplementedError
-
     def force_jacobian(self):
         return self.stiffness * np.eye(3, 6)
-
-    def sample_contact(self, chi, force_max, rng):
-        p = rng.normal(size=(len(chi), 3))
-        depth = rng.uniform(-0.01, force_max / self.stiffness, (len(chi), 1))
-        return p / np.linalg.norm(p, axis=1, keepdims=True) * (1.0 - depth)

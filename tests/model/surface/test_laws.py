@@ -64,24 +64,6 @@ def test_at_rest_the_force_changes_by_no_more_than_its_jacobian_says(law):
     np.testing.assert_allclose(change[past], most[past], atol=1e-9)
 
 
-@pytest.mark.parametrize("law", [spring(), plane()], ids=["spring", "plane"])
-def test_a_stack_of_poses_gives_a_stack_of_forces(law):
-    rng = np.random.default_rng(5)
-    chi = rng.normal(scale=2.0, size=(3, 4, 6))
-    chi_dot = rng.normal(size=(3, 4, 6))
-    forces, depths = law.force(chi, chi_dot), law.penetration(chi)
-    assert forces.shape == (3, 4, 6)
-    assert depths.shape == (3, 4)
-    for index in np.ndindex(3, 4):
-        np.testing.assert_allclose(forces[index], law.force(chi[index], chi_dot[index]), rtol=1e-12)
-        np.testing.assert_allclose(depths[index], law.penetration(chi[index]), rtol=1e-12)
-
-
-def test_a_surface_of_ones_own_passes():
-    sphere = Sphere()
-    assert check_surface(sphere) is sphere
-
-
 @pytest.mark.parametrize(("radius", "message"), [
     (lambda square: np.sqrt(np.abs(square)),
      r"^force = 'Sphere': must be analytic in complex numbers, .*: by [xyz] a complex step gives "
@@ -160,15 +142,6 @@ def test_the_force_is_continuously_differentiable_at_every_seam(depth, rate):
 
     scale = STIFFNESS * (1.0 + DISSIPATION)
     np.testing.assert_allclose(derivative(step), derivative(-step), atol=1e-3 * scale)
-
-
-def test_the_depth_for_a_force_is_where_the_plane_carries_it():
-    law = plane()
-    for magnitude in (0.5 * STIFFNESS * TRANSITION, 2.0, 30.0):
-        pose = tip_at(law, law.penetration_for(magnitude))
-        assert law.static_force(pose) == pytest.approx(magnitude, rel=1e-12)
-    with pytest.raises(uv.InvalidParameter, match=r"at least 1\.245 N"):
-        law.penetration_for(1.2)
 
 
 def test_the_plane_rests_at_the_pose_for_a_force_with_everything_else_as_given():
