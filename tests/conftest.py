@@ -28,7 +28,7 @@ STIFFNESS = 1000.0  # N/m
 
 SMOKE = {
     "common/test_errors.py", "common/test_schema.py",
-    "model/test_coordinates.py", "model/test_uvms.py", "plant/test_disturbance.py",
+    "model/test_coordinates.py", "plant/test_disturbance.py",
     "control/test_tube_mpc.py", "sensing/test_faults.py",
     "mission/test_mission.py", "actuation/test_actuators.py", "tube/test_conditions.py",
     "station/test_record.py", "station/test_signals.py",

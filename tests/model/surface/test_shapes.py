@@ -141,7 +141,7 @@ def test_the_weld_runs_along_the_axis():
 
 @pytest.mark.parametrize("inside", [False, True])
 def test_the_depth_is_the_distance_from_the_axis_less_the_radius(inside):
-    shape = Cylinder(POINT, NORMAL, AXIS, 0.3, inside).checked()
+    shape = Cylinder(POINT, NORMAL, AXIS, 0.3, inside)
     center = POINT + (0.3 if inside else -0.3) * NORMAL
     points = POINT + np.random.default_rng(0).normal(scale=0.3, size=(200, 3))
     distance = np.linalg.norm(np.cross(points - center, AXIS), axis=1)

@@ -74,17 +74,15 @@ def test_damping_hides_no_more_force_than_that(factor):
     speed, static = rng.uniform(-0.49, 0.49, 1000), rng.uniform(0.0, 30.0, 1000)
     for c in (0.0, 1.0, 2.0):
         reading = static * factor(c * speed)
-        bound = surface.static_force_bound(
-            reading[:, None] * np.eye(3)[0], speed[:, None] * np.eye(3)[0], 0.0)
+        bound = surface.static_behind(reading, -speed)
         assert np.all(bound >= static * (1 - 1e-12))
-    tight = surface.static_force_bound(
-        np.array([10.0 * (1.0 - 2.0 * 0.2), 0.0, 0.0]), np.array([-0.2, 0.0, 0.0]), 0.0)
+    tight = surface.static_behind(np.array(10.0 * (1.0 - 2.0 * 0.2)), np.array(0.2))
     assert tight == pytest.approx(10.0)
 
 
 def test_a_fast_retreat_says_nothing():
     surface = SurfaceClass(dissipation=2.0)
-    assert surface.static_force_bound(np.zeros(3), np.array([-0.5, 0.0, 0.0]), 0.1) == np.inf
+    assert surface.static_behind(np.array(0.1), np.array(0.5)) == np.inf
 
 
 def test_the_force_changes_by_no_more_than_the_slope_times_the_way_and_nearly_so():
