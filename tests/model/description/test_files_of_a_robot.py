@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from support.thrusters import eight_thrusters, t200
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.common.schema import check_values
+from uvms_drake.common.schema import check_values, load_file
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     BodyHydrodynamics,
@@ -21,7 +21,7 @@ from uvms_drake.model.description.hydrodynamics_file import (
 from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
-    load_thrusters,
+    ThrusterParameters,
     thrust_map,
 )
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
@@ -129,7 +129,7 @@ def test_a_mistake_in_a_file_is_named_with_the_file(tmp_path, text, message):
     path = tmp_path / "thrusters.yaml"
     path.write_text(text)
     with pytest.raises(InvalidParameter, match=message):
-        load_thrusters(path)
+        load_file(path, ThrusterParameters)
 
 
 def test_the_girona_500_has_five_thrusters_and_no_roll(girona):

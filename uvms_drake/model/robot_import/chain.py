@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.tree import MOVING, Joint, Tree
+from uvms_drake.model.robot_import.tree import MOVING, Joint, Notes, Tree, listed
 
 ROTOR = re.compile(r"thruster|propell|(^|[_/:])props?([_\d]|$)|rotor|(^|[_/:])t[12]00", re.I)
 JAW = re.compile(r"jaw|finger|gripper|claw|grasp|pincer", re.I)
