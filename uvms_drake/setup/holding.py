@@ -59,11 +59,10 @@ class Holding:
 
     def said(self, i: int, force: float) -> str:
         """Returns the parts of weight and force in coordinate i, in words."""
-        unit = "N" if i < 3 else "N m"
         weight, pressing = self.weight[i], force * self.by_newton[i]
         change = abs(weight + pressing) - abs(weight)
         how = f"take {-change:.3g} off" if change < 0.0 else f"add {change:.3g}"
-        return (f"weight and buoyancy take {abs(weight):.3g} {unit}, and {force:g} N on the wall "
+        return (f"weight and buoyancy take {abs(weight):.3g} {unit_of(i)}, and {force:g} N on the wall "
                 f"{how}")
 
 
@@ -112,9 +111,14 @@ def what_helps(uvms: Uvms, config: np.ndarray, holding: Holding, force: float) -
     strong = replace(holding, reserve=holding.reserve_if_strong)
     lacking = np.where(holding.missing(force) > 0.0, strong.missing(force), 0.0)
     found.append(" and ".join(
-        f"{_rounded(holding.strength[i] + lacking[i], np.ceil):g} {'N' if i < 3 else 'N m'} along "
+        f"{_rounded(holding.strength[i] + lacking[i], np.ceil):g} {unit_of(i)} along "
         f"{coordinate(i)}" for i in range(len(lacking)) if lacking[i] > 0.0))
     return "; or ".join(found)
+
+
+def unit_of(i: int) -> str:
+    """Returns the unit of the generalised force in coordinate i of ζ."""
+    return "N" if i < 3 else "N m"
 
 
 def coordinate(i: int) -> str:
