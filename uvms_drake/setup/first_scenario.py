@@ -185,9 +185,10 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choi
     if covered < WEAKEST:
         # The least forces to move with, also of stronger motors, which have more friction.
         strong = _disturbance(model, config, inertia, np.full(model.size, np.inf))
-        reserves = [inertia / share * (manoeuvre + WEAKEST * TAKEN * input_gain(1.0, 1.0) * each)
-                    for each in (wanted, strong)]
-        holding = Holding(bias, J[:3].T @ into, *reserves, strength.force)
+        reserve, if_strong = (
+            inertia / share * (manoeuvre + WEAKEST * TAKEN * input_gain(1.0, 1.0) * each)
+            for each in (wanted, strong))
+        holding = Holding(bias, J[:3].T @ into, reserve, if_strong, strength.force)
         i = int(np.argmin(shares))
         raise RunFailed(
             f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "

@@ -62,8 +62,8 @@ class Holding:
         weight, pressing = self.weight[i], force * self.by_newton[i]
         change = abs(weight + pressing) - abs(weight)
         how = f"take {-change:.3g} off" if change < 0.0 else f"add {change:.3g}"
-        return (f"weight and buoyancy take {abs(weight):.3g} {unit_of(i)}, and {force:g} N on the wall "
-                f"{how}")
+        return (f"weight and buoyancy take {abs(weight):.3g} {unit_of(i)}, and {force:g} N on the "
+                f"wall {how}")
 
 
 def with_water(uvms: Uvms) -> tuple[Uvms, list[str]]:
