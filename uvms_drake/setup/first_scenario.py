@@ -242,16 +242,14 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     lower, upper = lower + margin, upper - margin
 
     def forward_reach(chi: np.ndarray) -> np.ndarray:
-        out: np.ndarray = chi[:, 0] * np.cos(chi[:, 5]) + chi[:, 1] * np.sin(chi[:, 5])
-        return out
+        return chi[:, 0] * np.cos(chi[:, 5]) + chi[:, 1] * np.sin(chi[:, 5])
 
     def score(q: np.ndarray) -> np.ndarray:
         chi = model.task_pose(np.concatenate([np.zeros((len(q), 6)), q], axis=1))
         short = np.maximum(0.0, FORWARD_SHARE * reach - forward_reach(chi)) / (0.1 * abs(reach))
         dexterity = np.log(np.maximum(dexterities(model, q), 1e-12))
-        out: np.ndarray = (dexterity - (chi[:, 4] / LEVEL) ** 2 - (chi[:, 5] / SIDEWAYS) ** 2
-                           - (chi[:, 3] / ROLLED) ** 2 - short**2)
-        return out
+        return (dexterity - (chi[:, 4] / LEVEL) ** 2 - (chi[:, 5] / SIDEWAYS) ** 2
+                - (chi[:, 3] / ROLLED) ** 2 - short**2)
 
     # Random postures, then smaller and smaller steps about the best one.
     rng = np.random.default_rng(0)
@@ -375,8 +373,7 @@ def _number(value: float) -> str:
 
 def _floored(values: np.ndarray) -> np.ndarray:
     """Returns numbers with four decimals that are no larger, but for rounding."""
-    out: np.ndarray = np.floor(1e4 * values + 1e-6) / 1e4
-    return out
+    return np.floor(1e4 * values + 1e-6) / 1e4
 
 
 def _row(values: Iterable[float], digits: int = 4) -> str:

@@ -39,9 +39,8 @@ class Holding:
 
     def missing(self, force: float) -> np.ndarray:
         """Returns how much stronger each would have to be (6+n,); zero or less is enough."""
-        lacking: np.ndarray = np.abs(self.weight + force * self.by_newton) - (
+        return np.abs(self.weight + force * self.by_newton) - (
             self.strength - self.reserve)
-        return lacking
 
     def forces(self) -> tuple[float, float]:
         """Returns the smallest and the largest F [N] of (1); the first exceeds the last if none."""

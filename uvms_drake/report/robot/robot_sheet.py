@@ -191,9 +191,8 @@ def dexterities(model: UvmsModel, postures: np.ndarray) -> np.ndarray:
     """Returns σ_min(J_sq) (m,) at q (m, n), for few joints that of the tip's position."""
     rows = best_rows(model) if model.num_joints > 2 else np.arange(3)
     config = np.concatenate([np.zeros((len(postures), 6)), postures], axis=1)
-    smallest: np.ndarray = np.linalg.svd(
+    return np.linalg.svd(
         model.task_jacobian(config)[:, rows, 6:], compute_uv=False)[:, -1]
-    return smallest
 
 
 def _bodies(uvms: Uvms) -> list[tuple[str, float, float, np.ndarray]]:
