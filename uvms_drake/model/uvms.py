@@ -21,7 +21,10 @@ from pydrake.multibody.tree import (
 
 from uvms_drake.common.errors import InvalidFile
 from uvms_drake.common.schema import line_of, suggestion
-from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
+from uvms_drake.model.description.hydrodynamics_file import (
+    BodyHydrodynamics,
+    HydrodynamicParameters,
+)
 from uvms_drake.model.description.robot_files import (
     RobotFiles,
     model_dir,
@@ -47,6 +50,10 @@ class Uvms:
     hydrodynamics: HydrodynamicParameters
     thrusters: ThrusterParameters | None = None
     """None if they are not known."""
+
+    def water(self, body: RigidBody) -> BodyHydrodynamics:
+        """Returns the parameters of a body's water; a body that is not named feels none."""
+        return self.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
 
 
 def add_uvms(plant: MultibodyPlant, model: str | RobotFiles) -> Uvms:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_drake.model.description.hydrodynamics_file import BodyHydrodynamics
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
@@ -72,7 +71,7 @@ def with_water(uvms: Uvms) -> tuple[Uvms, list[str]]:
     moved = {body.index() for joint in uvms.joints
              for body in plant.GetBodiesWeldedTo(joint.child_body())}
     for body in (plant.get_body(index) for index in moved):
-        known = bodies.get(body.name(), BodyHydrodynamics())
+        known = uvms.water(body)
         if known.displaced_volume == 0.0 and body.default_mass() > 0.0:
             names.append(body.name())
             bodies[body.name()] = replace(

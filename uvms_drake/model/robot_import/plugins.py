@@ -256,8 +256,8 @@ def read_thrusters(tree: Tree, notes: Notes) -> tuple[list[Thruster], set[str]]:
     for prefix, plugin in tree.plugins:
         if _kind(plugin) != "thruster":
             continue
-        joint = tree.find_joint(prefix, plugin.value("joint_name") or plugin.value("jointName")
-                                or "")
+        name = plugin.value("joint_name") or plugin.value("jointName") or ""
+        joint = tree.joints.get(prefix + name) or tree.joints.get(name)
         link = tree.find_link(prefix, joint.child if joint is not None
                               else plugin.value("linkName") or "")
         if link is None:

@@ -144,10 +144,6 @@ class Tree:
         """Returns the link that a plugin names; None if there is none."""
         return self.links.get(scope + name) or self.links.get(name)
 
-    def find_joint(self, scope: str, name: str) -> Joint | None:
-        """Returns the joint that a plugin names; None if there is none."""
-        return self.joints.get(scope + name) or self.joints.get(name)
-
     def beyond(self, link: str) -> list[str]:
         """Returns a link and all that hangs on it."""
         found = [link]

@@ -7,10 +7,7 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram, Solve
 
 from uvms_drake.control.laws.outputs import best_rows, row_names
-from uvms_drake.model.description.hydrodynamics_file import (
-    BodyHydrodynamics,
-    added_mass_about_origin,
-)
+from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
@@ -199,7 +196,7 @@ def _bodies(uvms: Uvms) -> list[tuple[str, float, float, np.ndarray]]:
     found = []
     for index in uvms.plant.GetBodyIndices(uvms.model_instance):
         body = uvms.plant.get_body(index)
-        water = uvms.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
+        water = uvms.water(body)
         found.append((body.name(), body.default_mass(),
                       uvms.hydrodynamics.fluid_density * water.displaced_volume,
                       np.diag(added_mass_about_origin(water.added_mass))[:3]))
