@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, PrismaticJoint, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import Frame, RigidBody
 
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.frames.spatial import cross_force, force_matrix, motion_matrix, skew, times
@@ -49,7 +49,7 @@ class Links:
     joint_damping: np.ndarray
     """(n,) viscous damping of the joints [N m s/rad, N s/m]."""
     rotor_inertia: np.ndarray
-    """(n,) inertia of the motors, reflected to the joints [kg m², kg]."""
+    """(n,) inertia of the motors at the joints, N² I_rotor [kg m², kg]; 0 without a motor."""
 
     def links_force(self, V: np.ndarray, A: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Returns f (..., n+1, 6) for a motion of the links in still water.
@@ -128,7 +128,9 @@ def read_links(uvms: Uvms) -> Links:
         drag_squares=(points[..., None] * points[..., None, :]).reshape(
             len(nonzero), 36 * len(bodies)),
         joint_damping=np.array([joint.default_damping() for joint in uvms.joints]),
-        rotor_inertia=np.array([_reflected_inertia(uvms, joint) for joint in uvms.joints]),
+        rotor_inertia=np.array([
+            motor.default_gear_ratio() ** 2 * motor.default_rotor_inertia()
+            if (motor := uvms.motor(joint)) else 0.0 for joint in uvms.joints]),
     )
 
 
@@ -181,12 +183,3 @@ def _weight(uvms: Uvms, body: RigidBody) -> np.ndarray:
     moment = (body.default_mass() * body.default_com()
               - displaced * np.asarray(water.center_of_buoyancy))
     return np.vstack([(body.default_mass() - displaced) * np.eye(3), skew(moment)])
-
-
-def _reflected_inertia(uvms: Uvms, joint: RevoluteJoint | PrismaticJoint) -> float:
-    """Returns the motor's inertia at the joint, N² I_rotor [kg m², kg]; 0 without an actuator."""
-    for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
-        actuator = uvms.plant.get_joint_actuator(index)
-        if actuator.joint().index() == joint.index():
-            return actuator.default_gear_ratio() ** 2 * actuator.default_rotor_inertia()
-    return 0.0

@@ -100,11 +100,8 @@ def nothing_pulls(uvms: Uvms) -> Complaints:
 
 def motors_drive_the_joints(uvms: Uvms) -> Complaints:
     """Every joint has an actuator, with which the inertia of its rotor is read."""
-    plant = uvms.plant
-    driven = {plant.get_joint_actuator(index).joint().index()
-              for index in plant.GetJointActuatorIndices(uvms.model_instance)}
     for joint in uvms.joints:
-        if joint.index() not in driven:
+        if uvms.motor(joint) is None:
             yield InvalidParameter(
                 f"joint {joint.name()}: actuator", None, "there, as every joint is driven: of "
                 "SDFormat its effort must not be 0, of URDF it needs a transmission")

@@ -13,6 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     Frame,
     Joint,
+    JointActuator,
     ModelInstanceIndex,
     PrismaticJoint,
     RevoluteJoint,
@@ -50,6 +51,12 @@ class Uvms:
     hydrodynamics: HydrodynamicParameters
     thrusters: ThrusterParameters | None = None
     """None if they are not known."""
+
+    def motor(self, joint: Joint) -> JointActuator | None:
+        """Returns the motor of a joint; None without one."""
+        motors = map(self.plant.get_joint_actuator,
+                     self.plant.GetJointActuatorIndices(self.model_instance))
+        return next((each for each in motors if each.joint().index() == joint.index()), None)
 
     def water(self, body: RigidBody) -> BodyHydrodynamics:
         """Returns the parameters of a body's water; a body that is not named feels none."""

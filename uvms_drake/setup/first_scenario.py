@@ -279,10 +279,9 @@ def strength_of(uvms: Uvms) -> Strength:
         for axis in (axis for axis in range(6) if axis not in thrusters.undriven):
             force[axis] = min(largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0))
             names[axis] = "thrusters.yaml"
-    by_joint = {joint.index(): 6 + i for i, joint in enumerate(uvms.joints)}
-    for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
-        motor = uvms.plant.get_joint_actuator(index)
-        force[by_joint[motor.joint().index()]] = motor.effort_limit()
+    for i, motor in enumerate(map(uvms.motor, uvms.joints)):
+        if motor is not None:
+            force[6 + i] = motor.effort_limit()
     return Strength(force, tuple(names))
 
 
