@@ -8,6 +8,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Integrator, LinearSystem
 
+from uvms_drake.common.wiring import added
 from uvms_drake.plant.adversary import KINDS, PREVIEW_TIME, ROWS, AdversarialDisturbance, Adversary
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
@@ -192,8 +193,9 @@ def test_in_the_cascade_it_reaches_the_radius_of_the_weighted_tube(model, states
         split = builder.AddSystem(Demultiplexer([10, 10]))
         builder.Connect(cascade.get_output_port(), split.get_input_port())
         source = builder.AddSystem(ConstantVectorSource(state))
-        adversary = Adversary.AddToBuilder(
-            builder, model, AdversarialDisturbance(BOUND, kind, rows, DIRECTION, weights=AIMED),
+        adversary = added(
+            builder, "adversary",
+            Adversary(model, AdversarialDisturbance(BOUND, kind, rows, DIRECTION, weights=AIMED)),
             state=source.get_output_port(), e_y=split.get_output_port(1),
             r=split.get_output_port(0))
         builder.Connect(adversary.get_output_port(), cascade.get_input_port())
@@ -231,8 +233,8 @@ def test_leading_is_what_j_amplifies_most_with_a_sign_that_stays(model, states, 
 def test_a_step_of_the_integration_ends_where_the_sign_changes(model, kind):
     """The integral of d is exact with steps that are longer than the intervals between."""
     builder = DiagramBuilder()
-    adversary = Adversary.AddToBuilder(builder, model, AdversarialDisturbance(
-        BOUND, kind, direction=DIRECTION, channel=2, period=0.37, phase=0.9))
+    adversary = builder.AddSystem(Adversary(model, AdversarialDisturbance(
+        BOUND, kind, direction=DIRECTION, channel=2, period=0.37, phase=0.9)))
     integrator = builder.AddSystem(Integrator(10))
     builder.Connect(adversary.get_output_port(), integrator.get_input_port())
     simulator = Simulator(builder.Build())
