@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
+import uvms_drake as uv
 from uvms_drake.control.convex import correction
 from uvms_drake.control.convex.correction import (
     Correction,
@@ -18,8 +19,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import TrackingPlan
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.problem import first_problem
 
 
 @pytest.fixture(scope="module")
@@ -63,10 +63,10 @@ def revalued_is_the_program(ocp, guess) -> None:
 @pytest.mark.parametrize("name", ["girona500_contact", "girona500_ideal",
                                   "paper_dynamic_resolved"])
 def test_another_plan_has_the_values_of_its_own_program(name):
-    scenario = load_scenario(name)
-    model = load_model(scenario)
-    ocp = make_ocp(scenario, model)
-    start = start_state(scenario, ocp)[: ocp.state_size]
+    scenario = uv.load_scenario(name)
+    model = uv.load_model(scenario)
+    ocp = uv.make_ocp(scenario, model)
+    start = uv.start_state(scenario, ocp)[: ocp.state_size]
     if isinstance(ocp, TrackingOcp):
         ocp = first_problem(scenario, ocp, start)
     revalued_is_the_program(ocp, ocp.resting_plan(0.0, start))

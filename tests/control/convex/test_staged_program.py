@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.solvers import ClarabelSolver
-from support.limits import with_limits
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
-from uvms_drake.control.convex import staged_solver
 from uvms_drake.control.convex.dual_active_set import _Rows
 from uvms_drake.control.convex.least_norm_conic import least_norm
 from uvms_drake.control.convex.regulator import motion, riccati
@@ -284,25 +282,6 @@ def test_a_solution_knows_its_active_limits_and_any_guess_of_them_leads_to_it(mo
     without, same, _ = np.sum(counts, axis=0)
     assert len(counts) > 10
     assert same < without
-
-
-def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_plans, monkeypatch):
-    """Those that the sparse form is taken for."""
-    seen = []
-    solve = staged_solver.least_norm
-
-    def watched(program, regulator, z, kept, *, sparse, softened):
-        seen.append((kept.rows(program) > 0.75 * program.B.shape[0] * program.B.shape[2], sparse,
-                     kept.at_all_stages(program).rows(program) == kept.rows(program)))
-        return solve(program, regulator, z, kept, sparse=sparse, softened=softened)
-
-    monkeypatch.setattr(staged_solver, "least_norm", watched)
-    monkeypatch.setattr(staged_solver, "least_norm_active_set", lambda *_: None)
-    for ocp in (short_ocp, with_limits(short_ocp, nu1=0.03, nu2=0.02, qdot=0.05)):
-        for where in ("off", "on"):
-            solve_staged(ocp.staged_program(start_plans[where][0]))
-    assert {(many, sparse) for many, sparse, _ in seen} == {(False, False), (True, True)}
-    assert all(everywhere for _, sparse, everywhere in seen if sparse)
 
 
 @pytest.mark.parametrize("where", ["off", "before", "on"])

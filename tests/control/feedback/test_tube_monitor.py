@@ -9,21 +9,15 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script, report_of, use_fixed_steps
 from support.tube_bounds import resolved_preimage_tube, rise
 
+import uvms_drake as uv
 from uvms_drake.common.alarm import LOGGER
-from uvms_drake.control.feedback.tube_monitor import (
-    ALARMS,
-    FIELDS,
-    SAID,
-    TubeMonitor,
-)
-from uvms_drake.control.laws import Resolved
+from uvms_drake.control.feedback.tube_monitor import ALARMS, FIELDS, SAID, TubeMonitor
 from uvms_drake.control.laws.law import Deviation, pair_of
 from uvms_drake.control.laws.resolved import gains_and_growth
-from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.tube.row_gains import resolved_tube
 
-LAW = Resolved(k=20.0, sigma=5.0)
+LAW = uv.Resolved(k=20.0, sigma=5.0)
 D_BOUND = 0.1
 WEIGHTS = np.array([0.1, 0.05, 0.2, 0.3, 0.1, 0.15, 0.9, 0.8, 0.6, 1.0])
 
@@ -69,7 +63,7 @@ def test_the_errors_are_those_of_the_laws(model, pair):
 def test_mu_bounds_how_fast_the_preimage_grows_by_the_turning_of_j(model, pair):
     real, nominal = pair
     _, mu = gains_and_growth(pair_of(model, real, nominal), np.ones(10))
-    rate = configuration_rate(real[:10], real[10:])
+    rate = uv.configuration_rate(real[:10], real[10:])
     J, forward, backward = (model.task_jacobian(real[:10] + s * rate) for s in (0.0, 1e-5, -1e-5))
     turning = np.linalg.solve(J, forward - backward) / 2e-5
     w = np.random.default_rng(0).normal(size=(1000, 10))

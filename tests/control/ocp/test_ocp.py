@@ -1,17 +1,16 @@
 """Tests of `uvms_drake.control.ocp.ocp`: the problem of the ideal scenario."""
 
-
 import numpy as np
 import pytest
 from support import dh
 from support.limits import with_limits
 
+import uvms_drake as uv
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.plan.plan import Plan, advance
-from uvms_drake.station.scenario.scenario import load_scenario
 
 H = 0.2  # s
-MPC = load_scenario("girona500_ideal").mpc
+MPC = uv.load_scenario("girona500_ideal").mpc
 Q = np.concatenate([MPC.weight_y, MPC.weight_zeta])
 R = MPC.weight_u
 
