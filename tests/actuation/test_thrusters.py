@@ -12,6 +12,7 @@ from support.thrusters import eight_thrusters
 from uvms_drake.actuation.ideal import SampledCommand
 from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
 from uvms_drake.actuation.thrusters import Thrusters, largest_error, with_errors
+from uvms_drake.common.schema import check_values
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
@@ -33,7 +34,7 @@ class Bench:
     """A part between a constant or free τ and what it makes of it, at `AT`, pressed."""
 
     def __init__(self, model, part, tau=TAU):
-        part.check()
+        check_values(part)
         builder, self.signals = DiagramBuilder(), Signals()
         for name, value in (("state", np.append(AT, np.zeros(10))), ("force", PRESSED)):
             self.signals[name] = builder.AddSystem(ConstantVectorSource(value)).get_output_port()

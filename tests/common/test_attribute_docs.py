@@ -10,13 +10,6 @@ import uvms_drake as uv
 from uvms_drake.common.attribute_docs import describe_attributes
 
 
-def test_help_on_a_record_says_of_each_field_its_meaning_and_unit():
-    text = pydoc.plain(pydoc.render_doc(uv.Pair))
-    assert "Configurations 𝔮, 𝔮̄ (2, 6+n) [m, rad]." in text  # Of a property.
-    assert "wrench: Present wrench τ_v of the thrusters" in text
-    assert all(f"{name}: " in text for name in uv.Pair._fields)
-
-
 @pytest.mark.parametrize("kind", [
     uv.Record, uv.UnilateralPlane, uv.Resolved, uv.limits.Limits, uv.sensors.ForceSensor])
 def test_help_on_a_dataclass_says_it_of_each_field(kind):

@@ -15,19 +15,19 @@ test_a_part_a_fault_or_an_unknown_without_meaning_is_named = refusals("girona500
     "sensing=[!Navigation {position: {latency: 9.0}}]": r"position.latency = 9.0: must be from 0",
     "actuation=[!SampledCommand {period: 0.0}]": r"actuation\[0\].period = 0.0: must be at least",
     "actuation=[!SampledCommand {period: 0.02, delay: 2.1}]": "delay = 2.1: must be from 0 to 100",
-    "actuation=[!Thrusters {lag: 0.0}]": "lag = 0.0: must be positive, or left out",
+    "actuation=[!Thrusters {lag: 0.0}]": "lag = 0.0: must be positive",
     "actuation=[!Thrusters {dead_time: 0.012}]": "dead_time = 0.012: must be a multiple of the per",
     "actuation=[!Thrusters {error: [0.1, -1.0]}]": "error = .*: must be numbers between -1 and 1",
-    "actuation=[!IdealWrench {undriven: [rol]}]": "undriven = .*: must be of surge, sway, heave",
+    "actuation=[!IdealWrench {undriven: [rol]}]": "= .rol.: must be one of surge, sway, heave",
     "faults=[!SaturatedForce {largest: -1.0}]": r"faults\[0\].largest = -1.0: must be zero or pos",
     "faults=[!JumpedForce {jump: [1, 2, 3]}]": r"faults\[0\].jump = .*: must be 6 finite numbers",
     "faults=[!LostForce {duration: 0.0}]": r"faults\[0\].duration = 0.0: must be positive",
-    "faults=[!LostState {start: 0.0}]": r"faults\[0\].start = 0.0: must be above 0",
-    "faults=[!StuckJoint {joint: -1}]": r"faults\[0\].joint = -1: must be an index from 0",
+    "faults=[!LostState {start: 0.0}]": r"faults\[0\].start = 0.0: must be positive",
+    "faults=[!StuckJoint {joint: -1}]": r"faults\[0\].joint = -1: must be zero or positive",
     "faults=[!ExcessDisturbance {factor: 1.0}]": r"faults\[0\].factor = 1.0: must be above 1",
     "waves=[{period: 0.01}]": r"waves\[0\].period = 0.01: must be from 0.1 to 1000 s",
     "waves=[{amplitude: 9.0}]": r"waves\[0\].amplitude = 9.0: must be from 0 to 2.5 m: lower than",
-    "model_error.mass=0.0": "model_error.mass = 0.0: must be between 0.1 and 10",
+    "model_error.mass=0.0": "model_error.mass = 0.0: must be from 0.1 to 10",
     "model_error.payload={mass: -1.0}": "model_error.payload.mass = -1.0: must be from 0 to 1000",
     "model_error.joint_friction={coulomb: [-1]}": "coulomb = .*: must be from 0 to 10000 N m",
     "ancillary=!TipFirst {undriven: [surge]}": "ancillary.undriven = .*: must be of roll, pitch",
@@ -36,7 +36,7 @@ test_a_part_a_fault_or_an_unknown_without_meaning_is_named = refusals("girona500
     "limits.more=[!TipBox {}]": r"limits.more\[0\].lower_corner = \[\]: must be 3 finite numbers"})
 
 test_an_error_of_a_surface_that_none_has_is_named = refusals("girona500_ideal", {
-    "surface_error.stiffness=0.001": "surface_error.stiffness = 0.001: must be between 0.01",
+    "surface_error.stiffness=0.001": "surface_error.stiffness = 0.001: must be from 0.01",
     "surface_error.turn=[0, 0, 4]": "surface_error.turn = .*: must be a rotation of at most π"})
 
 STEPS = "mission.steps="

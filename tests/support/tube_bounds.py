@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.row_gains import Tube, joint_rate_radius
+from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 
 def rise(tube: Tube, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -74,3 +76,15 @@ def resolved_velocity_radius(k: float, sigma: float, d_bound: float, mu: float, 
     tube = resolved_preimage_tube(k, sigma, d_bound, mu)
     return min(tube.r + (sigma + L_w) * tube.e,
                joint_rate_radius(k, sigma, d_bound) + (turning + L_w) * tube.e)
+
+
+def contains(declared: ConstraintSet, model: ContactModel, config: np.ndarray, zeta: np.ndarray,
+             tolerance: float = 1e-7) -> np.ndarray:
+    """Returns whether each of m states is in a set, to within `tolerance` of a bound."""
+    lower, upper = declared.box
+    x, size = config[:, 3:], 1.0 + tolerance
+    inside = np.all((x >= lower - tolerance) & (x <= upper + tolerance), axis=1)
+    tip = declared.normalised_tip(model, model.task_pose(config)[:, :6])
+    speeds = [np.linalg.norm(part, axis=1) / limit for part, limit in zip(
+        np.split(zeta, [3, 6], axis=1), (declared.nu1, declared.nu2, declared.qdot), strict=True)]
+    return inside & np.all(np.abs(tip) <= size, axis=1) & np.all(np.array(speeds) <= size, axis=0)

@@ -272,47 +272,6 @@ def test_no_point_of_the_ellipsoid_is_taken_further_than_the_weighted_constant(m
         assert np.max(lengths) > 0.6 * constant.value
 
 
-def test_smaller_weights_have_smaller_constants_and_a_factor_of_all_is_one_of_theirs(
-        model, proven, weighted):
-    for name, constant in weighted.items():
-        assert constant.value < proven[name].value
-    name = "J_attitude_max"  # ν₂ stays as turned as in the ball, and all branches are the same.
-    scaled = prove_constants(model, BOUNDS, (name,), weights=0.25 * np.ones(10))[name]
-    assert scaled.value == pytest.approx(0.25 * proven[name].value, rel=0.03)
-    same = prove_constants(model, BOUNDS, (name,), weights=np.ones(10))[name]
-    assert same == proven[name]
-
-
-def test_the_position_rows_bound_the_row_of_every_normal(model, proven):
-    rng = np.random.default_rng(12)
-    config, _ = BOUNDS.sample(model, 2000, rng)
-    normals = rng.normal(size=(2000, 1, 3))
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    rows = np.linalg.norm(normals @ model.kinematics(config).J_chi[:, :3], axis=(1, 2))
-    assert np.max(rows) <= proven["J_position_max"].value
-
-
-def test_a_smaller_set_has_no_larger_constant(model, proven):
-    """Bounds of nested sets are ordered but for the gap that either may have."""
-    middle, width = 0.5 * (BOUNDS.q_lower + BOUNDS.q_upper), BOUNDS.q_upper - BOUNDS.q_lower
-    halved = replace(BOUNDS, q_lower=middle - 0.25 * width, q_upper=middle + 0.25 * width,
-                     roll=0.15, pitch=0.075, tip_pitch=0.2)
-    smaller = prove_constants(model, halved, tuple(PROVABLE))
-    for name, constant in smaller.items():
-        assert constant.value <= proven[name].sampled_value * 1.03
-        assert constant.value < proven[name].value
-
-
-def test_a_smaller_budget_gives_a_larger_bound(model):
-    boxes = JacobianBoxes(model, BOUNDS, "task")
-    reached = 2.36
-    bounds = [cover(boxes, reached, budget) for budget in (1, 300, 1500, 40_000)]
-    upper = [item.upper for item in bounds]
-    assert upper == sorted(upper, reverse=True) and upper[0] > upper[-1]
-    assert upper[-1] <= 1.03 * max(reached, bounds[-1].reached) * (1.0 + 1e-8)
-    assert all(item.reached <= item.upper for item in bounds)
-
-
 @pytest.mark.parametrize("length", [0.3, 1.5])
 def test_the_turret_has_the_bound_that_is_written_down(length, monkeypatch):
     monkeypatch.setattr("uvms_drake.tube.covering.GAP", 1e-4)

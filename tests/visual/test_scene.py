@@ -11,6 +11,7 @@ from support.meshcat import Canvas, packed_transform
 from support.synthetic import synthetic_record
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.report.replay import moment_of
 from uvms_drake.station.problem import make_ocp
@@ -19,7 +20,7 @@ from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.objects import PLAN, Mark, round_magnification
 from uvms_drake.visual.overlay import ACTIVE, NEAR, TIME, Overlay, Readout
 from uvms_drake.visual.scene import CLOSE, LimitUse, Scene
-from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, VisualConfig, check_visual, frame_at
+from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, VisualConfig, frame_at
 
 
 @pytest.fixture
@@ -154,8 +155,8 @@ def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
 
 
 @pytest.mark.parametrize(("config", "message"), [
-    (VisualConfig(rate=0.5), "visual.rate = 0.5: must be 1 to 100"),
+    (VisualConfig(rate=0.5), "visual.rate = 0.5: must be from 1 to 100"),
     (VisualConfig(magnification=0.5), "visual.magnification = 0.5: must be at least 1")])
 def test_what_has_no_meaning_is_refused(config, message):
     with pytest.raises(InvalidParameter, match=message):
-        check_visual(config)
+        check_values(config, "visual")

@@ -1,10 +1,12 @@
 """Actuators without dynamics: the wrench as commanded, and a controller that runs at ticks."""
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.errors import require, require_period
+from uvms_drake.common.constraints import OneOf, Period
+from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
@@ -20,13 +22,9 @@ class IdealWrench(Actuator):
     robot's own thrusters leave axes undriven, the scenario has to name them here.
     """
 
-    undriven: list[str] = field(default_factory=list)
+    undriven: list[Annotated[str, OneOf(*AXES)]] = field(default_factory=list)
     """Axes of the vehicle that its own thrusters do not drive, of surge, sway, heave, roll, pitch
     and yaw."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(set(self.undriven) <= set(AXES), "undriven", self.undriven, f"of {', '.join(AXES)}")
 
     def assumption(self) -> None:
         """Returns None: the proofs are about this wrench."""
@@ -51,14 +49,13 @@ class SampledCommand(Actuator):
     start at the nominal state, so that they can be computed in advance.
     """
 
-    period: float = 0.02
+    period: Annotated[float, Period] = 0.02
     """Period h of the clock [s]."""
     delay: float = 0.01
     """Delay δ from a tick to the action of its command [s]; at most 100 periods."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require_period("period", self.period)
         require(0.0 <= self.delay <= 100.0 * self.period, "delay", self.delay,
                 f"from 0 to 100 periods, {100.0 * self.period:g} s")
 

@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from uvms_drake.common.constraints import NotNegative
 from uvms_drake.common.errors import require
 from uvms_drake.model.signals.fault import Fault, FaultySignal
 from uvms_drake.model.signals.sensor_actuator import Part, Signals
@@ -43,15 +45,10 @@ class StuckJoint(Fault, Part):
 
     place = "actuation"
 
-    joint: int = 0
+    joint: Annotated[int, NotNegative] = 0
     """Index of the joint, from 0."""
-    start: float = 0.0
+    start: Annotated[float, NotNegative] = 0.0
     """First instant of the braking [s]."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(self.joint >= 0, "joint", self.joint, "an index from 0")
-        super().check()
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:

@@ -17,13 +17,15 @@ thrusters hover: they hold the robot at rest, as far as they can.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Adder, MatrixGain
 
 from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
-from uvms_drake.common.errors import InvalidParameter, require, require_period
+from uvms_drake.common.constraints import Period, Positive
+from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.command_path import CommandPath
@@ -41,9 +43,9 @@ class Thrusters(Actuator):
     """
 
 
-    period: float = 0.01
+    period: Annotated[float, Period] = 0.01
     """Time between two commands to the thrusters [s]."""
-    lag: float | None = None
+    lag: Annotated[float, Positive] | None = None
     """Time constant of all forces [s]; by default the file's."""
     dead_time: float | None = None
     """Dead time from a command to the first change of a force [s], a multiple of `period`; by
@@ -54,9 +56,6 @@ class Thrusters(Actuator):
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require_period("period", self.period)
-        require(self.lag is None or 0.0 < self.lag < np.inf, "lag", self.lag,
-                "positive, or left out")
         if self.dead_time is not None:
             self._steps(self.dead_time)
         require(np.ndim(self.error) == 1 and bool(np.all(np.abs(self.error) < 1.0)), "error",

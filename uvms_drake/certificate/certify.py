@@ -308,7 +308,7 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
         u_limit=np.asarray(limits.u, dtype=float), settings=settings,
         contact=contact, forces=bool(
             limits.tau is not None or limits.thrusters is not None or limits.more),
-        largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
+        largest_rate=2.0 * speeds / scenario.mpc.time_step,
         command_path=command_path_of(actuation, model))
 
 

@@ -5,6 +5,7 @@ They hold of every component of an array. Constraints of several fields together
 `check` of their dataclass, which is called after its fields are checked.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -21,17 +22,23 @@ class Constraint:
     allowed: str
     """The allowed values, as the end of "must be ..."."""
     holds: Callable[[Any], Any]
-    """Whether an array of numbers, all of them finite, or a text has such values."""
+    """Whether a finite number, each one of an array, or a text is such a value."""
 
     def check(self, key: str, value: object) -> None:
         """Raises `InvalidParameter` unless a value is allowed."""
-        try:
-            array = np.asarray(value) if isinstance(value, str) else np.array(value, dtype=float)
-            allowed = array.dtype.kind != "f" or bool(np.all(np.isfinite(array)))
-        except (TypeError, ValueError):
-            allowed = False
-        if not allowed or not np.all(self.holds(array)):
+        if not self._allows(value):
             raise InvalidParameter(key, value, self.allowed)
+
+    def _allows(self, value: object) -> bool:
+        if isinstance(value, str):
+            return bool(self.holds(value))
+        if isinstance(value, int | float):
+            return math.isfinite(value) and bool(self.holds(value))
+        try:
+            array = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            return False
+        return bool(np.all(np.isfinite(array)) and np.all(self.holds(array)))
 
 
 Positive = Constraint("positive", lambda x: x > 0.0)
@@ -45,6 +52,11 @@ Rate = Constraint(f"positive, and at most {1.0 / SHORTEST:g} Hz",
 """Rate of a clock [Hz]."""
 UnitVector = Constraint("a unit vector", lambda x: np.shape(x) == (3,) and (
     abs(np.linalg.norm(x) - 1.0) < 1e-6))
+
+
+def Above(least: float) -> Constraint:
+    """Returns the constraint of a number that is smaller than any value."""
+    return Constraint(f"above {least}", lambda x: x > least)
 
 
 def AtLeast(least: float) -> Constraint:
@@ -68,9 +80,14 @@ def Below(most: float, least: float = 0.0) -> Constraint:
                       lambda x: (x >= least) & (x < most))
 
 
+def Within(largest: float, unit: str) -> Constraint:
+    """Returns the constraint of a largest absolute value."""
+    return Constraint(f"within {largest:g} {unit}", lambda x: abs(x) <= largest)
+
+
 def OneOf(*names: str) -> Constraint:
     """Returns the constraint of texts."""
-    return Constraint(f"one of {', '.join(names)}", lambda x: str(x) in names)
+    return Constraint(f"one of {', '.join(names)}", lambda x: x in names)
 
 
 def Vector(size: int) -> Constraint:

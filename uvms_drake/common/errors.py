@@ -52,12 +52,6 @@ def require_period(key: str, period: float) -> None:
     require(SHORTEST <= period < np.inf, key, period, f"at least {SHORTEST:g} s")
 
 
-def require_rate(key: str, rate: float) -> None:
-    """Raises `InvalidParameter` unless a clock has this rate [Hz]: a faster one never ends."""
-    most = 1.0 / SHORTEST
-    require(0.0 < rate <= most, key, rate, f"positive, and at most {most:g} Hz")
-
-
 def shortened(text: str, most: int = 60) -> str:
     """Returns a text of at most `most` characters, a longer one without its middle."""
     half = (most - 5) // 2

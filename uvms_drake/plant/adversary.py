@@ -6,7 +6,7 @@ but not the controller. `make_uvms_plant` with `disturbance=None` has an input p
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -18,6 +18,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
+from uvms_drake.common.constraints import Finite, NotNegative, OneOf, Positive
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
 from uvms_drake.model.uvms_model import UvmsModel
@@ -55,16 +56,16 @@ class AdversarialDisturbance(Disturbance):
     the sign of a non-negative inner product with the fixed direction.
     """
 
-    kind: str = "along_r"
-    rows: str = "all"
+    kind: Annotated[str, OneOf(*KINDS)] = "along_r"
+    rows: Annotated[str, OneOf(*ROWS)] = "all"
     """Block of rows of J_x to drive."""
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """The fixed direction of e (6+n), of any length; empty means the same in all components."""
-    channel: int = 0
+    channel: Annotated[int, NotNegative] = 0
     """Component of `per_channel`, 0 to 5+n."""
-    period: float = 1.0
+    period: Annotated[float, Positive] = 1.0
     """Period of `sinusoid`, `bang_bang` and `per_channel` [s]."""
-    phase: float = 0.0
+    phase: Annotated[float, Finite] = 0.0
     """Phase of the sine at t = 0 [rad]."""
 
     @property
@@ -120,11 +121,7 @@ class Adversary(LeafSystem):
         super().__init__()
         size = model.size
         self._weights, self._axes = settings.relative_weights(size), settings.axes(size)
-        require(settings.kind in KINDS, "kind", settings.kind, f"one of {', '.join(KINDS)}")
-        require(settings.rows in ROWS, "rows", settings.rows, f"one of {', '.join(ROWS)}")
-        require(0 <= settings.channel < size, "channel", settings.channel, f"0 to {size - 1}")
-        require(0.0 < settings.period < np.inf, "period", settings.period, "positive")
-        require(bool(np.isfinite(settings.phase)), "phase", settings.phase, "finite")
+        require(settings.channel < size, "channel", settings.channel, f"0 to {size - 1}")
         self._model, self._settings = model, settings
         self._direction = unit_vector(settings.direction, size)
         if settings.kind == "per_channel":

@@ -10,6 +10,7 @@ state-dependent disturbances in `adversary`.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -21,7 +22,9 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.common.errors import require, require_rate, vector
+from uvms_drake.common.constraints import Above, Finite, NotNegative, Positive, Rate
+from uvms_drake.common.errors import require, vector
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import output_of
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.uvms_model import UvmsModel
@@ -61,9 +64,10 @@ class Disturbance(ABC):
     A certificate assumes the bound; the `TubeMonitor` reports its violations.
     """
 
-    bound: float = 0.0
+    bound: Annotated[float, NotNegative] = 0.0
     """Bound d̃ of ‖d‖₂ [m/s², rad/s²], or in the units of the motion's disturbance."""
-    weights: np.ndarray = field(default_factory=lambda: np.zeros(0), kw_only=True)
+    weights: Annotated[np.ndarray, Positive] = field(
+        default_factory=lambda: np.zeros(0), kw_only=True)
     """Bound of each component of d over `bound`, 6+n positive numbers: d is in the ellipsoid with
     the semi-axes `bound` times `weights`. Empty means ones, a ball."""
 
@@ -83,11 +87,10 @@ class Disturbance(ABC):
         Raises:
             InvalidParameter: Bound or weights are none.
         """
-        require(0.0 <= self.bound < np.inf, "bound", self.bound, "zero or positive")
+        check_values(self)
         if np.size(self.weights) == 0:
             return np.ones(size)
         weights = vector("weights", self.weights, size)
-        require(bool(np.all(weights > 0.0)), "weights", weights, f"{size} positive numbers")
         return weights / np.max(weights)
 
     def axes(self, size: int) -> np.ndarray:
@@ -155,17 +158,13 @@ class SinusoidalDisturbance(OpenLoopDisturbance):
 
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Vector of any length; empty means the same in all components of e."""
-    frequency: float = 1.0
+    frequency: Annotated[float, NotNegative] = 1.0
     """Angular frequency ω [rad/s]."""
-    phase: float = 0.0
+    phase: Annotated[float, Finite] = 0.0
     """Argument of the sine at t = 0 [rad]."""
 
     def system(self, size: int, seed: int = 0) -> LeafSystem:
         """Returns the source; see `OpenLoopDisturbance`."""
-        for key in ("frequency", "phase"):
-            value = getattr(self, key)
-            require(bool(np.isfinite(value)), key, value, "finite")
-        require(self.frequency >= 0.0, "frequency", self.frequency, "zero or positive")
         frequency, phase = self.frequency, self.phase
         return DirectedDisturbance(self.axes(size) * unit_vector(self.direction, size),
                                    lambda time: np.sin(frequency * time + phase))
@@ -177,7 +176,7 @@ class RandomDisturbance(OpenLoopDisturbance):
 
     label = "random"
 
-    bandwidth: float = 0.5
+    bandwidth: Annotated[float, Rate] = 0.5
     """Half the rate of the points [Hz]; nearly all power is below it."""
 
     def system(self, size: int, seed: int = 0) -> LeafSystem:
@@ -236,8 +235,6 @@ class RandomPoints(LeafSystem):
 
     def __init__(self, axes: np.ndarray, bandwidth: float, seed: int):
         super().__init__()
-        require_rate("bandwidth", bandwidth)
-        require(seed >= 0, "seed", seed, "zero or positive")
         self._size, self._axes, self._seed = len(axes), axes, seed
         self._rate = 2.0 * bandwidth
         self.DeclareDiscreteState(self._interval(0))
@@ -270,9 +267,5 @@ class ExcessDisturbance(Fault):
 
     place = "disturbance"
 
-    factor: float = 2.0
+    factor: Annotated[float, Above(1)] = 2.0
     """Factor of the disturbance beyond its declared bound."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(1.0 < self.factor < np.inf, "factor", self.factor, "above 1")

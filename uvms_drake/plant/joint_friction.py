@@ -9,11 +9,13 @@ a contact, `model.surface.contact_laws`: a sticking joint creeps at up to v_s.
 """
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
+from uvms_drake.common.constraints import AtLeast, Constraint
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added, output_of
 from uvms_drake.model.surface.contact_laws import STEEPEST, slip_factor
@@ -21,26 +23,21 @@ from uvms_drake.model.uvms import Uvms
 
 STRIBECK = 0.05
 """Stribeck velocity v_b, over which the static torque falls to Coulomb's [rad/s]."""
+FrictionTorques = Constraint(
+    "from 0 to 10000 N m, one for all joints or one each",
+    lambda x: (np.ndim(x) == 1) & (x >= 0.0) & (x <= 1e4))
 
 
 @dataclass
 class JointFriction:
     """Friction of the joints in addition to the damping of the controller's model."""
 
-    coulomb: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    coulomb: Annotated[np.ndarray, FrictionTorques] = field(default_factory=lambda: np.zeros(1))
     """F_C of each joint, or one for all [N m]."""
-    static: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    static: Annotated[np.ndarray, FrictionTorques] = field(default_factory=lambda: np.zeros(1))
     """F_S likewise, if larger than F_C [N m]."""
-    creep: float = 0.005
+    creep: Annotated[float, AtLeast(1e-6)] = 0.005
     """Creep velocity v_s of a sticking joint [rad/s]; a smaller one needs shorter steps."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        for key in ("coulomb", "static"):
-            value = np.asarray(getattr(self, key), dtype=float)
-            require(value.ndim == 1 and bool(np.all((value >= 0.0) & (value <= 1e4))), key,
-                    value, "from 0 to 10000 N m, one for all joints or one each")
-        require(1e-6 <= self.creep < np.inf, "creep", self.creep, "at least 1e-06 rad/s")
 
     def torques(self, joints: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns F_C and F_S ≥ F_C (n,) [N m]."""

@@ -3,12 +3,14 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.constraints import Below, Between, Vector
+from uvms_drake.common.errors import require
 from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
@@ -33,23 +35,23 @@ FACTORS = ("mass", "added_mass", "drag", "buoyancy_lever", "buoyancy")
 class ModelError:
     """Difference of the simulated robot from the controller's model; factors are 1 without."""
 
-    mass: float = 1.0
+    mass: Annotated[float, Between(0.1, 10)] = 1.0
     """Factor of masses, inertias and displaced volumes: a robot is trimmed before it dives."""
-    added_mass: float = 1.0
+    added_mass: Annotated[float, Between(0.1, 10)] = 1.0
     """Factor of the added masses."""
-    drag: float = 1.0
+    drag: Annotated[float, Between(0.1, 10)] = 1.0
     """Factor of the drag coefficients."""
-    buoyancy_lever: float = 1.0
+    buoyancy_lever: Annotated[float, Between(0.1, 10)] = 1.0
     """Factor of each body's distance from the centre of mass to that of buoyancy."""
-    buoyancy: float = 1.0
+    buoyancy: Annotated[float, Between(0.1, 10)] = 1.0
     """Factor of the displaced volumes alone: a robot that is not trimmed."""
-    buoyancy_shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    buoyancy_shift: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
     """Displacement of the vehicle's centre of buoyancy, in its axes [m]."""
     payload: Payload = field(default_factory=Payload)
     """Payload in the hand."""
     joint_friction: JointFriction = field(default_factory=JointFriction)
     """Dry friction of the joints."""
-    share: float = 0.0
+    share: Annotated[float, Below(1)] = 0.0
     """Fraction of d̃ reserved for the effect of the error, of a current and of waves, not for the
     disturbance."""
 
@@ -59,18 +61,6 @@ class ModelError:
         return max(*(abs(getattr(self, name) - 1.0) for name in FACTORS),
                    float(np.max(np.abs(self.buoyancy_shift))), self.payload.mass,
                    self.payload.displaced, self.joint_friction.largest)
-
-
-def check_model_error(error: ModelError) -> None:
-    """Raises `InvalidParameter` for the first value outside its range."""
-    for name in FACTORS:
-        value = getattr(error, name)
-        require(bool(0.1 <= value <= 10.0), name, value, "between 0.1 and 10")
-    require(bool(0.0 <= error.share < 1.0), "share", error.share, "at least 0 and below 1")
-    vector("buoyancy_shift", error.buoyancy_shift, 3)
-    for key in ("payload", "joint_friction"):
-        with within(key):
-            getattr(error, key).check()
 
 
 def add_simulated_uvms(plant: MultibodyPlant, robot: Robot | str, error: ModelError | None

@@ -10,13 +10,14 @@ has no moment about C. A wrist sensor feels (1) with the sign of the force on th
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody, SpatialInertia, UnitInertia
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.constraints import Between, NotNegative, Vector, Within
 from uvms_drake.common.wiring import added
 from uvms_drake.model.description.hydrodynamics_file import AddedMass, BodyHydrodynamics
 from uvms_drake.model.frames.spatial import cross
@@ -34,24 +35,16 @@ class Payload:
     act on the arm, and on a wrist sensor, whose model does not know of it; its drag is left out.
     """
 
-    mass: float = 0.0
+    mass: Annotated[float, Between(0, 1000, " kg")] = 0.0
     """Mass [kg]."""
-    displaced: float = 0.0
+    displaced: Annotated[float, Between(0, 1000, " kg")] = 0.0
     """Mass of the water that it displaces [kg]."""
-    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    centre: Annotated[np.ndarray, Vector(3), Within(10.0, "m")] = field(
+        default_factory=lambda: np.zeros(3))
     """Its centre in the frame of the end-effector [m]."""
-    acceleration: float = 0.0
+    acceleration: Annotated[float, NotNegative] = 0.0
     """Largest acceleration of any of its points in a certificate with a sensed contact, which
     verifies it [m/s²]."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        for key in ("mass", "displaced"):
-            require(0.0 <= getattr(self, key) <= 1e3, key, getattr(self, key), "from 0 to 1000 kg")
-        centre = vector("centre", self.centre, 3)
-        require(bool(np.max(np.abs(centre)) <= 10.0), "centre", centre, "within 10 m")
-        require(0.0 <= self.acceleration < np.inf, "acceleration", self.acceleration,
-                "zero or positive")
 
     @property
     def present(self) -> bool:

@@ -7,7 +7,7 @@ that of a `Surface`.
 """
 
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Annotated, cast
 
 import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
@@ -15,7 +15,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.constraints import Between, Constraint, Vector
 from uvms_drake.common.wiring import added, cached, output_of
 from uvms_drake.model.frames.euler import WORLD, euler_angles, rate_matrix
 from uvms_drake.model.frames.spatial import skew
@@ -135,15 +135,18 @@ class CompliantSurface(LeafSystem):
         return chi, J, self._law.force(chi, chi_dot)
 
 
+Rotation = Constraint("a rotation of at most π", lambda x: np.linalg.norm(x) <= np.pi)
+
+
 @dataclass
 class SurfaceError:
     """Difference of the simulated surface from the controller's: stiffness, shift and turn."""
 
-    stiffness: float = 1.0
+    stiffness: Annotated[float, Between(0.01, 100)] = 1.0
     """Factor of the stiffness: the true one over the controller's."""
-    shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    shift: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
     """Shift of the surface in Σ_I [m]."""
-    turn: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    turn: Annotated[np.ndarray, Vector(3), Rotation] = field(default_factory=lambda: np.zeros(3))
     """Rotation vector in Σ_I, about the surface's anchor [rad]."""
 
     @property
@@ -151,15 +154,6 @@ class SurfaceError:
         """Largest of relative error, ‖shift‖ and ‖turn‖; zero if there is none."""
         return max(abs(self.stiffness - 1.0), float(np.linalg.norm(self.shift)),
                    float(np.linalg.norm(self.turn)))
-
-
-def check_surface_error(error: SurfaceError) -> None:
-    """Raises `InvalidParameter` for the first value that is out of range."""
-    require(bool(0.01 <= error.stiffness <= 100.0), "stiffness", error.stiffness,
-            "between 0.01 and 100")
-    vector("shift", error.shift, 3)
-    turn = vector("turn", error.turn, 3)
-    require(bool(np.linalg.norm(turn) <= np.pi), "turn", turn, "a rotation of at most π")
 
 
 def displaced(surface: Surface, error: SurfaceError) -> Surface:

@@ -16,11 +16,14 @@ Newman (1977), *Marine Hydrodynamics*, chapter 6.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, System
 
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.constraints import Between, Finite, Positive
+from uvms_drake.common.errors import require, vector
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import output_of
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 
@@ -34,21 +37,17 @@ class Wave:
 
     amplitude: float = 0.25
     """Amplitude A of the surface: half the height from trough to crest [m]."""
-    period: float = 6.0
+    period: Annotated[float, Between(0.1, 1000, " s")] = 6.0
     """Period 2π/ω [s]."""
-    direction: float = 0.0
+    direction: Annotated[float, Finite] = 0.0
     """Angle about z from x of Σ_I to the direction of propagation [rad]."""
-    phase: float = 0.0
+    phase: Annotated[float, Finite] = 0.0
     """Phase θ at t = 0 [rad]; 0 is a crest."""
-    depth: float = 2.5
+    depth: Annotated[float, Positive] = 2.5
     """Depth z of the robot below the still surface [m]."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        for key in ("direction", "phase"):
-            require(bool(np.isfinite(getattr(self, key))), key, getattr(self, key), "finite")
-        require(0.1 <= self.period <= 1e3, "period", self.period, "from 0.1 to 1000 s")
-        require(0.0 < self.depth < np.inf, "depth", self.depth, "positive")
         largest = min(self.depth, STEEPEST / self.wavenumber)
         require(0.0 <= self.amplitude <= largest, "amplitude", self.amplitude,
                 f"from 0 to {largest:.3g} m: lower than it breaks, and above the robot")
@@ -76,13 +75,6 @@ class Wave:
         e_z = np.array([0.0, 0.0, 1.0])
         return (self.speed * (c * e + s * e_z),
                 self.speed * self.frequency * (c * e_z - s * e))
-
-
-def check_waves(waves: Sequence[Wave]) -> None:
-    """Raises `InvalidParameter` for the first invalid wave."""
-    for i, wave in enumerate(waves):
-        with within(f"waves[{i}]"):
-            wave.check()
 
 
 def largest_speed(waves: Sequence[Wave]) -> float:
@@ -123,7 +115,8 @@ class WaterMotion(LeafSystem):
 
     def __init__(self, current: np.ndarray, waves: Sequence[Wave] = ()):
         super().__init__()
-        check_waves(waves)
+        for wave in waves:
+            check_values(wave)
         self._current, self._waves = vector("current", current, 3), list(waves)
         when = self.time_ticket() if self._waves else self.nothing_ticket()
         for i, name in enumerate(("current", "current_acceleration")):

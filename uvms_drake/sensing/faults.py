@@ -2,12 +2,12 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.constraints import NotNegative, Positive, Vector
 from uvms_drake.model.signals.fault import Fault, FaultySignal
 from uvms_drake.model.signals.sensor_actuator import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -19,9 +19,9 @@ class SensorFault(Fault, Part):
 
     place: ClassVar[Literal["sensing", "force"]] = "sensing"
 
-    start: float = 0.0
+    start: Annotated[float, NotNegative] = 0.0
     """Beginning of the fault, just after this instant [s]."""
-    duration: float = 0.5
+    duration: Annotated[float, Positive] = 0.5
     """Duration of the fault [s]."""
 
     @abstractmethod
@@ -49,14 +49,8 @@ class FrozenState(SensorFault):
 class LostState(SensorFault):
     """Missing state: not a number."""
 
-    start: float = 1.0
+    start: Annotated[float, Positive] = 1.0
     """Beginning, just after this instant [s]; above 0: the first plan needs a measured state."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(self.start > 0.0, "start", self.start,
-                "above 0: the first plan needs a measured state")
-        super().check()
 
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns NaN."""
@@ -112,13 +106,8 @@ class SaturatedForce(ForceFault):
     force, and the tip may press harder by that part.
     """
 
-    largest: float = 10.0
+    largest: Annotated[float, NotNegative] = 10.0
     """Largest component, either way [N, N m]."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        super().check()
-        require(0.0 <= self.largest < np.inf, "largest", self.largest, "zero or positive")
 
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns the measurement, cut."""
@@ -134,13 +123,9 @@ class JumpedForce(ForceFault):
     hides a part of the force lets the tip press harder by that part.
     """
 
-    jump: np.ndarray = field(default_factory=lambda: np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    jump: Annotated[np.ndarray, Vector(6)] = field(
+        default_factory=lambda: np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     """Bias of 𝔉_s, in Σ_I (6,) [N (3), N m (3)]."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        super().check()
-        vector("jump", self.jump, 6)
 
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns the measurement with the bias."""

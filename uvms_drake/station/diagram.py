@@ -60,8 +60,8 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     Sensing and actuation are series of parts, none by default: the scenario's, and its faults of
     sensors and of actuators, next to the robot. The logs and a `TubeMonitor` read the true state
     and the commanded τ. The signal `force_measured` of a part of sensing goes to the law, see
-    `Contact.measured_force`, the signal `vehicle_wrench` of a part of actuation to a law that
-    `takes_wrench`. An observer reads the output of the parts of actuation, with this wrench, as the
+    `controller.add_measured_force`, the signal `vehicle_wrench` of a part of actuation to a law
+    that `takes_wrench`. An observer reads the output of the parts of actuation, with this wrench, as the
     applied input; it does not know of faults.
 
     A controller of one's own has the input port `state`, in general `force_measured`, and others of

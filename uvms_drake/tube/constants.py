@@ -120,7 +120,9 @@ def estimate_constants(model: ContactModel, declared: ConstraintSet, names: tupl
     for name in names:
         problem = norm_problem(model, declared, QUANTITIES[name].product, weights)
         x = problem.draw(samples, np.random.default_rng(seed))
-        found = float(supremum(problem, x, first_order(problem, x), PATIENCE, LEADERS)[0])
+        values = first_order(problem, x)  # Exact, as A w is linear.
+        climbed = supremum(problem, x, values, PATIENCE, LEADERS)
+        found = float(max(climbed[0], np.max(values)))
         out[name] = Constant(name, safety_factor * found, "estimated", samples, found)
     return out
 

@@ -50,8 +50,6 @@ class Basis:
     """Bounds of |ζ̄̇ᵢ| of a plan (6+n,): those by |ūᵢ| alone are far too large for light joints."""
     command_path: CommandPath = IDEAL_PATH
     """Path of the commands from the law to the robot."""
-    time_step: float = np.inf
-    """Time step of a plan, over which ζ̄̇ is constant [s]."""
     forces: bool = False
     """True if forces are limited, so that the tube in τ is needed."""
 

@@ -6,12 +6,14 @@ A recording keeps position, attitude and scale, but neither colour nor visibilit
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba, Shape
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from uvms_drake.common.errors import InvalidParameter, require, within
+from uvms_drake.common.constraints import AtLeast, Between
+from uvms_drake.common.errors import InvalidParameter
 
 LOCAL = "localhost"
 """Address that only programs of this machine reach."""
@@ -29,19 +31,11 @@ UNSEEN = 5e-4
 class VisualConfig:
     """Settings of the picture of a run; the run itself does not depend on them."""
 
-    rate: float = 25.0
+    rate: Annotated[float, Between(1, 100, " pictures in a second")] = 25.0
     """Pictures in a second of simulated time, live and in the replay [1/s]."""
-    magnification: float | None = None
+    magnification: Annotated[float, AtLeast(1)] | None = None
     """Factor by which the deviation from the plan is enlarged, in the ghost of the nominal robot
     and in the inset with the tube; without it, the tube's radius is drawn about 10 cm large."""
-
-
-def check_visual(visual: VisualConfig) -> None:
-    """Raises `InvalidParameter` for the first value outside its range."""
-    with within("visual"):
-        require(1.0 <= visual.rate <= 100.0, "rate", visual.rate, "1 to 100 pictures in a second")
-        require(visual.magnification is None or visual.magnification >= 1.0, "magnification",
-                visual.magnification, "at least 1, or left out")
 
 
 def open_meshcat(host: str = LOCAL) -> Meshcat:

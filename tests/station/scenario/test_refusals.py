@@ -29,4 +29,10 @@ test_a_value_that_no_run_can_use_is_refused_at_load = refusals("girona500_contac
     "simulator.accuracy=0": r"simulator\.accuracy = 0\.0: must be positive",
     "simulator.start_time=1": r"simulator\.start_time = 1\.0: must be 0",
     "name=a/b": r"name = 'a/b': must be usable as the name of a folder",
+    "log_period=1e-6": r"log_period = 1e-06: must be at least 3e-05 s, .* 1.2e\+02 GB of memory",
+    "simulator.max_step_size=1e-7": r"max_step_size = 1e-07: must be at least .* hours",
+    "mpc.time_step=1e-7": r"mpc\.time_step = 1e-07: must be at least .* hours",
+    "mpc.horizon=100000": r"mpc\.horizon = 100000: must be at most 1265: one plan would take",
+    "mission.steps=[!Approach {}, !Retreat {}]; contact=!KnownSurface {}":
+        r"mission\.steps = .*: must be left out, without a sensed contact",
 })

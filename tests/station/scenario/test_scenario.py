@@ -89,3 +89,8 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
 def test_a_scenario_made_in_python_is_checked_too():
     with pytest.raises(InvalidParameter, match="duration = nan: must be positive"):
         check_values(Scenario(duration=float("nan")))
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_a_run_of_an_hour_is_no_reason_to_refuse_a_shipped_scenario(name):
+    assert load_scenario(name, ["duration=3600"]).duration == 3600.0

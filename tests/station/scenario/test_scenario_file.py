@@ -128,8 +128,6 @@ def test_private_top_level_keys_are_room_for_anchors(tmp_path):
     ("duration.x=1", "duration = {'x': 1}: must be a finite number"),
     ("seed=0.5", "seed = 0.5: must be a whole number"),
     ("current=[0, 0, .inf]", "current[2] = inf: must be a finite number"),
-    ("surface_error.stiffness=0", "surface_error.stiffness = 0.0: must be between 0.01 and 100"),
-    ("surface_error.turn=[0, 0]", "surface_error.turn = [0., 0.]: must be 3 finite numbers"),
     ("limits.u.99=1", "limits.u.99 = 1: must be given with an index below 10"),
     ("surface=!Wall {}", "surface = '!Wall': must be a mapping tagged !UnilateralPlane or "
                          "!BilateralSpring"),

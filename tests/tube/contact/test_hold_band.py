@@ -90,11 +90,6 @@ def test_a_reading_that_takes_all_of_the_advance_counts_it():
     assert hold_band(plain, FORCE, fast) == pytest.approx(1.3 + 900.0 * 2.0 * OFF.depth)
 
 
-def test_damping_that_may_stop_the_force_leaves_no_band():
-    assert hold_band(replace(CONTACT, dissipation=60.0), FORCE, OFF) == np.inf
-    assert hold_band(replace(CONTACT, friction=9.0), FORCE, OFF) == np.inf
-
-
 def test_friction_that_is_slow_makes_the_band_smaller_and_never_larger():
     still = replace(CONTACT, hold=HoldForces(0.0, 0.0))
     fast = replace(CONTACT, force_rate=1e4, force_ripple=1e3, hold=None)

@@ -28,7 +28,6 @@ from uvms_drake.tube.contact.sensor_gains_proof import (
     bounds,
     claimed_suprema,
     corners_of_cone,
-    pieces_of,
     proof_of,
 )
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -186,14 +185,6 @@ def test_directions_of_a_cone_are_in_the_hull_of_its_corners():
         along = rng.normal(size=(2000, 3))
         most = np.max(along @ corners_of_cone(angle).T, axis=1)
         assert np.all(np.max(along @ n.T, axis=1) <= most + 1e-12)
-
-
-def test_boxes_are_cut_along_the_largest_parts_until_little_is_left_or_eight():
-    worth = np.array([1.0, 5.0, 2.0])
-    assert np.all(pieces_of(worth, 1.0) == [1, 2, 1])  # One halving at least.
-    assert np.all(pieces_of(worth, 3.0) == [1, 2, 1])  # 3 (5.5 / 8)² is below 1.5.
-    assert np.all(pieces_of(worth, 4.0) == [1, 4, 1])  # 4 (5.5 / 8)² is not.
-    assert np.all(pieces_of(worth, np.inf) == [1, 4, 2])
 
 
 def test_what_is_true_is_proven_what_is_false_is_refuted_and_what_is_close_is_left(robot):

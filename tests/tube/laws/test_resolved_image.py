@@ -52,15 +52,6 @@ def test_the_input_gain_is_the_integral_of_the_impulse_response(k, sigma):
     assert input_gain(k, sigma) == pytest.approx(np.trapezoid(np.abs(response), t), rel=1e-4)
 
 
-def test_without_errors_nothing_deviates(model, small_set):
-    config, zeta = small_set.sample(model, 20, np.random.default_rng(0))
-    u = 0.5 * U_LIMITS * np.ones((20, 1))
-    zero = np.zeros_like(zeta)
-    nominal = nominal_motion(model, config, zeta)
-    np.testing.assert_allclose(
-        remainders(model, nominal, u, zero, zero, K, SIGMA), 0.0, atol=1e-5)
-
-
 def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
     """The law as `AncillaryFeedback` computes it, at the state that the errors stand for."""
     rng = np.random.default_rng(1)
@@ -142,26 +133,6 @@ def test_what_counts_is_the_product_of_bound_and_weights(model, small_set, image
     for name, value in vars(images[1]).items():
         if name not in ("tau", "check"):
             np.testing.assert_allclose(getattr(same, name), value, rtol=1e-6)
-
-
-def test_a_channel_that_is_disturbed_less_takes_less(images):
-    ball, weighted = images
-    for name in ("nu1", "nu2"):
-        assert getattr(weighted, name) < getattr(ball, name)
-    assert weighted.qdot == ball.qdot  # The largest weight of the joints is 1.
-    assert weighted.omega == ball.omega  # What σ has to be above is of the nominal motion.
-    assert np.max(weighted.u[:6] / ball.u[:6]) < 0.6
-    assert np.max(weighted.u / ball.u) < 1.5  # To what few climbers find of a supremum.
-
-
-def test_the_image_is_the_same_for_the_same_seed_and_grows_with_the_disturbance(
-        model, small_set, image):
-    again, larger = (tube_image(
-        model, small_set, U_LIMITS, d_bound=d, gains=(1.74, 1.88), k=K, sigma=SIGMA,
-        safety_factor=1.1, seed=0, **QUICK) for d in (D, 1.5 * D))
-    np.testing.assert_array_equal(again.u, image.u)
-    assert np.all(larger.u > image.u)
-    assert larger.qdot == pytest.approx(1.5 * image.qdot)
 
 
 def test_a_slow_loop_has_no_image(model, small_set):

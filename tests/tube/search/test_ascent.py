@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.tube_bounds import contains
 
 from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.tube.laws.resolved_remainders import (
@@ -56,7 +57,7 @@ def test_climbers_stay_in_the_set_and_reach_what_they_claim(problem, declared):
     for _ in range(4):
         climb.step()
     pose, zeta, share = np.split(climb.x, 3, axis=1)
-    assert np.all(declared.contains(problem.model, problem.config(pose), zeta, tolerance=1e-6))
+    assert np.all(contains(declared, problem.model, problem.config(pose), zeta, tolerance=1e-6))
     assert np.all(np.abs(share) <= 1.0)
     for matrix, radius in problem.parts:
         assert np.all(np.linalg.norm(climb.error @ matrix, axis=1) <= radius * (1.0 + 1e-9))
@@ -106,7 +107,7 @@ def test_flips_find_the_corner_of_an_affine_function_and_the_top_of_a_hill():
         return np.stack([z @ slope, 1.0 - np.sum((z - top) ** 2, axis=1)], axis=1)
 
     start = rng.uniform(-1.0, 1.0, (2, 30))
-    largest, point = by_flips(values, start, rng, sweeps=6)
+    largest, point = by_flips(values, start, rng, 6, 2)
     assert largest[0] == pytest.approx(np.sum(np.abs(slope)))
     np.testing.assert_array_equal(point[0], np.sign(slope))
     assert 0.7 < largest[1] <= 1.0 and largest[1] > np.max(values(start)[:, 1]) + 10.0

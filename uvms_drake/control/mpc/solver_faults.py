@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
+from uvms_drake.common.constraints import Fraction, NotNegative, Positive
 from uvms_drake.common.errors import require
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
 from uvms_drake.model.signals.fault import Fault
@@ -26,17 +27,12 @@ class SolverFault(Fault):
     status: ClassVar[int]
     """Status of a sample with the fault."""
 
-    probability: float = 1.0
+    probability: Annotated[float, Fraction] = 1.0
     """Probability of the fault at a sampling instant in its time."""
-    start: float = 0.0
+    start: Annotated[float, NotNegative] = 0.0
     """First instant [s]; the first plan of a run is exempt."""
-    duration: float | None = None
+    duration: Annotated[float, Positive] | None = None
     """Duration [s]; unlimited if it is left out."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 <= self.probability <= 1.0, "probability", self.probability, "between 0 and 1")
-        super().check()
 
     def assumption(self) -> None:
         """Returns None: the last plan is continued, as the proofs allow."""

@@ -13,7 +13,6 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.sensor_actuator import Component
 
@@ -36,12 +35,6 @@ class Fault(Component):
     """First instant of the fault [s]."""
     duration: float | None = None
     """Duration of the fault [s]; None: to the end of the run."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 <= self.start < np.inf, "start", self.start, "zero or positive")
-        require(self.duration is None or 0.0 < self.duration < np.inf, "duration", self.duration,
-                "positive")
 
     def is_active(self, time: float) -> bool:
         """Returns whether `time` [s] is in [start, start + duration)."""

@@ -6,11 +6,13 @@ the wall drops out of the error dynamics, and the nominal model is that of free 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, require_period, unit_vector
+from uvms_drake.common.constraints import AtMost, Between, NotNegative, Period, Positive, UnitVector
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.schema import check_values
 from uvms_drake.model.surface.law import Surface, TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -35,40 +37,41 @@ class HoldForces:
 class UnknownContact:
     """Declared bounds of a contact: class of the wall, forces, speeds, and error of a reading."""
 
-    direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    direction: Annotated[np.ndarray, UnitVector] = field(
+        default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     """Direction n into the wall (3,), a unit vector in Σ_I."""
-    angle: float = 0.0873
+    angle: Annotated[float, Between(0, STEEPEST, " rad")] = 0.0873
     """Angle α by which the wall's inward normal may differ from `direction` [rad]."""
-    stiffness: float = 1000.0
+    stiffness: Annotated[float, Positive] = 1000.0
     """Largest stiffness κ₊ of tool and wall together [N/m]."""
-    force: float = 45.0
+    force: Annotated[float, Positive] = 45.0
     """Largest static normal force F_max that the tip may exert [N]."""
-    dissipation: float = 2.5
+    dissipation: Annotated[float, NotNegative] = 2.5
     """Largest dissipation c₊ of the wall (Hunt and Crossley) [s/m]."""
-    friction: float = 0.5
+    friction: Annotated[float, NotNegative] = 0.5
     """Largest coefficient of friction μ."""
-    force_rate: float = 40.0
+    force_rate: Annotated[float, NotNegative] = 40.0
     """Largest rate of the force apart from the size of its normal part along `direction` [N/s]:
     friction that turns with the motion, a normal that turns along the path."""
-    force_ripple: float = 2.0
+    force_ripple: Annotated[float, NotNegative] = 2.0
     """Bound of the part of it that may change at any rate [N]."""
-    force_error: float = 4.2
+    force_error: Annotated[float, Positive] = 4.2
     """Bound ν of the error of a reading of the force, in norm, without that of `delay` [N]."""
-    delay: float = 0.11
+    delay: Annotated[float, NotNegative] = 0.11
     """Largest age of the force in a reading [s]: five lags and a period of the sensor."""
-    period: float = 0.01
+    period: Annotated[float, Period] = 0.01
     """Sampling period of the measured force [s]."""
-    tangential_lag: float = 0.0
+    tangential_lag: Annotated[float, NotNegative] = 0.0
     """Time constant with which the law follows the measured force across `direction` [s]; zero, and
     it takes it as it is read. A sampled law cancels friction with a delay, which makes the tip
     heavier by that delay times the slope of friction. No proof covers one."""
-    speed: float = 0.1
+    speed: Annotated[float, Positive] = 0.1
     """Largest speed of the tip along `direction`, either way [m/s]."""
-    speed_across: float = 0.15
+    speed_across: Annotated[float, Positive] = 0.15
     """Largest speed of the tip along each of two directions across it [m/s]."""
-    clearance: float = 0.075
+    clearance: Annotated[float, NotNegative] = 0.075
     """Free distance in front of the tip at the start, while the sensor is tared [m]."""
-    tool_angle: float = 0.25
+    tool_angle: Annotated[float, Positive, AtMost(MOST_ASLANT)] = 0.25
     """Largest angle between the tool's axis and `direction` [rad]."""
     hold: HoldForces | None = None
     """Smaller bounds in a hold, of a tip that does not slide; None: those of any motion."""
@@ -94,22 +97,16 @@ class UnknownContact:
         """Largest change of φ with the position of the tip, κ₊ / cos α [N/m]."""
         return self.stiffness / float(np.cos(self.angle))
 
-    def checked(self) -> Self:
-        """Returns it with arrays, or raises."""
-        direction = unit_vector("direction", self.direction)
-        require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
-        require(0.0 < self.tool_angle <= MOST_ASLANT, "tool_angle", self.tool_angle,
-                f"positive, up to {MOST_ASLANT:g} rad")
-        require_period("period", self.period)
-        for key in ("stiffness", "force", "force_error", "speed", "speed_across"):
-            require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
-        for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
-                    "tangential_lag", "clearance"):
-            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
+    def check(self) -> None:
+        """Raises `InvalidParameter` for bounds in a hold that are larger than those of motion."""
         for key, declared in vars(self.hold_forces).items():
             require(0.0 <= declared <= getattr(self, key), f"hold.{key}", declared,
                     f"zero or positive, up to contact.{key}")
-        return replace(self, direction=direction)
+
+    def checked(self) -> Self:
+        """Returns it with arrays, or raises."""
+        check_values(self)
+        return replace(self, direction=np.array(self.direction, dtype=float))
 
     def wrench(self, force: float) -> np.ndarray:
         """Returns 𝔉 (6,) that presses along n with a force [N]."""

@@ -25,8 +25,8 @@ from uvms_drake.model.signals.sensor_actuator import Actuator, Sensor
 from uvms_drake.model.surface import Surface, UnilateralPlane
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant import Disturbance, SinusoidalDisturbance
-from uvms_drake.plant.model_error import ModelError, Unknowns, check_model_error
-from uvms_drake.plant.surface import SurfaceError, check_surface_error
+from uvms_drake.plant.model_error import ModelError, Unknowns
+from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.scenario.contact import Contact, KnownSurface
 from uvms_drake.station.scenario.modules import import_modules
@@ -41,7 +41,7 @@ from uvms_drake.station.scenario.scenario_file import (
     with_base,
 )
 from uvms_drake.tube.estimates import CertificateSettings
-from uvms_drake.visual.stage import VisualConfig, check_visual
+from uvms_drake.visual.stage import VisualConfig
 
 LARGEST_SEED = 2**63 - 1
 LONGEST_NAME = 100
@@ -178,11 +178,7 @@ class Scenario:
             self.mission.checked()
         require(not self.mission.steps or self.contact.declared_wall() is not None,
                 "mission.steps", self.mission.steps, "left out, without a sensed contact")
-        # Errors, parts and faults, the integrator, and the picture.
-        with within("model_error"):
-            check_model_error(self.model_error)
-        with within("surface_error"):
-            check_surface_error(self.surface_error)
+        # Parts and faults, and the integrator.
         allocated = any(type(part) is Thrusters for part in self.actuation)
         for key, part in keyed("actuation", self.actuation[:None if allocated else -1]).items():
             require(not isinstance(part, IdealWrench), key, "IdealWrench",
@@ -193,7 +189,6 @@ class Scenario:
         _check_simulator(self.simulator)
         check_cost(self.duration, self.log_period, self.simulator.max_step_size,
                    self.mpc.time_step, self.mpc.horizon)
-        check_visual(self.visual)
 
     @property
     def law(self) -> str:

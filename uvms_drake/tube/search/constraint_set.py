@@ -85,32 +85,13 @@ class ConstraintSet:
             np.full(3, position), np.maximum(0.5 * (upper - lower), 1e-3),
             np.full(3, self.nu1), np.full(3, self.nu2), np.full(model.num_joints, self.qdot)])
 
-    def normalised(self, model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
-        """Returns the bounded values besides `box` (m, 5); a state is feasible iff all in [−1, 1].
-
-        Tip pitch over its bound; `Surface.contact_measure`; ‖ν₁‖², ‖ν₂‖², ‖q̇‖² over the squares of
-        theirs.
-        """
-        of_tip = self.normalised_tip(model, model.task_pose(config)[:, :6])
-        return np.concatenate([of_tip, np.stack([
-            np.sum(zeta[:, :3] ** 2, axis=1) / self.nu1**2,
-            np.sum(zeta[:, 3:6] ** 2, axis=1) / self.nu2**2,
-            np.sum(zeta[:, 6:] ** 2, axis=1) / self.qdot**2,
-        ], axis=1)], axis=1)
-
     def normalised_tip(self, model: ContactModel, chi: np.ndarray) -> np.ndarray:
-        """Returns the first two of `normalised` (m, 2), those of the tip's pose χ (m, 6)."""
+        """Returns values of the tip's pose χ (m, 6) that have to be in [−1, 1] (m, 2).
+
+        Tip pitch over its bound; `Surface.contact_measure`.
+        """
         return np.stack([chi[:, TIP_PITCH] / self.tip_pitch,
                          model.surface.contact_measure(chi, self.force_max)], axis=1)
-
-    def contains(self, model: ContactModel, config: np.ndarray, zeta: np.ndarray,
-                 tolerance: float = 1e-7) -> np.ndarray:
-        """Returns whether each of m states is in the set, to within `tolerance` of a bound."""
-        lower, upper = self.box
-        x = config[:, 3:]
-        inside = np.all((x >= lower - tolerance) & (x <= upper + tolerance), axis=1)
-        values = np.abs(self.normalised(model, config, zeta))
-        return inside & np.all(values <= 1.0 + tolerance, axis=1)
 
     def sample(self, model: ContactModel, count: int,
                rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

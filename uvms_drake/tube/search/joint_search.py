@@ -14,8 +14,8 @@ MOST_AXES = 13
 ROUNDS, ROUND_POINTS, SHRINK = 12, 600, 0.6
 """Rounds of random points about the worst ones, points in each, and ratio of the sizes of two
 rounds."""
-STARTS, SWEEPS = 2, 3
-"""Points that start in the second search for each value, and its sweeps over all coordinates."""
+POINTS, SWEEPS = 500, 3
+"""Random points of the second search, and its sweeps over all coordinates from the worst one."""
 BATCH = 128
 """Number of points evaluated at a time: their matrices stay in the processor's cache."""
 BOUND_SHARE = 0.3
@@ -72,8 +72,8 @@ def second_over_joints(function: Function, lower: np.ndarray, upper: np.ndarray,
     """Returns the largest values (c,) of a second search, see `supremum_over_joints`."""
     middle, half = 0.5 * (upper + lower), 0.5 * (upper - lower)
     rng = np.random.default_rng([seed, 1])
-    start = rng.uniform(-1.0, 1.0, (STARTS, len(lower)))
-    return by_flips(lambda z: function(middle + half * z), start, rng, SWEEPS)[0]
+    start = np.clip(rng.uniform(-1.3, 1.3, (POINTS, len(lower))), -1.0, 1.0)
+    return by_flips(lambda z: function(middle + half * z), start, rng, SWEEPS, 1)[0]
 
 
 def claimed_over_joints(name: str, function: Function, lower: np.ndarray, upper: np.ndarray,

@@ -29,20 +29,22 @@ Values = Callable[[np.ndarray], np.ndarray]
 """Values (m, c) at points (m, d)."""
 
 
-def by_flips(function: Values, start: np.ndarray, rng: np.random.Generator, sweeps: int
-             ) -> tuple[np.ndarray, np.ndarray]:
+def by_flips(function: Values, start: np.ndarray, rng: np.random.Generator, sweeps: int,
+             kept: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns the largest values (c,) found, and for each the best point (c, d) that it moved.
 
     Args:
         function: Values (m, c) at points (m, d) of the cube.
-        start: Points (s, d) from which each value is searched for.
+        start: Points (s, d).
         rng: Source of the moves.
         sweeps: Sweeps over all coordinates.
+        kept: Number of the points, the best for each value, from which it is searched for.
     """
-    values = function(start)
-    largest, (many, d) = np.max(values, axis=0), start.shape
-    own = np.repeat(np.arange(len(largest)), many)
-    point, best, row = np.tile(start, (len(largest), 1)), values.T.ravel(), np.arange(len(own))
+    values, d = _evaluated(function, start), start.shape[1]
+    largest, order = np.max(values, axis=0), np.argsort(-values, axis=0, kind="stable")[:kept]
+    own = np.repeat(np.arange(len(largest)), len(order))
+    point, best = start[order.T.ravel()], values[order.T.ravel(), own]
+    row = np.arange(len(own))
     for sweep in range(sweeps):
         for i in rng.permutation(d):
             tried = np.repeat(point[:, None], 4, axis=1)
@@ -50,16 +52,20 @@ def by_flips(function: Values, start: np.ndarray, rng: np.random.Generator, swee
             tried[:, 2, i] = rng.uniform(-1.0, 1.0, len(own))
             tried[:, 3, i] += NEAR * 0.5**sweep * rng.normal(size=len(own))
             tried = np.clip(tried, -1.0, 1.0)
-            at = tried.reshape(-1, d)
-            found = np.concatenate([function(at[j: j + BATCH]) for j in range(0, len(at), BATCH)])
+            found = _evaluated(function, tried.reshape(-1, d))
             largest = np.maximum(largest, np.max(found, axis=0))  # Also of the others.
             found = found.reshape(len(own), 4, -1)[row, :, own]
             which = np.argmax(found, axis=1)
             better = found[row, which] > best
             point[better] = tried[row, which][better]
             best[better] = found[row, which][better]
-    first = np.argmax(best.reshape(-1, many), axis=1)
-    return largest, point.reshape(-1, many, d)[np.arange(len(first)), first]
+    first = np.argmax(best.reshape(len(largest), -1), axis=1)
+    return largest, point.reshape(len(first), -1, d)[np.arange(len(first)), first]
+
+
+def _evaluated(function: Values, at: np.ndarray) -> np.ndarray:
+    """Returns the values (m, c) at points (m, d), batch by batch."""
+    return np.concatenate([function(at[i: i + BATCH]) for i in range(0, len(at), BATCH)])
 
 
 def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Generator
@@ -105,7 +111,7 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
     start = rng.uniform(-1.0, 1.0, (STARTS, 3 * size + problem.errors))
     start[:, 3:size] = np.clip((drawn[:, 3:size] - middle[3:]) / scale[3:], -1.0, 1.0)
     start[:, :3] = 0.0
-    largest, point = by_flips(values, start, rng, SWEEPS)
+    largest, point = by_flips(values, start, rng, SWEEPS, STARTS)
     climb = Climb(problem, *decode(point), channels)
     for _ in range(STEPS):
         climb.step()
