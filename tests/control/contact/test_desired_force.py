@@ -7,7 +7,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.desired_force import DesiredForce
 
 N = np.array([0.0, 0.6, 0.8])
@@ -67,8 +66,3 @@ def test_a_desired_force_across_the_direction_gives_a_warning(caplog):
     (record,) = caplog.records
     assert record.message == ("t = 0 s: of the desired force only the part along the direction is "
                               "given, 10 N")
-
-
-def test_a_default_beyond_the_largest_is_refused():
-    with pytest.raises(InvalidParameter, match="default"):
-        DesiredForce(N, 31.0, 30.0)

@@ -6,7 +6,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.tangential_filter import TangentialFilter, followed
 
 N = np.array([0.6, 0.0, 0.8])
@@ -71,12 +70,6 @@ def test_all_that_changes_is_in_the_context():
     for simulator in (setup.simulator, other):
         simulator.AdvanceTo(0.3)
     np.testing.assert_array_equal(setup.read(), setup.read(other.get_context()))
-
-
-@pytest.mark.parametrize(("lag", "period", "key"), [(0.0, 0.01, "lag"), (1.0, -1.0, "period")])
-def test_times_are_positive(lag, period, key):
-    with pytest.raises(InvalidParameter, match=key):
-        TangentialFilter(N, lag, period)
 
 
 def swing(tangential_filter: bool, m: float = 1.5, c: float = 64.0, tau: float = 0.03) -> float:

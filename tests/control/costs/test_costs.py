@@ -114,13 +114,13 @@ def test_fast_solver_and_reference_agree(name, term):
 def test_with_a_term_of_ones_own_there_is_no_certificate():
     scenario, *_ = with_terms("girona500_ideal", uv.costs.LevelVehicle(), Power())
     assert [item.name for item in assumed_conditions(scenario) if not item.holds] == [
-        "mpc.terms[0], uv.costs.LevelVehicle, which the terminal set leaves out",
+        "mpc.terms[0], LevelVehicle, which the terminal set leaves out",
         "mpc.terms[1], Power, which the terminal set leaves out"]
 
 
 def test_a_scenario_with_a_term_runs_and_is_the_same_after_yaml(tmp_path):
     scenario = uv.load_scenario("girona500_ideal", [
-        "duration=0.4", "mpc.terms=[!uv.costs.LevelVehicle {weight: 200}]"])
+        "duration=0.4", "mpc.terms=[!LevelVehicle {weight: 200}]"])
     path = tmp_path / "again.yaml"
     path.write_text(dump_scenario(scenario))
     assert uv.load_scenario(str(path)).mpc.terms == [uv.costs.LevelVehicle(200.0)]

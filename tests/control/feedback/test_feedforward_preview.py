@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from pydrake.systems.framework import DiagramBuilder
 from support.lagging import CONFIG, Motion, run
 from support.transfer import impulse
 
@@ -97,22 +96,6 @@ def test_the_delay_is_the_sum_of_the_parts_of_the_actuation(model):
     for actuation in ([], uv.load_scenario("girona500_ideal", [
             "actuation=[!SampledCommand {}]"]).actuation):
         assert command_path_of(actuation, model).preview == (0.0, 0.0)
-
-
-def test_as_a_system_it_reads_the_plan_of_now(model):
-    builder = DiagramBuilder()
-    system = builder.AddSystem(FeedforwardPreview(model, PATH))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    own, plan = system.GetMyMutableContextFromRoot(context), jumping()
-    context.SetTime(0.25)
-    config, zeta, zeta_dot = plan.at(0.25)
-    system.GetInputPort("plan").FixValue(own, Value(plan))
-    system.GetInputPort("nominal_state").FixValue(own, np.append(config, zeta))
-    system.GetInputPort("nominal_acceleration").FixValue(own, zeta_dot)
-    np.testing.assert_array_equal(
-        system.get_output_port().Eval(own),
-        previewed_forces(model, plan, 0.25, PATH.preview, plan.at(0.25)))
 
 
 def test_as_a_system_it_reads_the_contact_state(model):

@@ -167,18 +167,6 @@ def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states
         assert report["disturbance_exits"] == (ratio > 1.0)
 
 
-def test_samples_at_the_steps_leave_the_steps_as_they_are(model, states):
-    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
-    steps = []
-    for period in (0.0, 1e-3):
-        simulator, *_ = scripted(model, state=lambda t: at_rest, nominal=lambda t: at_rest,
-                                 period=period)
-        simulator.AdvanceTo(0.1)
-        steps.append(simulator.get_num_steps_taken())
-    assert steps[0] == pytest.approx(50, abs=3)
-    assert steps[1] >= 100
-
-
 def test_a_cloned_context_goes_on_identically(model, pair):
     simulator, monitor, _ = scripted(
         model, radii={"task": 1e-3}, state=lambda t: pair[0] * np.cos(t),

@@ -155,23 +155,6 @@ def test_between_knots_the_tip_stays_in_the_safe_region_but_for_its_third_deriva
     assert -2e-3 < deepest <= 2.0 / 81.0 * 0.2**3 * 1.5 * jerk + EXCEEDED
 
 
-def test_a_retarget_costs_a_copy_and_one_program(ocp, monkeypatch):
-    """Nothing is computed anew: neither terminal ingredients nor limits, nor their reach."""
-    one, other = ocp.aimed(AIMS["free"]), ocp.aimed(AIMS["safe_depth"])
-    for key, value in vars(ocp).items():
-        if key not in ("aim", "limits", "_stacked"):
-            assert getattr(one, key) is value
-    assert all(one.limits[name] is limit for name, limit in ocp.limits.items())
-    assert set(other.limits) - set(ocp.limits) == {"safe_depth", "safe_depth_between_knots"}
-    plan = one.continued(SequentialConvexSolver(one).solve(somewhere(ocp, 0), 20).plan)
-    made = []
-    monkeypatch.setattr(TrackingOcp, "staged_program", lambda self, *args, real=(
-        TrackingOcp.staged_program): made.append(self) or real(self, *args))
-    solution = SequentialConvexSolver(other).solve(plan, 1)
-    assert (solution.iterations, made) == (1, [other])
-    assert not np.array_equal(solution.plan.a, plan.a)
-
-
 def test_what_is_not_the_same_everywhere_is_refused(ocp, model):
     box = uv.limits.TipBox(lower_corner=POSITION - 1.0, upper_corner=POSITION + 1.0)
     mpc = mpc_of(ocp)

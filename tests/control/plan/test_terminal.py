@@ -235,27 +235,3 @@ def test_it_presses_with_its_force_and_within_its_tolerance(pressing, tmp_path):
     with np.load(tmp_path / "out" / "log.npz") as log:
         late = log["time"] > 4.0
         assert np.max(np.abs(log["force"][late, 0] - 10.0)) < 1.0
-
-
-@pytest.mark.parametrize("changes", [
-    # A rod that slides at the arm's end, of 20 g, with the damping of its spindle.
-    [(".urdf", '<joint name="elbow" type="revolute">', '<joint name="elbow" type="prismatic">'),
-     (".urdf", '<axis xyz="0 1 0"/><limit lower="0.1" upper="2.2"',
-      '<axis xyz="1 0 0"/><limit lower="0" upper="0.05"'),
-     (".urdf", '<link name="forearm"><inertial><origin xyz="0.15 0 0"/><mass value="1.5"/>'
-      '<inertia ixx="0.000675" iyy="0.01159" izz="0.01159"',
-      '<link name="forearm"><inertial><origin xyz="0 0 0"/><mass value="0.02"/>'
-      '<inertia ixx="1e-6" iyy="1e-6" izz="1e-6"'),
-     (".urdf", 'damping="300"', 'damping="150"')],
-    # Every joint of an arm with 300 N m s/rad, as of a large one for work.
-    [(".urdf", 'damping="1.0"', 'damping="300"')]])
-def test_other_dampers_run_as_well(changes, tmp_path):
-    robot = copied(CASE, tmp_path, *changes)
-    water = robot / "hydrodynamics.yaml"
-    if "prismatic" in (robot / "stiff_elbow.urdf").read_text(encoding="utf-8"):
-        text = water.read_text(encoding="utf-8")
-        water.write_text(text[:text.index("  forearm:")], encoding="utf-8")
-    file = tmp_path / "press.yaml"
-    assert main(["scenario", "--new", str(file), "--robot", str(robot), "--force", "5"]) == 0
-    assert main(["run", str(file), "--uncertified", "--duration", "0.5", "--no-figures",
-                 "--no-replay", "--quiet", "--output", str(tmp_path / "out")]) == 0
