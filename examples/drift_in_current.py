@@ -44,7 +44,8 @@ def main() -> None:
 
     # The state as the paper writes it: η, q, then body-fixed velocities.
     coordinates = Coordinates(uvms)
-    state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
+    state = builder.AddNamedSystem("to_paper_order", ToPaperOrder(coordinates))
+    builder.Connect(plant.get_state_output_port(), state.GetInputPort("plant_state"))
     if arguments.meshcat:
         meshcat = uv.open_meshcat()
         turn_down(meshcat)  # Meshcat's z-axis points up, ours down.

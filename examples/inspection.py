@@ -33,10 +33,10 @@ def main() -> None:
 
     builder = DiagramBuilder()
     station = builder.AddSystem(uv.make_station(scenario))
-    measurements = {name: station.GetOutputPort(name)
-                    for name in ("state", "force_last_valid", "touched", "force_lost")}
-    mission = uv.mission.MissionControl.AddToBuilder(
-        builder, JOB, uv.load_model(scenario), walls, PLACE, **measurements)
+    mission = builder.AddNamedSystem(
+        "mission", uv.mission.MissionControl(JOB, uv.load_model(scenario), walls, PLACE))
+    for name in ("state", "force_last_valid", "touched", "force_lost"):
+        builder.Connect(station.GetOutputPort(name), mission.GetInputPort(name))
     for name in ("desired_force", "place", "deepest"):
         builder.Connect(mission.GetOutputPort(name), station.GetInputPort(name))
     builder.ExportOutput(mission.GetOutputPort("progress"), "progress")

@@ -28,12 +28,12 @@ STIFFNESS = 1000.0  # N/m
 
 SMOKE = {
     "common/test_errors.py", "common/test_schema.py",
-    "model/test_coordinates.py", "model/test_uvms.py", "plant/test_disturbance.py",
-    "control/test_tube_mpc.py", "sensing/test_hold_last_value.py",
-    "mission/test_law.py", "actuation/test_joint_brake.py", "tube/test_conditions.py",
-    "station/test_record.py", "station/test_signals.py", "certificate/test_text.py",
-    "certificate/test_certificate.py", "report/test_summary.py", "report/test_headline.py",
-    "report/test_log_table.py", "command/test_progress.py", "visual/test_server.py"}
+    "model/test_coordinates.py", "plant/test_disturbance.py",
+    "control/test_tube_mpc.py", "sensing/test_faults.py",
+    "mission/test_mission.py", "actuation/test_actuators.py", "tube/test_conditions.py",
+    "station/test_record.py", "station/test_signals.py",
+    "certificate/test_certificate.py", "report/test_summary.py", "report/test_log_export.py",
+    "command/test_progress.py", "visual/test_server.py"}
 """Files of the smoke subset (`pytest -m smoke`), one or two of every room, without slow tests."""
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.quick import SETTINGS, search_less
-from support.robot_files import FILES, NAMES
+from support.robot_files import FILES
 
 from uvms_drake.command.main import main
 from uvms_drake.common.schema import read_yaml
@@ -33,12 +33,6 @@ def test_the_guide_has_ten_steps():
     assert not blocks("yaml")  # Nothing has to be written by hand.
     assert set(LONG) < set(commands())
     assert commands()[0] == "robot --from rov.urdf rov"
-
-
-def test_the_guide_of_the_import_has_every_file_of_the_tests_and_so_has_the_table_of_results():
-    for page in ("uvms_drake/model/robot_import/README.md", "examples/results/robot_import.md"):
-        text = (Path(__file__).parents[1] / page).read_text("utf-8")
-        assert sorted(re.findall(r"^\| `(\w+\.(?:urdf|sdf))` \|", text, flags=re.M)) == NAMES
 
 
 @pytest.mark.slow

@@ -7,15 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.pages import PACKAGE, sections
 from support.quick import FEW, search_less
 
-import uvms_drake
 from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.certificate.certificate import from_data, to_data
 from uvms_drake.certificate.certify import certify
 from uvms_drake.station.scenario.scenario import load_scenario
 
-PACKAGE = Path(uvms_drake.__file__).parent
 CODE = sorted(PACKAGE.rglob("*.py"))
 PAGES = sorted(PACKAGE.rglob("theory.md"))
 DOCUMENTS = sorted([*PACKAGE.rglob("*.md"), *PACKAGE.parent.glob("*.md")])
@@ -23,26 +22,11 @@ BELOW_PACKAGE = re.compile(r"(?<![\w/.(])((?:[\w-]+/)*theory\.md)#([\w-]+)")
 """A link in code: a path below the package and a heading."""
 RELATIVE = re.compile(r"\]\(((?:[\w./-]*theory\.md)?)#([\w-]+)\)")
 """A link of a document, relative to it."""
-SECTIONS = ("Statement", "What is estimated")
-
-
-def slug(heading: str) -> str:
-    """Returns the anchor that forges give to a heading."""
-    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
-
-
-def headings(page: Path) -> dict[str, str]:
-    """Returns the sections of a page by the anchors of their headings."""
-    text = page.read_text(encoding="utf-8")
-    parts = re.split(r"^## (.+)$", text, flags=re.MULTILINE)[1:]
-    return dict(zip(map(slug, parts[::2]), parts[1::2], strict=True))
-
-
 def is_theorem(link: str) -> bool:
     """Returns whether a link below the package has its page and heading."""
     path, _, anchor = link.partition("#")
     page = PACKAGE / path
-    return page in PAGES and anchor in headings(page)
+    return page in PAGES and anchor in sections(page, "##")
 
 
 def conditions_of(path: Path) -> Iterator[ast.Call]:
@@ -80,12 +64,12 @@ def test_every_link_to_a_theorem_has_its_heading(path):
     for target, anchor in RELATIVE.findall(text) if path.suffix == ".md" else ():
         page = (path.parent / target).resolve() if target else path
         if page.name == "theory.md":
-            assert anchor in headings(page), f"{path}: {target}#{anchor}"
+            assert anchor in sections(page, "##"), f"{path}: {target}#{anchor}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(PACKAGE)))
 def test_every_theorem_says_what_it_states_and_what_is_estimated(page):
-    found = headings(page)
+    found = sections(page, "##")
     assert len(found) == len(re.findall(r"^## ", page.read_text(encoding="utf-8"), re.MULTILINE))
     for anchor, section in found.items():
         assert "**What is estimated.**" in section, f"{page}#{anchor}"

@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
-from test_vocabulary import GLOSSARY, RETIRED
+from support.pages import PACKAGE, ROOT, sections
+from test_vocabulary import RETIRED
 
-ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "examples" / "tutorials"
 TUTORIALS = sorted(FOLDER.glob("*.ipynb"))
 LARGEST_FIGURE = 300_000  # Bytes.
@@ -57,16 +57,9 @@ def test_a_tutorial_has_no_retired_word(path):
 @each
 def test_a_link_of_a_tutorial_leads_somewhere(path):
     text = "".join("".join(cell["source"]) for cell in cells(path, "markdown"))
-    headings = {re.sub(r"[^\w -]", "", line).strip().lower().replace(" ", "-")
-                for line in re.findall(r"^#+ (.*)$", GLOSSARY, re.MULTILINE)}
+    headings = sections(PACKAGE / "glossary.md")
     links = re.findall(r"\]\(([^)#]+)(?:#([^)]+))?\)", text)
     assert any(target.endswith("glossary.md") for target, _ in links)
     for target, anchor in links:
         assert (FOLDER / target).exists(), target
         assert not anchor or not target.endswith("glossary.md") or anchor in headings, anchor
-
-
-def test_the_table_of_the_tutorials_has_all_of_them_in_their_order():
-    text = (FOLDER / "README.md").read_text("utf-8")
-    assert re.findall(r"^\| \[\d\. [^\]]+\]\((\S+)\)", text, re.MULTILINE) == [
-        path.name for path in TUTORIALS]

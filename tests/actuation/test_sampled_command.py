@@ -5,13 +5,10 @@ from dataclasses import replace
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
+import uvms_drake as uv
 from uvms_drake.actuation.ideal import SampledCommand
-from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.plant import make_simulated_uvms
-from uvms_drake.station.problem import load_model, make_ocp
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.simulation import simulate
 from uvms_drake.station.tube_control import make_tube
 
 PERIOD, DELAY = 1.0 / 64.0, 1.0 / 128.0
@@ -21,7 +18,7 @@ STEP = "simulator.max_step_size=0.005"
 
 
 def scenario_of(duration: float, *overrides: str, part=None):
-    scenario = load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, STEP,
+    scenario = uv.load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, STEP,
                                                  *overrides])
     return replace(scenario, actuation=[part or SampledCommand(PERIOD, DELAY)],
                    disturbance=ConstantDisturbance(0.05))
@@ -29,8 +26,8 @@ def scenario_of(duration: float, *overrides: str, part=None):
 
 def by_hand(scenario, steps: int) -> list[np.ndarray]:
     """Returns the states at the ticks of a loop in Python around plant and controller."""
-    model = load_model(scenario)
-    ocp = make_ocp(scenario, model)
+    model = uv.load_model(scenario)
+    ocp = uv.make_ocp(scenario, model)
     uvms = make_simulated_uvms(scenario, scenario.disturbance, scenario.start.config)
     robot = Simulator(uvms)
     ApplySimulatorConfig(scenario.simulator, robot)
@@ -64,20 +61,20 @@ def by_hand(scenario, steps: int) -> list[np.ndarray]:
 def test_the_loop_is_that_of_a_computer_bit_for_bit():
     """Over two plans that the MPC makes anew, and into the wall."""
     scenario = scenario_of(0.625, "mpc.time_step=0.25", f"log_period={PERIOD}")
-    record = simulate(scenario)
+    record = uv.simulate(scenario)
     np.testing.assert_array_equal(record.state[:-1], by_hand(scenario, 40))
     assert record.force[-1, 0] > 0.0
 
 
 def test_the_law_runs_once_a_period_and_its_command_stays(monkeypatch):
-    asked, command = [], Resolved.command
+    asked, command = [], uv.Resolved.command
 
     def counted(self, *args):
         asked.append(1)
         return command(self, *args)
 
-    monkeypatch.setattr(Resolved, "command", counted)
-    record = simulate(scenario_of(0.4, "log_period=0.01", part=SampledCommand(0.02, 0.012)))
+    monkeypatch.setattr(uv.Resolved, "command", counted)
+    record = uv.simulate(scenario_of(0.4, "log_period=0.01", part=SampledCommand(0.02, 0.012)))
     # Every 10 ms, for the log and for the tick, and at 0.2 s again, after a plan is made.
     assert len(asked) == 41 + 1
     sampled, tau = record.signals["zoh_command"], record.tau

@@ -1,22 +1,41 @@
-"""Tests of `uvms_drake.certificate.assumptions`."""
+"""What a certificate assumes, and declared unknowns against Drake's plant."""
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from support.quick import FEW, search_less
 from support.scenarios import OF_A_STATION
 
+import uvms_drake as uv
 from uvms_drake.certificate.assumptions import (
     SCOPE,
-    Assumption,
     assumed_conditions,
     assumptions_of,
     scope_of,
     undriven_axes,
     unnamed_axes,
 )
-from uvms_drake.common.errors import ScenarioError
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.certificate.certify import basis_of
+from uvms_drake.certificate.declared_unknowns import (
+    HAND,
+    LEAST_WEIGHT,
+    RESERVED,
+    UnmodelledBounds,
+    declared_effects,
+    fitting_disturbance,
+    payload_acceleration,
+    payload_condition,
+    unknown_effects,
+    unknowns_condition,
+    weights_of,
+)
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.plant.waves import water_motion
+from uvms_drake.station.contact.tube_in_contact import force_bounds
+from uvms_drake.station.plant import make_simulated_uvms
+from uvms_drake.tube.unmodelled_dynamics import box, motions
 
 REAL = ("bluerov2_real_loop", "girona500_real_loop", "jacket_inspection_real")
 """Scenarios with thrusters, which are not certified."""
@@ -29,8 +48,8 @@ def unmet(scenario):
 
 @pytest.mark.parametrize("name", sorted(set(OF_A_STATION) - set(REAL)))
 def test_every_shipped_scenario_names_the_axes_that_its_robot_does_not_drive(name):
-    scenario = load_scenario(name)
-    model = load_model(scenario)
+    scenario = uv.load_scenario(name)
+    model = uv.load_model(scenario)
     assert unnamed_axes(scenario.actuation, model) == ()
     statement = scope_of(assumptions_of(scenario, model))["actuation"]
     assert ("NOT girona500_arm5e as it is, whose thrusters drive no roll" in statement) == (
@@ -39,8 +58,8 @@ def test_every_shipped_scenario_names_the_axes_that_its_robot_does_not_drive(nam
 
 @pytest.mark.parametrize("name", OF_A_STATION)
 def test_every_assumption_is_a_statement_with_a_guarantor(name):
-    scenario = load_scenario(name)
-    found = assumptions_of(scenario, load_model(scenario))
+    scenario = uv.load_scenario(name)
+    found = assumptions_of(scenario, uv.load_model(scenario))
     assert list(scope_of(found)) == list(SCOPE)
     assert all(item.statement and item.guaranteed_by for item in found)
     assert len({item.statement for item in found}) == len(found)
@@ -49,37 +68,180 @@ def test_every_assumption_is_a_statement_with_a_guarantor(name):
 def test_a_robot_with_undriven_axes_is_not_certified_unless_the_scenario_names_them():
     for override in ("actuation=[]", "actuation=[!IdealWrench {}]",
                      "actuation=[!IdealWrench {undriven: [sway]}]"):
-        scenario = load_scenario("girona500_ideal", [override])
+        scenario = uv.load_scenario("girona500_ideal", [override])
         (name,) = unmet(scenario)
         assert name.endswith("unnamed by an !IdealWrench: roll")
     (advice,) = [item.advice for item in assumed_conditions(scenario)
                  if not item.holds]
     assert advice.startswith("--set 'actuation=[!IdealWrench {undriven: [roll]}]'")
-    assert unmet(load_scenario("girona500_ideal")) == []
-    assert unmet(load_scenario("bluerov2_ideal", ["actuation=[]"])) == []
+    assert unmet(uv.load_scenario("girona500_ideal")) == []
+    assert unmet(uv.load_scenario("bluerov2_ideal", ["actuation=[]"])) == []
 
 
 def test_limits_of_thrusters_are_no_wrench_on_an_undriven_axis():
-    scenario = load_scenario("girona500_ideal", ["limits.thrusters=[1]", "actuation=[]"])
-    assert undriven_axes(load_model(scenario)) == ("roll",)
+    scenario = uv.load_scenario("girona500_ideal", ["limits.thrusters=[1]", "actuation=[]"])
+    assert undriven_axes(uv.load_model(scenario)) == ("roll",)
     assert unmet(scenario)
 
 
-@pytest.mark.parametrize("actuation", [
-    "[!IdealWrench {}, !SampledCommand {}]", "[!Thrusters {}, !IdealWrench {}]",
-    "[!IdealWrench {undriven: [up]}]"])
-def test_an_ideal_wrench_is_the_last_part_on_axes_that_exist(actuation):
-    with pytest.raises(ScenarioError, match=r"actuation\[\d\]"):
-        load_scenario("girona500_ideal", [f"actuation={actuation}"])
-
-
 def test_clock_lag_and_dead_time_are_in_the_statement_of_the_wrench():
-    scenario = load_scenario("girona500_real_loop")
-    found = scope_of(assumptions_of(scenario, load_model(scenario)))
+    scenario = uv.load_scenario("girona500_real_loop")
+    found = scope_of(assumptions_of(scenario, uv.load_model(scenario)))
     assert "the thrusters of girona500_arm5e as its files have them" in found["actuation"]
     assert "at the ticks of the clock" in found["sensing"]
 
 
-def test_the_first_of_several_statements_is_the_scope():
-    first = Assumption("surface", "a", "operator")
-    assert scope_of([first, replace(first, statement="b")]) == {"surface": "a"}
+NAME = "girona500_contact"
+RUNS = 40
+"""Number of random motions."""
+FAR = "surface.geometry.point=[100, 0, 0]"
+WEIGHTS = np.repeat([0.1, 0.2, 1.0], [3, 3, 4])
+RADII = TubeRadii(
+    e=0.01, position=0.002, orientation=0.007, joints=0.004, z=0.17, nu1=0.008, nu2=0.01,
+    qdot=0.169, tip_speed=0.095, roll=0.001, pitch=0.001,
+    u=np.array([0.66, 0.64, 0.57, 0.56, 0.62, 0.58, 12.1, 13.5, 18.7, 10.7]))
+TOGETHER = ["model_error.mass=1.05", "model_error.drag=0.8", "current=[0.05, -0.06, 0.03]",
+            "model_error.joint_friction.coulomb=[0.05]",
+            "waves=[{amplitude: 0.05, period: 5.0, depth: 3.0, direction: 1.0}]"]
+CASES = {name: [override] for name, override in (
+    ("mass", TOGETHER[0]), ("drag", TOGETHER[1]), ("current", TOGETHER[2]),
+    ("friction", TOGETHER[3]), ("waves", TOGETHER[4]),
+    ("buoyancy", "model_error.buoyancy_shift=[0.01, 0, 0.005]"))} | {"all": TOGETHER}
+
+
+@pytest.fixture(scope="module")
+def basis():
+    with pytest.MonkeyPatch.context() as patch:
+        search_less(patch)
+        scenario = uv.load_scenario(NAME, FEW)
+        return replace(basis_of(scenario, uv.load_model(scenario)), weights=WEIGHTS)
+
+
+def bounds_in(scenario, basis):
+    return UnmodelledBounds(scenario.model, basis, RADII, scenario.seed)
+
+
+def effects_of(scenario, basis):
+    return unknown_effects(scenario.unknowns, bounds_in(scenario, basis),
+                           weights_of(scenario.disturbance, basis))
+
+
+def condition_of(scenario, basis, effects):
+    return unknowns_condition(
+        scenario.disturbance, scenario.unknowns, bounds_in(scenario, basis), effects)
+
+
+@pytest.mark.parametrize("name", [name if name in ("mass", "current") else pytest.param(
+    name, marks=pytest.mark.slow) for name in CASES])
+def test_no_motion_of_the_plant_is_off_by_more_than_the_sum(name, basis):
+    """ζ̇ of the simulated robot in its water, less ζ̇_c, at random motions and rates."""
+    scenario = uv.load_scenario(NAME, [*FEW, FAR, *CASES[name]])
+    effects = effects_of(scenario, basis)
+    total = sum(each.takes for each in effects)
+    each = sum(np.array(effect.each) for effect in effects)
+    rate = bounds_in(scenario, basis).rate
+    # Random motions of the set, many on its faces.
+    rng, (lower, upper) = np.random.default_rng(5), box(basis.model, basis.declared)
+    unit = np.clip(rng.uniform(-0.3, 1.3, (RUNS, len(lower))), 0.0, 1.0)
+    at = motions(lower + unit * (upper - lower), basis.model, basis.declared)
+    asked = rate(at) * rng.choice([-1.0, 1.0], (RUNS, 10))
+    plant = make_simulated_uvms(scenario, ConstantDisturbance())
+    context, off = plant.CreateDefaultContext(), np.empty((RUNS, 10))
+    for i, time in enumerate(rng.uniform(0.0, 5.0, RUNS)):
+        uv.set_state(plant, context, np.concatenate([at.config[i], at.zeta[i]]))
+        tau = basis.model.inverse_dynamics(
+            at.kinematics.at(i), at.zeta[i], asked[i], np.zeros(6))
+        for port, value in zip(("tau", "current", "current_acceleration"),
+                               (tau, *water_motion(scenario.current, scenario.waves, time)),
+                               strict=True):
+            plant.GetInputPort(port).FixValue(context, value)
+        off[i] = plant.GetOutputPort("acceleration").Eval(context) - asked[i]
+    norm = np.linalg.norm(off / WEIGHTS, axis=1)
+    assert np.max(norm) <= total
+    assert np.all(np.max(np.abs(off), axis=0) <= each + 1e-9)
+    assert np.max(norm) > 0.2 * total
+
+
+def test_nothing_declared_takes_nothing(basis):
+    scenario = uv.load_scenario(NAME, FEW)
+    assert not scenario.unknowns.present
+    assert effects_of(scenario, basis) == ()
+
+
+def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basis):
+    scenario = uv.load_scenario(NAME, [*FEW, "model_error.drag=1.02", "current=[0.005, 0, 0]"])
+    effects = effects_of(scenario, basis)
+    assert [each.name for each in effects] == ["drag off by 0.02", "a current of 0.005 m/s"]
+    failed = condition_of(scenario, basis, effects)
+    total = sum(each.takes for each in effects)
+    assert (failed.left, failed.right, failed.holds) == (total, 0.0, False)
+    assert f"a current of 0.005 m/s: {effects[1].takes:.3g}" in failed.name
+    bound = float(2.0 * total)
+    wide = replace(scenario, disturbance=replace(scenario.disturbance, bound=bound))
+    failed = condition_of(wide, basis, effects)
+    assert failed.advice.startswith("--set model_error.share=0.5")
+    shared = replace(wide, model_error=replace(wide.model_error, share=0.51))
+    assert condition_of(shared, basis, effects).holds
+    narrow = replace(wide, disturbance=replace(wide.disturbance, bound=0.5 * total))
+    fitted = fitting_disturbance(narrow.disturbance, narrow.unknowns, bounds_in(narrow, basis))
+    advice = condition_of(narrow, basis, effects).advice
+    assert advice.startswith(f"--set disturbance.bound={fitted.bound:g} --set disturbance.weights=")
+    assert advice.endswith("--set model_error.share=0.95")
+
+
+@pytest.mark.parametrize("name", ["current", "friction"])
+def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):
+    scenario = uv.load_scenario(NAME, [*FEW, *CASES[name]])
+    given = fitting_disturbance(
+        scenario.disturbance, scenario.unknowns, bounds_in(scenario, basis))
+    fitted = replace(scenario, disturbance=given, model_error=replace(
+        scenario.model_error, share=RESERVED))
+    (effect,) = effects_of(fitted, replace(basis, weights=given.weights))
+    assert condition_of(fitted, basis, [effect]).holds
+    assert RESERVED * given.bound < 1.01 * effect.takes
+    assert np.max(given.weights) == 1.0
+    # No component of the ellipsoid is much larger than it has to be.
+    proportion = np.array(effect.each) / (given.weights * given.bound)
+    assert np.all(proportion[given.weights > LEAST_WEIGHT] > 0.2)
+    assert np.all(proportion <= 1.0)
+    assert type(given) is type(scenario.disturbance)
+
+
+def test_a_second_search_does_not_refute_the_first(basis):
+    for override in (CASES["mass"], CASES["current"]):
+        (effect,) = effects_of(uv.load_scenario(NAME, [*FEW, *override]), basis)
+        assert 0.3 * effect.takes < effect.second <= effect.takes
+
+
+def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis):
+    scenario = uv.load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1"])
+    effects = effects_of(scenario, basis)
+    bounds = bounds_in(scenario, basis)
+    found = payload_acceleration(scenario, bounds, effects)
+    assert 0.5 * found.claim < found.second <= found.claim
+    failed = payload_condition(scenario.model_error.payload.acceleration, found)
+    assert failed.advice.startswith("--set model_error.payload.acceleration=")
+    allowed = uv.load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1",
+                                   failed.advice.removeprefix("--set ")])
+    assert payload_condition(allowed.model_error.payload.acceleration, found).holds
+    # The change of its weight and inertia since the tare.
+    plain, heavy = (force_bounds(each) for each in (
+        uv.load_scenario(NAME, FEW), allowed))
+    most = 9.81 + allowed.model_error.payload.acceleration
+    assert heavy.error - plain.error == pytest.approx(2.0 * 0.1 * most)
+    nothing = uv.load_scenario(NAME, FEW)
+    assert payload_acceleration(nothing, bounds, ()) is None
+    (effect,), estimates, conditions = declared_effects(allowed, basis, RADII)
+    assert [each.name for each in estimates] == [f"d by {effect.name}", HAND]
+    assert [each.topic for each in conditions] == ["declared unknowns", "model_error"]
+
+
+@pytest.mark.parametrize(("overrides", "names"), [
+    (["current=[0.1, 0, 0]", "model_error.mass=1.1"], []),
+    (["current=[0.1, 0, 0]", "actuation=[!SampledCommand {}, !IdealWrench {undriven: [roll]}]"],
+     ["current", "actuation[0]"]),
+    (["model_error.payload.mass=0.1"], [])])
+def test_what_no_theorem_counts_is_named(overrides, names):
+    scenario = uv.load_scenario(NAME, overrides)
+    found = assumed_conditions(scenario)
+    assert [item.name.partition(",")[0] for item in found if not item.holds] == names

@@ -1,12 +1,16 @@
-"""The file of certificates of both kinds: it comes back whole, and what has changed is found."""
+"""Certificates: their file comes back whole, what has changed is found, and their words."""
 
 import json
-from dataclasses import replace
+import re
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from support.probability import NAME, made
+from support.snapshot import check_snapshot
 
+import uvms_drake as uv
+from uvms_drake.certificate.assumptions import assumed_conditions, assumptions_of
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     Certificate,
@@ -20,36 +24,37 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.certificate.claims import TerminalResult
 from uvms_drake.certificate.declared_unknowns import UnknownEffect
+from uvms_drake.certificate.text import (
+    HELP,
+    format_overview,
+    format_probability,
+    help_for,
+    largest_force,
+    sentences,
+    tightest_limit,
+)
 from uvms_drake.command.certificates import sound
-from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.contact.mission_legs import Leg
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.conditions import Condition, assumption
+from uvms_drake.tube.constants import QUANTITIES, Constant
+from uvms_drake.tube.contact.tip_motion import JERK
 from uvms_drake.tube.estimates import Estimate
+from uvms_drake.tube.law_tube import WEIGHTED
+from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario("girona500_ideal")
+    return uv.load_scenario("girona500_ideal")
 
 
 @pytest.fixture(scope="module")
-def certificate(scenario) -> Certificate:
-    hold = HoldRadii(1.3, 4e-4, 6e-4, 0.016, 0.0025, 2.1, 0.03)
-    return Certificate(
-        scenario="girona500_ideal", law="resolved", k=20.0, sigma=5.0, d_bound=0.1,
-        weights=np.linspace(0.1, 1.0, 10),
-        constants=(Constant("J_max", 2.5, "estimated", 100, 2.3),),
-        conditions=(Condition("a", 1.0, ">", 0.0, theorem="t"),
-                    Condition("b", 2.0, "<=", 2.0, theorem="t", kind="tightening", proven=True)),
-        tube=TubeRadii(e=0.003, z=0.02, u=np.full(10, 0.1), tau=np.full(10, np.inf), hold=hold),
-        unknowns=(UnknownEffect("mass", (0.1, 0.2), 0.3, np.nan),),
-        budget={"depth": {"noise": 1e-3}}, margin={"depth": np.inf},
-        legs=(Leg("Hold", 10.0, 8.5, 5.0, 60.0, "", 3.25), Leg("Slide", 12.0, None, 1.0, 2.0, "")),
-        terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
-        estimates=(Estimate("ω", 1.1, 0.9),), bounds={"force": np.inf}, **fingerprint(scenario))
+def certificate(scenario, contact) -> Certificate:
+    found = full(contact)
+    return replace(
+        found, bounds={"force": np.inf}, margin={"depth": np.inf}, **fingerprint(scenario),
+        tube=replace(found.tube, tau=np.full(10, np.inf), likely_hold=None))
 
 
 def test_a_certificate_of_each_kind_survives_its_file(certificate, scenario, tmp_path):
@@ -79,7 +84,7 @@ def test_a_certificate_of_each_kind_survives_its_file(certificate, scenario, tmp
 def test_a_changed_file_is_refused_in_a_line(change, said, certificate, tmp_path):
     path = tmp_path / CERTIFICATE_FILE
     path.write_text(json.dumps(change(to_data(certificate))))
-    with pytest.raises(RunFailed, match=said) as caught:
+    with pytest.raises(uv.RunFailed, match=said) as caught:
         read_certificate(path)
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
 
@@ -90,7 +95,7 @@ def test_a_file_of_another_version_is_refused_with_the_reason(
     monkeypatch.setattr("uvms_drake.certificate.certificate.FORMAT", 1)
     write_certificate(certificate, tmp_path)
     monkeypatch.undo()
-    with pytest.raises(RunFailed, match="in the format of another version of uvms_drake; make"):
+    with pytest.raises(uv.RunFailed, match="in the format of another version of uvms_drake; make"):
         read_certificate(tmp_path / CERTIFICATE_FILE)
 
 
@@ -104,7 +109,7 @@ def test_a_file_of_another_version_is_refused_with_the_reason(
     ("mpc.horizon=16", True), ("start.eta.0=-1.36", True), ("certificate.seed=1", True)])
 def test_a_certificate_is_stale_exactly_if_something_it_depends_on_has_changed(
         certificate, override, stale):
-    other = load_scenario("girona500_ideal", [override])
+    other = uv.load_scenario("girona500_ideal", [override])
     assert (stale_reason(certificate, other) is not None) == stale
 
 
@@ -115,7 +120,7 @@ def test_a_certificate_is_stale_exactly_if_something_it_depends_on_has_changed(
     ("disturbance.bound=0.01", "the scenario"),
     ("faults=[!SolverFailure {probability: 1.0}]", "the scenario")])
 def test_one_in_probability_is_of_the_whole_scenario(change, reason):
-    assert stale_reason(made(), load_scenario(NAME, [change])) == reason
+    assert stale_reason(made(), uv.load_scenario(NAME, [change])) == reason
 
 
 def test_another_robot_or_program_makes_it_stale(certificate, scenario):
@@ -125,7 +130,7 @@ def test_another_robot_or_program_makes_it_stale(certificate, scenario):
     assert stale_reason(replace(certificate, files=files), scenario) == "a file of the robot"
     versions = {"uvms_drake": "0", "drake": "0"}
     assert stale_reason(replace(certificate, versions=versions), scenario) == "a version"
-    assert stale_reason(made(source="another"), load_scenario(NAME)) == "this package"
+    assert stale_reason(made(source="another"), uv.load_scenario(NAME)) == "this package"
     assert "source" in probability_fingerprint(scenario)
 
 
@@ -139,7 +144,7 @@ def test_a_certificate_holds_if_every_condition_does(certificate):
     assert not replace(certificate, conditions=()).certified
     none = made((0, 1), runs=2, p=1.0)
     assert not none.certified
-    with pytest.raises(RunFailed, match=f"^{NAME}: not certified in probability: every run failed"):
+    with pytest.raises(uv.RunFailed, match="not certified in probability: every run failed"):
         sound(none, NAME)
 
 
@@ -149,3 +154,155 @@ def test_a_certificate_puts_its_tube_and_terminal_set_into_the_scenario(certific
     assert applied.mpc.terminal_radius == 0.5
     assert scenario.mpc.terminal_radius != 0.5
     assert made().applied_to(scenario) is scenario
+
+
+def tightened(label: str, radius: float, limit: float, *, proven: bool = False) -> Condition:
+    """Returns the condition that the tube leaves something of a limit."""
+    return Condition(f"tube in limits.{label}", radius, "<", limit, theorem="t", kind="tightening",
+                     topic="limits.u" if label[0] == "u" else "", about=label, proven=proven)
+
+
+HOLDS = Certificate(
+    scenario="girona500_contact", law="resolved", k=50.0, sigma=50.0, d_bound=0.1,
+    bounds={"position": 0.002041, "orientation": 0.007, "force": 16.79},
+    estimates=(Estimate("ω", 1.0, 0.5), Estimate("u", 2.0, 1.8)),
+    conditions=(Condition("fine", 1.0, ">", 0.0, theorem="t"),
+                assumption("faults", "which the proofs do not cover", 0.0, theorem="t"),
+                tightened("q1", 0.01, 0.25, proven=True), tightened("u[2]", 0.56, 0.7),
+                tightened("nu1", 0.007, 0.15)))
+LEGS = (Leg("Approach", 10.0, None, 1.0, 60.0, ""), Leg("Hold", 12.0, 8.5, 5.0, 60.0, ""),
+        Leg("Slide", 10.0, 11.0, 25.0, 50.0, "mission.steps[2], how fast: 2 <= 1"))
+
+
+@pytest.fixture(scope="module")
+def contact():
+    return uv.load_scenario("girona500_contact")
+
+
+def full(contact) -> Certificate:
+    """Returns a certificate with something of everything."""
+    hold = HoldRadii(time=1.31, depth=4e-4, position=6e-4, advance=0.0156, standing=0.0025,
+                     reading=2.13, age=0.03)
+    numbers = [2.5] * (len(fields(TubeRadii)) - 4)  # But for those of u, of τ and of the holds.
+    return replace(
+        HOLDS, weights=np.linspace(0.1, 1.0, 10), legs=LEGS,
+        constants=tuple(Constant(name, 1.5, "estimated", 9, 1.25)
+                        for name in ("J_max", "Jx_max", *WEIGHTED.values())),
+        tube=TubeRadii(*numbers, u=np.array([0.5, 0.25]), tau=np.array([8.0]), hold=hold,
+                       likely_hold=hold),
+        unknowns=(UnknownEffect("drag off by 0.02", (0.1, 0.2), 0.3, 0.2),
+                  UnknownEffect("a current of 0.1 m/s", (0.2, 0.1), 0.4, 0.3)),
+        budget={"depth": {"noise": 1e-3, "d": 2e-3}, "joints": {"noise": 0.0, "d": 1e-3}},
+        margin={"depth": 0.01},
+        terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
+        bounds=HOLDS.bounds | {HOLD: 6.12, LIKELY: 4.95},
+        assumptions=assumptions_of(contact, uv.load_model(contact)))
+
+
+def failing() -> Certificate:
+    """Returns a certificate with conditions of every kind that do not hold."""
+    return replace(HOLDS, conditions=(
+        *HOLDS.conditions, tightened("u[1]", 0.5, 0.3),
+        Condition("first plan, distance to the terminal set", 2.0, "<=", 1.0,
+                  "--set mpc.horizon=23", theorem="t", topic="first plan to the terminal set"),
+        assumption("faults", "which the proofs do not cover", 2.0, theorem="t"),
+        Condition("unheard of", np.nan, "<=", 1.0, theorem="t")))
+
+
+def test_the_texts_of_certificates_are_as_they_were_read(contact):
+    check_snapshot("certificate", str(full(contact)))
+    check_snapshot("certificate_bare", str(HOLDS))
+    check_snapshot("certificate_short", format_overview(full(contact), contact, 27.31))
+    check_snapshot("certificate_failing", format_overview(failing(), contact))
+    check_snapshot("certificate_in_probability", "\n\n".join(map(format_probability, (
+        made(), made((2, 7, 9), p=0.123, mission="approach, slide"),
+        made((0, 1), runs=2, p=1.0)))))
+
+
+def test_the_numbers_of_the_short_text_are_those_of_the_certificate(contact):
+    rows = {line[:18].strip(): line[18:]
+            for line in format_overview(HOLDS, contact, 27.31).splitlines()}
+    assert rows["largest force"].startswith(
+        f"{contact.contact.force:.4g} N in motion, 36.79 N in a hold of 20 ± 16.8 N")
+    assert rows["end-effector"] == "within 2.04 mm and 7 mrad of the plan"
+    assert rows["tightest limit"] == "u[2]: the tube takes 80 %, 0.14 of 0.7 is left for the plan"
+    assert rows["proven"] == "1 of the 3 numbers that tighten limits; 2 estimated"
+    assert rows["computed in"] == "27.3 s"
+    assert tightest_limit(HOLDS).name == "tube in limits.u[2]"
+    assert tightest_limit(replace(HOLDS, conditions=())) is None
+
+
+def test_the_force_is_limited_by_what_the_scenario_limits_and_held_by_the_hardest_step(contact):
+    known = uv.load_scenario("girona500_ideal")
+    assert largest_force(HOLDS, known).startswith(f"{known.limits.static_force:.4g} N in motion")
+    assert largest_force(replace(HOLDS, bounds={}), known) == ""
+    stood = replace(HOLDS, bounds=HOLDS.bounds | {HOLD: 3.25})
+    assert " 23.25 N in a hold of 20 ± 3.25 N" in largest_force(stood, contact)
+    assert " 21 N in a hold of 10 ± 11 N" in largest_force(replace(HOLDS, legs=LEGS), contact)
+    steady = (*LEGS[:2], replace(LEGS[2], hold_band=2.0))
+    assert " 20.5 N in a hold of 12 ± 8.5 N" in largest_force(replace(HOLDS, legs=steady), contact)
+
+
+def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
+    assert HOLDS.verdict == (
+        "certified: all 5 conditions hold; of the 3 numbers that tighten limits 1 are proven, 2 "
+        "estimated (a second search found up to 90% of the claims)")
+    felt = replace(HOLDS, estimates=(Estimate(JERK, 1.0, 0.9),))
+    assert " 1 are proven, given the jerk of the tip, 2 estimated" in felt.verdict
+    assert failing().verdict.startswith(
+        "not certified: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
+    assert str(failing()).count("DOES NOT HOLD") == 4
+
+
+def test_the_force_is_said_with_both_bands_where_there_are_two(contact):
+    said = "the force is off by less than 16.8 N once the plan is at the task"
+    assert HOLDS.force_sentence == said
+    assert full(contact).force_sentence == (
+        f"{said}, and by less than 6.12 N in a hold, from 1.3 s after the plan stands")
+    assert replace(HOLDS, bounds={}).force_sentence == ""
+
+
+@pytest.mark.parametrize(("override", "line"), [
+    ("faults=[!StuckJoint {}]", "not certified: faults, which the proofs do not cover; what would "
+                                "help: no faults but those of the solver"),
+    ("surface_error.stiffness=1.25", "not certified: surface_error, which the controller does not "
+                                     "know: 0.25 <= 0 does not hold by 0.25; what would help: ")])
+def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
+    given_up = uv.load_scenario("girona500_ideal", [override])
+    assert replace(HOLDS, conditions=tuple(assumed_conditions(given_up))).verdict.startswith(line)
+
+
+def test_every_topic_of_a_condition_has_its_advice():
+    for topic, advice in HELP.items():
+        assert help_for(Condition("...", 1.0, "<", 0.0, theorem="t", topic=topic)).endswith(advice)
+    assert help_for(tightened("q1", 1.0, 0.0)).endswith(HELP["tightening"])
+    for name in ("girona500_contact", "girona500_real_loop"):
+        for condition in assumed_conditions(uv.load_scenario(name)):
+            assert condition.topic in HELP or condition.about in (
+                "axes that the robot's thrusters do not drive", "contact.tangential_lag")
+
+
+def test_every_constant_and_radius_has_a_unit(contact):
+    constants = tuple(Constant(name, 1.5, "estimated", 9, 1.25)
+                      for name in (*QUANTITIES, *WEIGHTED.values()))
+    text = str(replace(full(contact), constants=constants))
+    for name, unit in (("J_max", "-"), ("Jx_W_max", "-"), ("J_dot_max", "1/s")):
+        assert re.search(rf"^  {name} +1[.]5 {unit} +estimated, 9 samples", text, re.MULTILINE)
+    for name, unit in (("e", "m, rad"), ("nu2", "rad/s"), ("roll", "rad"), ("z", "m/s, rad/s")):
+        assert re.search(rf"^  {name} +2[.]5 {unit}$", text, re.MULTILINE)
+
+
+def test_every_part_in_probability_is_one_sentence_and_no_word_claims_more():
+    assert made().verdict == (
+        "certified in probability: at most 4.87 % per run at 95 % confidence, for the declared "
+        "distribution")
+    assert made(mission="approach").verdict.endswith("distribution of the mission approach")
+    for certificate in (made(), made((2, 7, 9), p=0.123)):
+        text = format_probability(certificate)
+        assert "proven" not in text
+        assert text.count("certified") == text.count("certified in probability") == 1
+        for sentence in sentences(certificate):
+            assert sentence.endswith(".") and sentence.count(". ") == 0
+    count, bound, *_ = sentences(made((2, 7, 9), p=0.123))
+    assert count == "3 of 60 runs failed (2, 7, 9): 3 left the declared tube."
+    assert "at most 12.3 %, unless these 60 runs were an event of probability 5 % or less" in bound

@@ -8,28 +8,21 @@ from support.laws import PAPER
 from support.quick import FEW, search_less
 from support.terminal_checks import check_terminal
 
+import uvms_drake as uv
 from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.certificate.certificate import Certificate, to_data
 from uvms_drake.certificate.certify import STAGES, certified_once, certify
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.surface.law import Surface
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.report.robot.robot_sheet import largest_wrench
-from uvms_drake.report.summary import summarise
-from uvms_drake.station.problem import load_model, make_ocp
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def scenario() -> Scenario:
-    return load_scenario("girona500_ideal")
+def scenario() -> uv.Scenario:
+    return uv.load_scenario("girona500_ideal")
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +34,7 @@ def by_few(*overrides: str) -> Certificate:
     """Returns the certificate of the ideal scenario, changed, by few searches."""
     with pytest.MonkeyPatch.context() as patch:
         search_less(patch)
-        return certified_once(load_scenario("girona500_ideal", [*FEW, *overrides]))
+        return certified_once(uv.load_scenario("girona500_ideal", [*FEW, *overrides]))
 
 
 def test_the_ideal_scenario_is_certified_with_gains_that_a_vehicle_can_run(certificate):
@@ -69,7 +62,7 @@ def test_the_radii_are_those_of_the_cascade(certificate):
 
 
 def test_the_certified_terminal_set_passes_a_fresh_check(certificate, scenario):
-    check = check_terminal(make_ocp(certificate.applied_to(scenario)),
+    check = check_terminal(uv.make_ocp(certificate.applied_to(scenario)),
                            certificate.terminal.radius, samples=10_000, seed=77)
     assert check.holds, check.failures
 
@@ -77,7 +70,7 @@ def test_the_certified_terminal_set_passes_a_fresh_check(certificate, scenario):
 def test_the_force_bound_is_reached_by_some_state_in_the_tube_and_exceeded_by_none(
         certificate, scenario):
     rng = np.random.default_rng(0)
-    ocp = make_ocp(certificate.applied_to(scenario))
+    ocp = uv.make_ocp(certificate.applied_to(scenario))
     surface, r = ocp.model.surface, certificate.tube.position
     offset = rng.normal(size=(2000, 3))
     offset[0] = surface.normal
@@ -97,7 +90,7 @@ def test_the_force_bound_is_reached_by_some_state_in_the_tube_and_exceeded_by_no
 def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypatch):
     monkeypatch.setattr("uvms_drake.certificate.certify.certify",
                         lambda *_: pytest.fail("computed"))
-    again = certified_once(load_scenario("girona500_ideal", ["seed=5", "duration=3"]),
+    again = certified_once(uv.load_scenario("girona500_ideal", ["seed=5", "duration=3"]),
                            progress=lambda *_: pytest.fail("announced"))
     assert to_data(again) == to_data(certificate)
 
@@ -107,7 +100,7 @@ def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
         scenario, certificate, monkeypatch, tmp_path):
     search_less(monkeypatch)
     stages = []
-    few = load_scenario("girona500_ideal", FEW)
+    few = uv.load_scenario("girona500_ideal", FEW)
     certify(few, progress=lambda what, done: stages.append((what, done)))
     assert [what for what, _ in stages] == [
         f"{i} of {len(STAGES)}: {what}" for i, what in enumerate(STAGES, 1)]
@@ -153,7 +146,7 @@ def test_a_claim_that_a_second_search_beats_failings_the_certificate(monkeypatch
     search_less(monkeypatch)
     monkeypatch.setattr("uvms_drake.tube.search.second_search.second_search",
                         lambda problem, wanted, rng: np.full(len(wanted), 9.0))
-    failing = certify(load_scenario("girona500_ideal", FEW))
+    failing = certify(uv.load_scenario("girona500_ideal", FEW))
     assert failing.failed.name.startswith("estimates, second search over claim (remainder of ν")
     assert "what would help: a larger certificate.safety_factor" in failing.verdict
     assert [each.proven for each in failing.tightening].count(True) == 9  # No speed and no input.
@@ -161,12 +154,12 @@ def test_a_claim_that_a_second_search_beats_failings_the_certificate(monkeypatch
 
 
 def test_a_certificate_of_forces_needs_a_limit_on_them():
-    with pytest.raises(InvalidParameter, match=r"limits\.static_force = None: must be a number"):
-        certify(load_scenario("girona500_ideal", ["limits.static_force=null"]))
+    with pytest.raises(uv.InvalidParameter, match=r"limits\.static_force = None: must be a number"):
+        certify(uv.load_scenario("girona500_ideal", ["limits.static_force=null"]))
 
 
 def test_a_surface_that_does_not_limit_its_force_is_a_failed_condition():
-    scenario = load_scenario("girona500_ideal", [
+    scenario = uv.load_scenario("girona500_ideal", [
         "limits.static_force=null", "surface=!ShapedSurface {}", "task.force=[10, 0, 0, 0, 0, 0]"])
     failed = certify(scenario).failed
     assert "certificate of the surface ShapedSurface" in str(failed)
@@ -174,8 +167,8 @@ def test_a_surface_that_does_not_limit_its_force_is_a_failed_condition():
 
 
 def test_other_ways_to_give_up_the_theory_are_conditions_too(scenario):
-    model = load_model(scenario)
-    broken = {override: [item.name for item in assumed_conditions(load_scenario(
+    model = uv.load_model(scenario)
+    broken = {override: [item.name for item in assumed_conditions(uv.load_scenario(
         "girona500_ideal", [override]), model) if not item.holds] for override in (
             f"mpc.terminal_weight={[1.0] * 20}",
             "surface_error.stiffness=1.01", "surface_error.turn=[0, 0, 0.01]", "seed=1")}
@@ -197,7 +190,7 @@ def test_the_numbers_of_the_ideal_scenario_are_those_of_the_readme(certificate):
 
 @pytest.mark.long
 def test_the_bilateral_scenario_is_certified():
-    certificate = certify(load_scenario("girona500_bilateral"))
+    certificate = certify(uv.load_scenario("girona500_bilateral"))
     assert certificate.certified, certificate.verdict
 
 
@@ -205,23 +198,23 @@ def test_the_bilateral_scenario_is_certified():
 def test_the_bluerov_is_certified_against_friction_at_its_light_joints(monkeypatch):
     """0.1 N m at every joint, 5 N on the hull, and forces that thrusters and joints can give."""
     search_less(monkeypatch)
-    scenario = load_scenario("bluerov2_ideal", [*FEW, "certificate.safety_factor=1.5"])
+    scenario = uv.load_scenario("bluerov2_ideal", [*FEW, "certificate.safety_factor=1.5"])
     certificate = certify(scenario)
     assert certificate.certified, certificate.verdict
     assert certificate.bounds["force"] <= 0.4
-    model = load_model(scenario)
+    model = uv.load_model(scenario)
     M = np.diag(model.mass_matrix(model.kinematics(
         np.concatenate([np.zeros(6), scenario.task.posture]))))
     forces = M * scenario.disturbance.bound * scenario.disturbance.weights
     assert np.all(forces >= [5.0] * 3 + [0.12] * 3 + [0.098] * 4)
-    thrusters = ThrusterModel.of(read_uvms(scenario.model).thrusters)
+    thrusters = ThrusterModel.of(uv.read_uvms(scenario.model).thrusters)
     for axis in range(6):
         assert scenario.limits.tau[axis] <= 0.6 * min(
             largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0))
 
 
 def test_a_springs_force_bound_is_that_of_its_stiffness(certificate):
-    scenario = load_scenario("girona500_bilateral")
+    scenario = uv.load_scenario("girona500_bilateral")
     bound = ultimate_bounds(certificate.tube, scenario.surface, *np.zeros((2, 6)))["force"]
     K, rng = np.asarray(scenario.surface.stiffness), np.random.default_rng(0)
     shift = rng.normal(size=(5000, 6))
@@ -267,9 +260,9 @@ def test_equal_weights_have_the_certificate_of_the_ball():
 
 
 def test_the_worst_of_the_ellipsoid_stays_in_the_certified_tube():
-    scenario = load_scenario("girona500_ideal", WEIGHTED)
-    record = simulate(by_few(*WEIGHTED).applied_to(scenario), certified=True)
-    summary = summarise(record)
+    scenario = uv.load_scenario("girona500_ideal", WEIGHTED)
+    record = uv.simulate(by_few(*WEIGHTED).applied_to(scenario), certified=True)
+    summary = uv.summarise(record)
     assert summary["disturbance"]["applied"] == pytest.approx(0.15)
     assert summary["disturbance"]["exceeded"] == 0
     assert summary["tube"]["exits"] == summary["tube"]["exits_along_the_run"] == 0
@@ -280,15 +273,15 @@ def test_the_worst_of_the_ellipsoid_stays_in_the_certified_tube():
 
 
 @dataclass
-class Puzzling(UnilateralPlane):
+class Puzzling(uv.UnilateralPlane):
     """A plane without a bound of the force that it may be touched with."""
 
-    contact_measure = Surface.contact_measure
-    contact_reach = Surface.contact_reach
+    contact_measure = uv.Surface.contact_measure
+    contact_reach = uv.Surface.contact_reach
 
 
 def test_a_surface_that_does_not_say_what_the_theory_needs_is_failing_and_says_so():
-    scenario = load_scenario("girona500_ideal", ["certificate.constant_samples=16"])
+    scenario = uv.load_scenario("girona500_ideal", ["certificate.constant_samples=16"])
     certificate = certify(replace(scenario, surface=Puzzling(**vars(scenario.surface))))
     assert not certificate.certified
     assert certificate.verdict == (

@@ -6,11 +6,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from uvms_drake.certificate.in_probability import (
-    binomial_tail,
-    failure_bound,
-    percent_above,
-)
+from uvms_drake.certificate.in_probability import binomial_tail, failure_bound, percent_above
 from uvms_drake.common.errors import InvalidParameter
 
 

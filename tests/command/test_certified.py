@@ -133,18 +133,6 @@ def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
     assert run_in(tmp_path / "out", *NOT_CERTIFIED, "--uncertified") == 0
 
 
-@pytest.mark.parametrize("args", [
-    ["girona500_contcat"], ["--set", "surface.stiffness=-1"],
-    ["--set", "certificate.terminal_samples=1e12"], ["--set", "task.force=[-5, 0, 0, 0, 0, 0]"]])
-def test_bad_input_is_refused_by_certify_too(args, capsys, tmp_path):
-    assert main(["certify", "girona500_ideal", *args, "--output", str(tmp_path / "out")]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("uvms-drake: error: ")
-    assert err.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 def test_what_a_certificate_does_not_depend_on_can_change(committed, capsys):
     assert run_in(committed, "--seed", "5", "--set", "task.force_tolerance=3",
                   "--set", "tube.e=0.1", "--set", "mpc.terminal_radius=0.1") == 0

@@ -6,7 +6,7 @@ from argparse import Namespace
 
 import pytest
 
-from uvms_drake.command.progress import LINES, Bar, alarms_above, stream_of
+from uvms_drake.command.progress import LINES, Bar, alarms_above, bar
 from uvms_drake.common.alarm import LOGGER, warn
 from uvms_drake.common.progress import part_of
 
@@ -76,9 +76,11 @@ def test_an_alarm_takes_the_place_of_the_bar_which_goes_on_below(caplog):
 
 
 def test_a_quiet_command_says_nothing(capsys):
-    Bar("certifying", stream_of(Namespace(quiet=True)))("tube", 0.5)
+    with bar(Namespace(quiet=True), "certifying") as progress:
+        progress("tube", 0.5)
     assert capsys.readouterr().err == ""
-    Bar("certifying", stream_of(Namespace(quiet=False)))("tube", 0.5)
+    with bar(Namespace(quiet=False), "certifying") as progress:
+        progress("tube", 0.5)
     assert capsys.readouterr().err == "certifying: tube, about 3 s left\n"
 
 

@@ -2,19 +2,9 @@
 
 import numpy as np
 import pytest
-from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import rate_matrix, rotation_matrix
-from uvms_drake.model.uvms import Uvms, add_uvms
-
-
-@pytest.fixture(scope="module")
-def uvms() -> Uvms:
-    plant = MultibodyPlant(time_step=0.0)
-    uvms = add_uvms(plant, "girona500_arm5e")
-    plant.Finalize()
-    return uvms
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
-from pydrake.multibody.plant import MultibodyPlant
 from support import dh
 
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.uvms import Uvms, add_uvms
+from uvms_drake.model.uvms import Uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 
 # Cylinders of the arm, typed again: radius, length, axis, centre in the body's frame [m].
@@ -21,18 +20,6 @@ CYLINDERS = {
 ARM = tuple(CYLINDERS)
 ARM_DENSITY = 10.0 / 7.244e-3  # kg/m³: mass over volume of the datasheet
 WATER = 1000.0  # kg/m³
-
-
-def _load() -> Uvms:
-    plant = MultibodyPlant(time_step=0.0)
-    uvms = add_uvms(plant, "girona500_arm5e")
-    plant.Finalize()
-    return uvms
-
-
-@pytest.fixture(scope="module")
-def uvms() -> Uvms:
-    return _load()
 
 
 def _context(uvms: Uvms, eta, q):

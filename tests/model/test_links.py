@@ -19,25 +19,6 @@ def motion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return rng.normal(size=(3, 5, 6)), rng.normal(size=(3, 5, 6)), rng.normal(size=(3, 5, 3))
 
 
-def test_the_steps_of_the_chain_are_those_of_the_plant(links, uvms):
-    plant = uvms.plant
-    context = plant.CreateDefaultContext()
-    frames = [uvms.vehicle.body_frame(),
-              *(joint.child_body().body_frame() for joint in uvms.joints[:-1]), uvms.tip]
-    angles = np.array([0.3, -0.4, 0.5, 0.6])
-    for joint, angle in zip(uvms.joints, angles, strict=True):
-        joint.set_angle(context, angle)
-    for i, joint in enumerate(uvms.joints):
-        step = links.step[0, i] + np.sin(angles[i]) * links.step[1, i] + np.cos(
-            angles[i]) * links.step[2, i]
-        expected = plant.CalcRelativeTransform(context, frames[i], frames[i + 1])
-        np.testing.assert_allclose(step, expected.GetAsMatrix4(), atol=1e-14)
-        X_LF = plant.CalcRelativeTransform(context, frames[i], joint.frame_on_parent())
-        np.testing.assert_allclose(
-            links.joint_axis[i, :3].T,
-            [X_LF.rotation() @ joint.revolute_axis(), X_LF.translation()], atol=1e-14)
-
-
 def test_welded_bodies_are_dragged_by_the_velocities_of_their_own_points(links, uvms):
     """The power that drag takes from a link is that of every point, its velocity from Drake."""
     plant, rng = uvms.plant, np.random.default_rng(2)

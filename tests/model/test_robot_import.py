@@ -184,28 +184,6 @@ def test_limits_beyond_half_a_turn_are_kept(robots):
     assert limits == [(0.03, 6.02), (-1.5, 1.5), (1.0, 5.7), (0.02, 6.26)]
 
 
-@pytest.mark.parametrize(("name", "arm", "fixed"), [
-    ("heavy_rov.urdf", "axis_g axis_f axis_e axis_d axis_c axis_b", "axis_a_left axis_a_right"),
-    ("light_rov.urdf", "alpha_joint_shoulder alpha_joint_upper_arm alpha_joint_forearm "
-     "alpha_joint_wrist", "thruster1_joint thruster8_joint camera_tilt alpha_rod_slide "
-     "alpha_jaw_l_joint alpha_jaw_r_joint"),
-    ("dummy_root.urdf", "shoulder_joint boom_joint stick_joint",
-     "dvl_joint sonar_joint skid_joint"),
-    ("plugins.sdf", "turret_joint boom_joint stick_joint", "thruster7_joint jaw_joint")])
-def test_what_is_beside_the_chain_is_fixed_and_listed(name, arm, fixed, robots):
-    assert [joint.name() for joint in robots[name].uvms.joints] == arm.split()
-    listed = [joint for line in notes_of(name).changed if line.startswith("fixed, ")
-              for joint in line.rsplit(": ", 1)[1].split(", ")]
-    for joint in fixed.split():
-        assert listed.count(joint) == 1, joint
-
-
-def test_a_dummy_root_is_left_out_and_told(robots):
-    lines = notes_of("dummy_root.urdf").changed
-    assert any(line.startswith("dummy root 'world'") for line in lines)
-    assert any("'base_footprint' has no mass" in line and "'hull'" in line for line in lines)
-
-
 def test_meshes_are_converted_or_give_way_to_boxes():
     imported = import_robot(FILES / "heavy_rov.urdf", "heavy")
     obj = imported.files["meshes/hull.stl.obj"].decode()

@@ -7,10 +7,9 @@ and moved, so that mistakes of frame cannot cancel; gravity turns with it.
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
-from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.multibody.plant import DiscreteContactApproximation
+from pydrake.systems.analysis import Simulator
+from support.tank import INERTIA, MASS, G, Tank, link, random_added_mass, robot
 
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
@@ -18,11 +17,8 @@ from uvms_drake.model.description.hydrodynamics_file import (
     Drag,
     HydrodynamicParameters,
 )
-from uvms_drake.plant.hydrodynamics import Hydrodynamics
 
-G = 9.81  # m/s²
-MASS, VOLUME, DENSITY = 3.2, 0.0024, 1025.0  # kg, m³, kg/m³
-INERTIA = (0.31, 0.27, 0.43)  # kg m²
+VOLUME, DENSITY = 0.0024, 1025.0  # m³, kg/m³
 
 
 @pytest.fixture(params=[
@@ -31,40 +27,6 @@ INERTIA = (0.31, 0.27, 0.43)  # kg m²
 ], ids=["upright", "turned and moved"])
 def X_WI(request):
     return request.param
-
-
-def link(name: str, mass: float = MASS, com=(0.0, 0.0, 0.0), parent="__model__",
-         pose="0 0 0 0 0 0") -> str:
-    ixx, iyy, izz = INERTIA
-    return f"""
-      <link name="{name}"><pose relative_to="{parent}">{pose}</pose>
-        <inertial><pose>{com[0]} {com[1]} {com[2]} 0 0 0</pose><mass>{mass}</mass>
-          <inertia><ixx>{ixx}</ixx><iyy>{iyy}</iyy><izz>{izz}</izz>
-                   <ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>"""
-
-
-def joint(name: str, parent: str, child: str, axis: str, damping: float) -> str:
-    return f"""
-      <joint name="{name}" type="revolute"><parent>{parent}</parent><child>{child}</child>
-        <axis><xyz>{axis}</xyz><limit><effort>7</effort></limit>
-          <dynamics><damping>{damping}</damping></dynamics></axis>
-        <drake:rotor_inertia>0.002</drake:rotor_inertia><drake:gear_ratio>11</drake:gear_ratio>
-      </joint>"""
-
-
-def robot(damping: float = 0.0) -> str:
-    """A vehicle with an arm of two joints that are neither parallel nor orthogonal."""
-    return (
-        link("vehicle", 7.3, (0.03, -0.02, 0.06))
-        + link("upper", 1.9, (0.11, 0.02, -0.01), "vehicle", "0.4 0.1 0.2 0.1 0.3 -0.5")
-        + link("lower", 1.1, (0.17, -0.03, 0.0), "upper", "0.35 0 0.05 -0.4 0.2 0.1")
-        + joint("shoulder", "vehicle", "upper", "0 0.6 0.8", damping)
-        + joint("elbow", "upper", "lower", "0 1 0", 0.7 * damping))
-
-
-def random_added_mass(seed: int) -> np.ndarray:
-    A = np.random.default_rng(seed).normal(size=(6, 6))
-    return A @ A.T + np.diag([2.0, 5.0, 7.0, 0.2, 0.4, 0.3])
 
 
 def robot_water(drag: bool = True, buoyancy: bool = True) -> HydrodynamicParameters:
@@ -77,106 +39,6 @@ def robot_water(drag: bool = True, buoyancy: bool = True) -> HydrodynamicParamet
             drag=[Drag(random.uniform(1, 3, 6), random.uniform(1, 3, 6),
                        random.normal(scale=0.2, size=3)) for _ in range(2) if drag])
         for i, name in enumerate(("vehicle", "lower", "upper"))})
-
-
-class Tank:
-    """One robot under water, in a Diagram of its own."""
-
-    def __init__(self, X_WI, parameters, model=None, *, time_step=0.0, gravity=G, solver=None):
-        self.X_WI = X_WI
-        builder = DiagramBuilder()
-        self.plant = builder.AddNamedSystem("plant", MultibodyPlant(time_step))
-        Parser(self.plant).AddModelsFromString(
-            f"""<sdf version="1.9" xmlns:drake="drake.mit.edu"><model name="robot">
-                {model or link("vehicle")}</model></sdf>""", "sdf")
-        self.plant.mutable_gravity_field().set_gravity_vector(
-            X_WI.rotation() @ np.array([0.0, 0.0, gravity]))
-        if solver is not None:
-            self.plant.set_discrete_contact_approximation(solver)
-        self.plant.Finalize()
-        self.water = Hydrodynamics.AddToBuilder(builder, self.plant, parameters)
-        self.diagram = builder.Build()
-        self.context = self.diagram.CreateDefaultContext()
-        self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
-        self.nv = self.plant.num_velocities()
-
-    def set(self, nu, X_IB=None, q=(), q_dot=()):
-        """Sets the body-axes velocity ν = (v, ω) of the vehicle, its pose in I, and the joints."""
-        X_WB = self.X_WI @ (X_IB or RigidTransform())
-        R = X_WB.rotation().matrix()
-        nu = np.asarray(nu, dtype=float)
-        self.plant.SetPositionsAndVelocities(self.plant_context, np.concatenate([
-            X_WB.rotation().ToQuaternion().wxyz(), X_WB.translation(), q,
-            R @ nu[3:], R @ nu[:3], q_dot]))
-
-    def fix(self, port, value):
-        self.water.GetInputPort(port).FixValue(
-            self.water.GetMyMutableContextFromRoot(self.context), value)
-
-    def fix_current(self, current_I):
-        self.fix("current", self.X_WI.rotation() @ np.asarray(current_I))
-
-    def fix_force(self, f_B):
-        """Applies a force and moment (6,) in vehicle axes about its origin."""
-        R = self.pose_W().rotation().matrix()
-        tau = np.zeros(self.nv)
-        tau[:6] = np.concatenate([R @ f_B[3:], R @ f_B[:3]])
-        self.fix("generalized_force", tau)
-
-    def pose_W(self):
-        return self.plant.GetBodyByName("vehicle").EvalPoseInWorld(self.plant_context)
-
-    def v_dot(self):
-        """Returns the plant's acceleration: v̇, or (v⁺ − v)/h of a discrete plant."""
-        if self.plant.time_step() == 0.0:
-            return self.diagram.EvalTimeDerivatives(self.context).CopyToVector()[-self.nv:]
-        h = self.plant.time_step()
-        simulator = Simulator(self.diagram, self.context.Clone())
-        simulator.AdvanceTo(0.5 * h)  # The step from 0 to h is taken at 0.
-        after = self.plant.GetMyContextFromRoot(simulator.get_context())
-        return (self.plant.GetVelocities(after) - self.plant.GetVelocities(self.plant_context)) / h
-
-    def solved(self):
-        return self.water.GetOutputPort("acceleration").Eval(
-            self.water.GetMyContextFromRoot(self.context))
-
-    def nu(self):
-        v = self.plant.GetVelocities(self.plant_context)
-        R = self.pose_W().rotation().matrix()
-        return np.concatenate([v[3:6] @ R, v[:3] @ R])
-
-    def nu_dot(self):
-        """Returns ν̇ of the vehicle: body-axes derivative of body-axes components."""
-        v_dot, nu, R = self.v_dot(), self.nu(), self.pose_W().rotation().matrix()
-        return np.concatenate([v_dot[3:6] @ R - np.cross(nu[3:], nu[:3]), v_dot[:3] @ R])
-
-    def simulate(self, duration, accuracy=1e-10):
-        simulator = Simulator(self.diagram, self.context)
-        ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1)
-        simulator.get_mutable_integrator().set_target_accuracy(accuracy)
-        simulator.AdvanceTo(duration)
-
-    def kinetic_energy(self, parameters):
-        energy = self.plant.CalcKineticEnergy(self.plant_context)
-        for name, body in parameters.bodies.items():
-            frame = self.plant.GetFrameByName(name)
-            X_WB = frame.CalcPoseInWorld(self.plant_context)
-            V = frame.CalcSpatialVelocityInWorld(self.plant_context)
-            R = X_WB.rotation().matrix()
-            for item in body.added_mass:
-                v_P = V.translational() + np.cross(V.rotational(), R @ item.point)
-                nu_P = np.concatenate([v_P @ R, V.rotational() @ R])
-                energy += 0.5 * nu_P @ item.matrix @ nu_P
-        return energy
-
-    def potential_energy(self, parameters):
-        energy = self.plant.CalcPotentialEnergy(self.plant_context)
-        g_W = self.plant.gravity_field().gravity_vector()
-        for name, body in parameters.bodies.items():
-            p_WBb = self.plant.GetFrameByName(name).CalcPoseInWorld(
-                self.plant_context) @ body.center_of_buoyancy
-            energy += parameters.fluid_density * body.displaced_volume * g_W @ p_WBb
-        return energy
 
 
 def one_body(**kwargs) -> HydrodynamicParameters:
@@ -198,7 +60,7 @@ ROBOT_STATE = {"nu": [0.4, -0.3, 0.2, 0.5, -0.6, 0.7], "X_IB": TILTED, "q": [0.3
 
 
 def test_a_sphere_released_in_water_accelerates_with_half_its_displaced_mass_added(X_WI):
-    tank = Tank(X_WI, sphere())
+    tank = Tank(sphere(), X_WI=X_WI)
     tank.set(np.zeros(6), TILTED)
     a = (MASS - DENSITY * VOLUME) * G / (MASS + 0.5 * DENSITY * VOLUME)
     a_I = X_WI.rotation().matrix().T @ tank.v_dot()[3:]
@@ -209,7 +71,7 @@ def test_a_sphere_released_in_water_accelerates_with_half_its_displaced_mass_add
 def test_a_sinking_sphere_reaches_the_speed_at_which_drag_balances_weight_in_water(X_WI):
     linear, quadratic = 6.0, 19.0
     drag = Drag(np.array([linear] * 3 + [0.1] * 3), np.array([quadratic] * 3 + [0.1] * 3))
-    tank = Tank(X_WI, sphere(drag=[drag]))
+    tank = Tank(sphere(drag=[drag]), X_WI=X_WI)
     weight = (MASS - DENSITY * VOLUME) * G
     speed = (-linear + np.sqrt(linear**2 + 4.0 * quadratic * weight)) / (2.0 * quadratic)
     tank.set([0.0, 0.0, speed, 0.0, 0.0, 0.0])
@@ -221,7 +83,7 @@ def test_a_sinking_sphere_reaches_the_speed_at_which_drag_balances_weight_in_wat
 
 def test_a_buoyant_body_feels_its_buoyancy_at_the_centre_of_buoyancy(X_WI):
     center = np.array([0.05, -0.02, -0.11])
-    tank = Tank(X_WI, one_body(displaced_volume=MASS / DENSITY, center_of_buoyancy=center))
+    tank = Tank(one_body(displaced_volume=MASS / DENSITY, center_of_buoyancy=center), X_WI=X_WI)
     tank.set(np.zeros(6), TILTED)
     up_B = TILTED.rotation().matrix().T @ [0.0, 0.0, -MASS * G]
     expected = np.cross(center, up_B) / INERTIA
@@ -230,8 +92,8 @@ def test_a_buoyant_body_feels_its_buoyancy_at_the_centre_of_buoyancy(X_WI):
 
 def test_an_elongated_body_at_an_angle_feels_the_munk_moment(X_WI):
     X, Y, N = 0.8, 3.9, 0.6
-    tank = Tank(X_WI, one_body(added_mass=[AddedMass(np.array([X, Y, Y, 0.1, 0.5, N]))]),
-                gravity=0.0)
+    tank = Tank(one_body(added_mass=[AddedMass(np.array([X, Y, Y, 0.1, 0.5, N]))]), X_WI=X_WI,
+                gravity=np.zeros(3))
     u, v = 1.3, 0.4
     tank.set([u, v, 0.0, 0.0, 0.0, 0.0], TILTED)
     moment = -(Y - X) * u * v
@@ -244,7 +106,7 @@ def test_drag_acts_at_its_point(X_WI):
     r, omega, linear, quadratic = 0.7, -1.3, 2.0, 5.0
     strip = Drag(np.array([0, linear, 0, 0, 0, 0]), np.array([0, quadratic, 0, 0, 0, 0]),
                  np.array([r, 0.0, 0.0]))
-    tank = Tank(X_WI, one_body(drag=[strip]), gravity=0.0)
+    tank = Tank(one_body(drag=[strip]), X_WI=X_WI, gravity=np.zeros(3))
     tank.set([0.0, 0.0, 0.0, 0.0, 0.0, omega], TILTED)
     force = -(linear + quadratic * abs(r * omega)) * r * omega
     np.testing.assert_allclose(
@@ -265,8 +127,8 @@ def fossen_coriolis(M, nu):
 def test_a_free_body_obeys_fossens_matrix_equation(X_WI):
     """(M_RB + M_A) ν̇ + C_RB(ν) ν + C_A(ν_r) ν_r − M_A ν̇_c = f, off-centre, in a current."""
     com, M_A = np.array([0.12, -0.07, 0.21]), random_added_mass(1)
-    tank = Tank(
-        X_WI, one_body(added_mass=[AddedMass(M_A)]), link("vehicle", MASS, com), gravity=0.0)
+    tank = Tank(one_body(added_mass=[AddedMass(M_A)]), link("vehicle", MASS, com), X_WI,
+                gravity=np.zeros(3))
     nu = np.array([0.7, -0.4, 0.9, 1.1, -0.8, 0.6])
     current_I = np.array([0.3, -0.2, 0.5])
     f = np.array([4.0, -3.0, 2.0, 0.7, 1.3, -0.9])
@@ -290,7 +152,7 @@ def test_five_times_its_own_mass_in_added_mass_is_stable(X_WI, time_step):
     parameters = one_body(
         added_mass=[AddedMass(5.0 * np.array([MASS] * 3 + list(INERTIA)))],
         drag=[Drag(linear=np.array([D, D, D, 0.2, 0.2, 0.2]))])
-    tank = Tank(X_WI, parameters, time_step=time_step, gravity=0.0)
+    tank = Tank(parameters, X_WI=X_WI, time_step=time_step, gravity=np.zeros(3))
     tank.set(np.zeros(6), TILTED)
     tank.fix_force(np.array([0.0, F, 0.0, 0.0, 0.0, 0.0]))
     if time_step == 0.0:
@@ -308,7 +170,7 @@ def test_five_times_its_own_mass_in_added_mass_is_stable(X_WI, time_step):
 def test_the_inertia_is_symmetric_positive_definite_and_contains_all_added_mass(X_WI):
     """M⁻¹ is the response to unit forces; ½vᵀMv is the kinetic energy of robot and water."""
     parameters = robot_water()
-    tank = Tank(X_WI, parameters, robot())
+    tank = Tank(parameters, robot(), X_WI)
     tank.set(**ROBOT_STATE)
     tank.fix("generalized_force", np.zeros(tank.nv))
     at_zero = tank.v_dot()
@@ -327,7 +189,7 @@ def test_the_inertia_is_symmetric_positive_definite_and_contains_all_added_mass(
 
 def test_kinetic_energy_grows_by_the_power_of_the_forces_without_drag_and_weight(X_WI):
     parameters = robot_water(drag=False, buoyancy=False)
-    tank = Tank(X_WI, parameters, robot(), gravity=0.0)
+    tank = Tank(parameters, robot(), X_WI, gravity=np.zeros(3))
     tank.set(**ROBOT_STATE)
     tau = np.random.default_rng(1).normal(size=tank.nv)
     tank.fix("generalized_force", tau)
@@ -345,7 +207,7 @@ def test_kinetic_energy_grows_by_the_power_of_the_forces_without_drag_and_weight
 
 def test_total_energy_is_conserved_in_ten_seconds_of_free_motion_without_drag(X_WI):
     parameters = robot_water(drag=False)
-    tank = Tank(X_WI, parameters, robot())
+    tank = Tank(parameters, robot(), X_WI)
     tank.set(**ROBOT_STATE)
 
     def total():
@@ -359,11 +221,11 @@ def test_total_energy_is_conserved_in_ten_seconds_of_free_motion_without_drag(X_
 
 def test_a_uniform_current_is_still_water_seen_by_a_moving_observer(X_WI):
     current_I, duration = np.array([0.4, -0.3, 0.2]), 2.0
-    still = Tank(X_WI, robot_water(), robot(damping=0.3))
+    still = Tank(robot_water(), robot(damping=0.3), X_WI)
     still.set(**ROBOT_STATE)
     still.simulate(duration)
 
-    moving = Tank(X_WI, robot_water(), robot(damping=0.3))
+    moving = Tank(robot_water(), robot(damping=0.3), X_WI)
     current_B = TILTED.rotation().matrix().T @ current_I
     moving.set(**ROBOT_STATE | {"nu": ROBOT_STATE["nu"] + np.append(current_B, np.zeros(3))})
     moving.fix_current(current_I)
@@ -381,7 +243,7 @@ def test_the_same_motion_in_a_turned_and_moved_world():
     states = []
     for X_WI in (RigidTransform(),
                  RigidTransform(RollPitchYaw(0.7, -0.4, 2.1), np.array([3.0, -5.0, 0.8]))):
-        tank = Tank(X_WI, robot_water(), robot(damping=0.3))
+        tank = Tank(robot_water(), robot(damping=0.3), X_WI)
         tank.set(**ROBOT_STATE)
         tank.fix_current([0.3, 0.2, -0.1])
         tank.simulate(2.0)
@@ -398,7 +260,7 @@ def test_the_same_motion_in_a_turned_and_moved_world():
     [(0.0, None), *((0.004, each) for each in DiscreteContactApproximation.__members__.values())])
 def test_the_plant_accelerates_exactly_as_solved(X_WI, time_step, solver):
     """With joint damping, rotors, current, force and disturbance; h times damping ≫ inertia."""
-    tank = Tank(X_WI, robot_water(), robot(damping=400.0), time_step=time_step, solver=solver)
+    tank = Tank(robot_water(), robot(damping=400.0), X_WI, time_step=time_step, solver=solver)
     tank.set(**ROBOT_STATE)
     tank.fix_current([0.3, 0.2, -0.1])
     tank.fix("generalized_force", np.linspace(-3.0, 5.0, tank.nv))
@@ -407,7 +269,7 @@ def test_the_plant_accelerates_exactly_as_solved(X_WI, time_step, solver):
 
 
 def test_a_robot_that_feels_no_water_moves_as_in_a_vacuum(X_WI):
-    tank = Tank(X_WI, HydrodynamicParameters(), robot(damping=0.3))
+    tank = Tank(HydrodynamicParameters(), robot(damping=0.3), X_WI)
     tank.set(**ROBOT_STATE)
     plant = tank.plant
     alone = plant.CreateDefaultContext()
@@ -421,7 +283,7 @@ def test_a_robot_that_feels_no_water_moves_as_in_a_vacuum(X_WI):
 
 
 def test_a_quaternion_that_is_off_by_rounding_does_no_harm():
-    tank = Tank(RigidTransform(), robot_water(), robot())
+    tank = Tank(robot_water(), robot())
     tank.set(**ROBOT_STATE)
     exact = tank.v_dot()
     q = tank.plant.GetPositions(tank.plant_context)

@@ -3,37 +3,22 @@
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
+from support import tank
+from support.tank import plant_of
 
+from uvms_drake.common.wiring import added
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
-
-ROBOT = """
-<sdf version="1.9"><model name="robot">
-  <link name="vehicle"><inertial><mass>7.3</mass></inertial></link>
-  <link name="upper"><pose relative_to="vehicle">0.3 0.1 -0.2 0.4 -0.1 0.2</pose>
-    <inertial><mass>1.7</mass></inertial></link>
-  <link name="lower"><pose relative_to="upper">0.2 0 0.1 0 -0.3 0.2</pose>
-    <inertial><mass>1.1</mass></inertial></link>
-  <joint name="shoulder" type="revolute"><parent>vehicle</parent><child>upper</child>
-    <axis><xyz>0 0.6 0.8</xyz></axis></joint>
-  <joint name="elbow" type="revolute"><parent>upper</parent><child>lower</child>
-    <axis><xyz>0 1 0</xyz></axis></joint>
-  <frame name="tip" attached_to="lower"/>
-</model></sdf>"""
 
 
 @pytest.fixture
 def robot():
     """Returns the Coordinates of the robot, its plant and the plant's builder."""
     builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
-    Parser(plant).AddModelsFromString(ROBOT, "sdf")
-    plant.Finalize()
+    plant = plant_of(tank.robot(), builder)
     coordinates = Coordinates(Uvms(
         plant, plant.GetModelInstanceByName("robot"), plant.GetBodyByName("vehicle"),
         (plant.GetJointByName("shoulder"), plant.GetJointByName("elbow")),
@@ -52,7 +37,9 @@ def random_state(plant):
 
 def test_the_state_is_pose_and_body_velocity(robot):
     coordinates, plant, builder = robot
-    system = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
+    system = added(
+        builder, "to_paper_order", ToPaperOrder(coordinates),
+        plant_state=plant.get_state_output_port())
     x, plant_context = random_state(plant)
     context = system.CreateDefaultContext()
     system.GetInputPort("plant_state").FixValue(context, x)
@@ -72,7 +59,9 @@ def test_the_state_is_pose_and_body_velocity(robot):
 
 def test_a_force_keeps_its_power(robot):
     coordinates, plant, builder = robot
-    system = ToDrakeOrder.AddToBuilder(builder, plant, coordinates)
+    system = added(
+        builder, "to_drake_order", ToDrakeOrder(coordinates),
+        plant_state=plant.get_state_output_port())
     x, plant_context = random_state(plant)
     tau = np.random.default_rng(1).normal(size=8)
     context = system.CreateDefaultContext()
@@ -85,7 +74,9 @@ def test_a_force_keeps_its_power(robot):
 
 def test_an_acceleration_of_the_vehicle_is_that_of_its_body_less_the_turning_of_its_axes(robot):
     coordinates, plant, builder = robot
-    system = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
+    system = added(
+        builder, "to_paper_order", ToPaperOrder(coordinates),
+        plant_state=plant.get_state_output_port())
     x, plant_context = random_state(plant)
     v_dot = np.random.default_rng(2).normal(size=8)
     context = system.CreateDefaultContext()

@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 from support.robots import FIELD_CASES
 
+import uvms_drake as uv
 from uvms_drake.command.main import main
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.signals.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
-from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.payload import Payload, holding_wrench
-from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.sensing.wrist_sensor import Tool
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.simulation import simulate
 
 G = np.array([0.0, 0.0, 9.81])
 BALL = Payload(mass=1.5, displaced=0.5, centre=np.array([0.02, -0.03, 0.1]))
@@ -23,7 +19,7 @@ ROBOT = "girona500_arm5e"
 
 
 def plant_with(payload):
-    return make_uvms_plant(ROBOT, surface=None, disturbance=None,
+    return uv.make_uvms_plant(ROBOT, surface=None, disturbance=None,
                            error=None if payload is None else ModelError(payload=payload))
 
 
@@ -43,15 +39,6 @@ def test_at_rest_it_is_the_weight_in_water_in_any_attitude():
         found = holding_wrench(BALL, 1000.0, np.zeros(6), np.zeros(3), g, np.zeros(3))
         np.testing.assert_allclose(found[:3], -1.0 * g, atol=1e-12)
         np.testing.assert_allclose(found[3:], np.cross(BALL.centre, -1.0 * g), atol=1e-12)
-
-
-def test_it_is_what_a_tool_that_is_known_weighs():
-    """The same wrench as of `Tool.hold`, with the sensor at the end-effector."""
-    tool = Tool(mass=1.5, displaced=0.5, centre=BALL.centre, buoyancy=BALL.centre)
-    for g in np.random.default_rng(1).normal(size=(10, 3)):
-        np.testing.assert_allclose(
-            holding_wrench(BALL, 1000.0, np.zeros(6), np.zeros(3), g, np.zeros(3)),
-            tool.hold(g), atol=1e-12)
 
 
 @pytest.mark.parametrize("mass", [1.5, 0.3])
@@ -101,11 +88,11 @@ def test_the_hand_pays_for_what_it_holds():
     held, free = plant_with(BALL), plant_with(None)
     contexts = [each.CreateDefaultContext() for each in (held, free)]
     rng = np.random.default_rng(2)
-    model = UvmsModel(read_uvms(ROBOT))
+    model = uv.UvmsModel(uv.read_uvms(ROBOT))
     for state in states(6):
         tau, water = rng.normal(size=10) * 30.0, rng.normal(size=3)
         for plant, context in zip((held, free), contexts, strict=True):
-            set_state(plant, context, state)
+            uv.set_state(plant, context, state)
             plant.GetInputPort("tau").FixValue(context, tau)
             plant.GetInputPort("disturbance").FixValue(context, np.zeros(10))
             plant.GetInputPort("current_acceleration").FixValue(context, water)
@@ -145,7 +132,7 @@ def recorded(folder, *, payload="{}", tool="{}", lag=0.0, tare=0.0, overrides=()
     file = folder / "felt.yaml"
     file.write_text("base: girona500_ideal\nduration: 0.4" + SENSOR.format(
         payload=payload, tool=tool, lag=lag, tare=tare), encoding="utf-8")
-    return simulate(load_scenario(str(file), list(overrides)))
+    return uv.simulate(uv.load_scenario(str(file), list(overrides)))
 
 
 def test_the_field_case_reads_what_hangs_at_the_tip(tmp_path):
@@ -180,16 +167,6 @@ def test_it_reads_the_weight_and_the_inertia_in_its_own_axes(tmp_path):
     assert np.median(off[:, :3]) < 0.05
     assert np.median(off[:, 3:]) < 0.005
     assert np.min(np.linalg.norm(reading[2:, :3], axis=1)) > 5.0
-
-
-def test_a_tool_and_a_payload_of_the_same_weight_read_alike_at_rest(tmp_path):
-    """A tool whose model takes nothing off, against what is unknown: without motion the same."""
-    tool = recorded(tmp_path / "tool", tool="{mass: 1.5, displaced: 0.5, error: -1}")
-    held = recorded(tmp_path / "held", payload="{mass: 1.5, displaced: 0.5}")
-    # The tool's frame is the sensor's; the payload's the end-effector's: forces only.
-    size = [np.linalg.norm(each.signals["force_raw"][1:, :3], axis=1) for each in (tool, held)]
-    np.testing.assert_allclose(size[0], 9.81, rtol=1e-9)
-    assert np.median(np.abs(size[1] - 9.81)) < 1.0
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.02])

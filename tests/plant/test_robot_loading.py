@@ -7,17 +7,12 @@ import numpy as np
 import pytest
 from support.robots import TEMPLATE, altered
 
-from uvms_drake.common.errors import InvalidParameter
+import uvms_drake as uv
 from uvms_drake.model import uvms_model
 from uvms_drake.model.description.robot_files import models_dir
 from uvms_drake.model.links import read_links
-from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture, trim_of
-from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.plant.model_check import complaints_about, model_complaints, sound_robot
-from uvms_drake.setup.make_scenario import make_scenario
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import load_scenario
 
 TIP = '<frame name="tip" attached_to="forearm">'
 END = "</model>"
@@ -121,7 +116,7 @@ BROKEN = {
 def test_a_broken_robot_is_refused_by_the_name_of_its_mistake(mistake, tmp_path):
     changes, expected = BROKEN[mistake]
     robot = altered(tmp_path, *changes)
-    with pytest.raises(InvalidParameter, match=re.escape(expected)) as caught:
+    with pytest.raises(uv.InvalidParameter, match=re.escape(expected)) as caught:
         sound_robot(str(robot))
     assert "\n" not in str(caught.value)
 
@@ -130,7 +125,7 @@ def test_every_shipped_robot_is_sound():
     folders = [path.parent.name for path in models_dir().glob("*/package.xml")]
     assert TEMPLATE in folders
     for name in folders:
-        assert complaints_about(Robot.load(name)) == []
+        assert complaints_about(uv.Robot.load(name)) == []
 
 
 LEGAL = {
@@ -149,10 +144,10 @@ LEGAL = {
 def test_the_robot_is_checked_wherever_a_scenario_is_run_or_certified(tmp_path):
     """`load_model` is what `run`, `certify`, `simulate` and `make_station` share."""
     robot = altered(tmp_path, *BROKEN["tip on a middle link"][0])
-    with pytest.raises(InvalidParameter, match="frame tip = 'upper_arm'"):
-        load_model(load_scenario("paper_dynamic", [f"model={robot}"]))
-    with pytest.raises(InvalidParameter, match="frame tip = 'upper_arm'"):
-        make_scenario(Robot.load(robot), force=5.0)
+    with pytest.raises(uv.InvalidParameter, match="frame tip = 'upper_arm'"):
+        uv.load_model(uv.load_scenario("paper_dynamic", [f"model={robot}"]))
+    with pytest.raises(uv.InvalidParameter, match="frame tip = 'upper_arm'"):
+        uv.make_scenario(uv.Robot.load(robot), force=5.0)
 
 
 @pytest.mark.parametrize(("change", "seen"), [
@@ -164,7 +159,7 @@ def test_the_robot_is_checked_wherever_a_scenario_is_run_or_certified(tmp_path):
     (gripper("revolute"), {"pose of the tip", "velocity of the tip"})])
 def test_model_and_plant_alone_would_show_it(change, seen, tmp_path):
     """The net below the other checks: two descriptions of one robot, in random states."""
-    complaints = model_complaints(read_uvms(str(altered(tmp_path, change))))
+    complaints = model_complaints(uv.read_uvms(str(altered(tmp_path, change))))
     assert seen <= {complaint.key.removeprefix("model of the controller, ")
                     for complaint in complaints}
 
@@ -173,7 +168,7 @@ def test_model_and_plant_alone_would_show_it(change, seen, tmp_path):
 def test_joints_that_slide_are_those_of_the_plant_to_rounding(joints, tmp_path, monkeypatch):
     monkeypatch.setattr("uvms_drake.plant.model_check.AGREEMENT", 1e-12)
     monkeypatch.setattr("uvms_drake.plant.model_check.STATES", 5)
-    robot = read_uvms(str(altered(tmp_path, *(
+    robot = uv.read_uvms(str(altered(tmp_path, *(
         (".sdf", joint, joint.replace("revolute", "prismatic")) for joint in joints))))
     assert [joint.type_name() for joint in robot.joints].count("prismatic") == len(joints)
     assert model_complaints(robot) == []
@@ -195,7 +190,7 @@ def test_a_wrong_model_is_seen_in_its_forces_and_in_its_power(part, factor, uvms
 
 def test_the_trim_is_that_of_the_parts_one_by_one():
     """Shoulder and elbow at (-0.5, 1.15) rad: the upper arm points down, the forearm up again."""
-    uvms = read_uvms(TEMPLATE)
+    uvms = uv.read_uvms(TEMPLATE)
     posture = middle_posture(uvms)
     np.testing.assert_allclose(posture, [-0.5, 1.15])
     trim = trim_of(uvms, posture)

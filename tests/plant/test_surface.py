@@ -1,46 +1,33 @@
-"""`CompliantSurface` on a small arm of its own."""
+"""`CompliantSurface` on a small arm of its own, and where a surface is that is off."""
 
 from itertools import cycle
 
 import numpy as np
 import pytest
+from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, LogVectorOutput
 from support.shapes import LAWS, SHAPES, turned
+from support.tank import link, plant_of, robot
 
+import uvms_drake as uv
+from uvms_drake.common.wiring import added
+from uvms_drake.model.frames.euler import euler_angles, rotation_matrix
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.shaped_surface import ShapedSurface
-from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
+from uvms_drake.plant.surface import (
+    CompliantSurface,
+    SurfaceError,
+    displaced,
+    pose_and_jacobian,
+    rotation_by,
+)
 
-ARM = """
-<sdf version="1.9"><model name="arm">
-  <link name="vehicle"><inertial><mass>5.3</mass></inertial></link>
-  <link name="forearm"><pose relative_to="vehicle">0.3 0.1 -0.2 0.4 -0.1 0.2</pose>
-    <inertial><mass>1.7</mass></inertial></link>
-  <joint name="elbow" type="revolute"><parent>vehicle</parent><child>forearm</child>
-    <axis><xyz>0 0.6 0.8</xyz></axis></joint>
-  <frame name="tip" attached_to="forearm"><pose>0.4 -0.05 0.1 0.3 0.5 -0.2</pose></frame>
-</model></sdf>"""
-BALL = """
-<sdf version="1.9"><model name="ball">
-  <link name="tip"><inertial><mass>2.3</mass></inertial></link></model></sdf>"""
+BALL = link("tip", 2.3)
 
 POSES = [RigidTransform(),
          RigidTransform(RollPitchYaw(0.7, -0.4, 2.1), np.array([3.0, -5.0, 0.8]))]
-
-
-def make_plant(sdf):
-    plant = MultibodyPlant(0.0)
-    Parser(plant).AddModelsFromString(sdf, "sdf")
-    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-    plant.Finalize()
-    return plant
 
 
 def random_state(plant, X_WV, seed=0):
@@ -54,7 +41,7 @@ def random_state(plant, X_WV, seed=0):
 
 def spring_config():
     A = np.random.default_rng(1).normal(size=(6, 6))
-    return BilateralSpring(100.0 * (A @ A.T + np.eye(6)),
+    return uv.BilateralSpring(100.0 * (A @ A.T + np.eye(6)),
                            np.array([0.2, -0.1, 0.3, 0.4, -0.2, 0.1]))
 
 
@@ -64,7 +51,7 @@ def plane_config(plant, state, depth=0.03):
     plant.SetPositionsAndVelocities(context, state)
     chi, _ = pose_and_jacobian(plant, context, plant.GetFrameByName("tip"))
     normal = np.array([-0.6, 0.48, 0.64])
-    return UnilateralPlane(chi[:3] + depth * normal, normal, 700.0, 1.3, 0.004)
+    return uv.UnilateralPlane(chi[:3] + depth * normal, normal, 700.0, 1.3, 0.004)
 
 
 def outputs(system, state):
@@ -92,7 +79,7 @@ def chi_rate(plant, state, h=1e-6):
 
 @pytest.mark.parametrize("X_WV", POSES, ids=["upright", "turned and moved"])
 def test_the_jacobian_gives_the_rate_of_the_pose(X_WV):
-    plant = make_plant(ARM)
+    plant = plant_of(robot())
     state = random_state(plant, X_WV)
     context = plant.CreateDefaultContext()
     plant.SetPositionsAndVelocities(context, state)
@@ -104,7 +91,7 @@ def test_the_jacobian_gives_the_rate_of_the_pose(X_WV):
 @pytest.mark.parametrize("X_WV", POSES, ids=["upright", "turned and moved"])
 @pytest.mark.parametrize("kind", ["spring", "plane"])
 def test_the_force_is_the_laws_at_the_pose_and_rate_of_the_tip(X_WV, kind):
-    plant = make_plant(ARM)
+    plant = plant_of(robot())
     state = random_state(plant, X_WV)
     config = spring_config() if kind == "spring" else plane_config(plant, state)
     system = CompliantSurface(plant, plant.GetFrameByName("tip"), config)
@@ -120,7 +107,7 @@ def test_the_force_is_the_laws_at_the_pose_and_rate_of_the_tip(X_WV, kind):
 @pytest.mark.parametrize("kind", ["spring", "plane"])
 def test_the_robot_feels_minus_the_power_that_the_surface_takes(X_WV, kind):
     """By virtual power: vᵀτ = −𝔉ᵀχ̇ for every v, with χ̇ by finite differences."""
-    plant = make_plant(ARM)
+    plant = plant_of(robot())
     state = random_state(plant, X_WV)
     config = spring_config() if kind == "spring" else plane_config(plant, state)
     out = outputs(CompliantSurface(plant, plant.GetFrameByName("tip"), config), state)
@@ -136,10 +123,11 @@ def test_a_ball_bounces_off_a_plane_and_leaves_with_less_energy():
     speeds = []
     for dissipation in (0.0, 3.0):
         builder = DiagramBuilder()
-        plant = builder.AddNamedSystem("plant", make_plant(BALL))
-        surface = CompliantSurface.AddToBuilder(
-            builder, plant, plant.GetFrameByName("tip"),
-            UnilateralPlane(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]), 900.0, dissipation))
+        plant = plant_of(BALL, builder)
+        surface = added(builder, "surface", CompliantSurface(
+            plant, plant.GetFrameByName("tip"),
+            uv.UnilateralPlane(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]), 900.0, dissipation)),
+            plant_state=plant.get_state_output_port())
         builder.Connect(surface.GetOutputPort("generalized_force"),
                         plant.get_applied_generalized_force_input_port())
         simulator = Simulator(builder.Build())
@@ -161,8 +149,10 @@ def thrown(surface, tangent, weight):
     Energy is kinetic, potential and elastic, the last by quadrature of the force at rest.
     """
     builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", make_plant(BALL))
-    contact = CompliantSurface.AddToBuilder(builder, plant, plant.GetFrameByName("tip"), surface)
+    plant = plant_of(BALL, builder)
+    contact = added(
+        builder, "surface", CompliantSurface(plant, plant.GetFrameByName("tip"), surface),
+        plant_state=plant.get_state_output_port())
     pull = builder.AddSystem(ConstantVectorSource(np.append(np.zeros(3), weight)))
     total = builder.AddSystem(Adder(2, 6))
     builder.Connect(contact.GetOutputPort("generalized_force"), total.get_input_port(0))
@@ -188,11 +178,11 @@ def thrown(surface, tangent, weight):
 def test_a_ball_thrown_at_any_surface_keeps_its_energy_or_loses_it(name, law):
     shape = turned(SHAPES[name])
     tangent, weight = shape.axes[1], 12.0 * shape.axes[2]
-    smooth = ShapedSurface(shape, LAWS[law], dissipation=0.0, friction=0.0)
+    smooth = uv.ShapedSurface(shape, LAWS[law], dissipation=0.0, friction=0.0)
     states, energy = thrown(smooth, tangent, weight)
     assert np.max(shape.depth(states[:, 4:7])) > 0.015
     np.testing.assert_allclose(energy, energy[0], atol=2e-4)
-    rough = ShapedSurface(shape, LAWS[law], dissipation=3.0, friction=0.4)
+    rough = uv.ShapedSurface(shape, LAWS[law], dissipation=3.0, friction=0.4)
     _, energy = thrown(rough, tangent, weight)
     assert np.max(np.diff(energy)) < 2e-5
     assert energy[-1] < energy[0] - 0.1
@@ -203,9 +193,59 @@ def test_a_ball_that_slides_slows_down_by_the_friction_and_ends_as_deep_as_its_w
     """Along the axis it loses μ times the momentum that the surface gives, 12 N s in 1 s."""
     shape = turned(SHAPES[name])
     weight = 12.0 * shape.axes[2]
-    surface = ShapedSurface(shape, LAWS["linear"], dissipation=8.0, friction=0.01, creep=0.001)
+    surface = uv.ShapedSurface(shape, LAWS["linear"], dissipation=8.0, friction=0.01, creep=0.001)
     states, _ = thrown(surface, shape.tangent, weight)
     given = 12.0 + 2.3 * (0.3 + states[-1, 10:] @ shape.normal)
     lost = 2.3 * (0.1 - states[-1, 10:] @ shape.tangent)
     assert lost == pytest.approx(0.01 * given, rel=1e-4)
     assert shape.depth(states[-1, 4:7]) == pytest.approx(LAWS["linear"].depth_for(12.0), rel=0.05)
+
+
+OFF = SurfaceError(stiffness=1.3, shift=np.array([0.02, -0.01, 0.03]),
+                   turn=np.array([0.3, -0.2, 0.4]))
+PLANE = uv.UnilateralPlane(point=np.array([1.0, 0.5, -0.2]), normal=np.array([-0.8, 0.0, 0.6]))
+
+
+@pytest.fixture(scope="module")
+def spring():
+    """A spring with a stiffness that couples everything, away from zero attitude."""
+    root = np.random.default_rng(0).normal(size=(6, 6)) * np.repeat([10.0, 1.0], 3)[:, None]
+    return uv.BilateralSpring(stiffness=root @ root.T + np.eye(6),
+                           equilibrium=np.array([1.0, 2.0, 3.0, 0.3, -0.4, 0.9]))
+
+
+def carried(chi, point):
+    """Returns χ of a tip that is moved along with the surface, about a point of it."""
+    R = AngleAxis(np.linalg.norm(OFF.turn), OFF.turn / np.linalg.norm(OFF.turn)).rotation()
+    return np.concatenate([point + OFF.shift + R @ (chi[:3] - point),
+                           euler_angles(R @ rotation_matrix(chi[3:]))])
+
+
+def test_a_rotation_vector_is_an_axis_times_an_angle():
+    for turn in (OFF.turn, np.array([0.0, 0.0, 0.5 * np.pi]), np.array([0.0, 1e-9, 0.0])):
+        angle = np.linalg.norm(turn)
+        np.testing.assert_allclose(
+            rotation_by(turn), AngleAxis(angle, turn / angle).rotation(), atol=1e-15)
+    np.testing.assert_array_equal(rotation_by(np.zeros(3)), np.eye(3))
+
+
+def test_a_plane_pushes_a_tip_that_is_carried_along_as_before_but_for_its_stiffness():
+    chi, speed = np.array([1.05, 0.9, -0.4, 0.0, 0.0, 0.0]), np.array([0.1, 0.2, -0.05])
+    R = rotation_by(OFF.turn)
+    old, new = (check_surface(config) for config in (PLANE, displaced(PLANE, OFF)))
+    before = old.force(chi, np.concatenate([speed, np.zeros(3)]))
+    after = new.force(carried(chi, PLANE.point), np.concatenate([R @ speed, np.zeros(3)]))
+    assert np.linalg.norm(before) > 10.0
+    np.testing.assert_allclose(after[:3], 1.3 * R @ before[:3], rtol=1e-12)
+
+
+def test_a_spring_that_is_carried_along_with_the_tip_keeps_its_energy(spring):
+    """Up to a third power of the stretch, as Euler angles are no vector."""
+    new = displaced(spring, OFF)
+    np.testing.assert_allclose(
+        new.equilibrium, carried(spring.equilibrium, spring.equilibrium[:3]), atol=1e-14)
+    for stretch in 1e-5 * np.random.default_rng(1).normal(size=(10, 6)):
+        moved = carried(spring.equilibrium + stretch, spring.equilibrium[:3]) - new.equilibrium
+        assert moved @ new.stiffness @ moved == pytest.approx(
+            1.3 * stretch @ spring.stiffness @ stretch, rel=1e-3)
+    check_surface(new)  # It is symmetric and positive definite.

@@ -1,46 +1,42 @@
-"""The assembled plant: its ports, its wiring, and that it moves as its parts say."""
+"""The assembled plant: it moves as its parts say, and by forces of Drake's own systems."""
 
-import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import (
+    ExternallyAppliedSpatialForce,
+    ExternallyAppliedSpatialForceMultiplexer,
+    MultibodyPlant,
+    Propeller,
+    Wing,
+)
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.surfaces import Sphere
 
-from uvms_drake.common.errors import InvalidParameter
+import uvms_drake as uv
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import add_uvms
-from uvms_drake.plant.disturbance import (
-    ConstantDisturbance,
-    SinusoidalDisturbance,
-)
+from uvms_drake.plant.applied_forces import generalized_force
+from uvms_drake.plant.disturbance import ConstantDisturbance, SinusoidalDisturbance
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
-from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
 MODEL = "girona500_arm5e"
-FAR_AWAY = UnilateralPlane(point=np.array([100.0, 0.0, 0.0]))
+FAR_AWAY = uv.UnilateralPlane(point=np.array([100.0, 0.0, 0.0]))
 CALM = ConstantDisturbance(bound=0.0)
 
 
 def make(surface=FAR_AWAY, disturbance=CALM, **kwargs):
-    return make_uvms_plant(MODEL, surface=surface, disturbance=disturbance, **kwargs)
+    return uv.make_uvms_plant(MODEL, surface=surface, disturbance=disturbance, **kwargs)
 
 
 def moving_state():
     rng = np.random.default_rng(0)
     eta = np.array([0.4, -1.2, 2.0, 0.1, -0.2, 0.7])
     return np.concatenate([eta, rng.uniform(-0.3, 0.3, 4), rng.uniform(-0.3, 0.3, 10)])
-
-
-def parts_of(uvms):
-    plant = uvms.GetSubsystemByName("plant")
-    return plant, uvms.GetSubsystemByName("to_paper_order").coordinates
 
 
 def simulator_of(uvms, context=None):
@@ -55,10 +51,11 @@ def test_the_diagram_equals_its_parts_wired_by_hand():
     rng = np.random.default_rng(1)
     tau, current = rng.normal(scale=20.0, size=10), np.array([0.2, -0.1, 0.05])
     d = ConstantDisturbance(0.3, rng.normal(size=10))
-    spring = BilateralSpring(np.diag([90.0, 80, 70, 3, 2, 1]), np.array([1, -1, 2, 0.1, 0.2, 0.3]))
+    spring = uv.BilateralSpring(np.diag([90.0, 80, 70, 3, 2, 1]),
+                                np.array([1, -1, 2, 0.1, 0.2, 0.3]))
     uvms = make(spring, d)
     context = uvms.CreateDefaultContext()
-    set_state(uvms, context, moving_state())
+    uv.set_state(uvms, context, moving_state())
     uvms.GetInputPort("tau").FixValue(context, tau)
     uvms.GetInputPort("current").FixValue(context, current)
     actual = uvms.EvalTimeDerivatives(context).CopyToVector()
@@ -89,33 +86,24 @@ def test_the_diagram_equals_its_parts_wired_by_hand():
 
 
 def test_the_disturbance_is_what_is_added_to_the_rate_of_zeta():
-    """ζ̇ by central differences of the `state` port along the motion."""
     rates = []
     for bound in (0.0, 0.4):
         uvms = make(disturbance=SinusoidalDisturbance(bound, phase=0.9))
         context = uvms.CreateDefaultContext()
-        plant, _ = parts_of(uvms)
-        set_state(uvms, context, moving_state())
-        plant_context = plant.GetMyMutableContextFromRoot(context)
+        uv.set_state(uvms, context, moving_state())
         d = uvms.GetOutputPort("disturbance").Eval(context)
-        x = plant.GetPositionsAndVelocities(plant_context)
-        x_dot = uvms.EvalTimeDerivatives(context).CopyToVector()[: len(x)]
-        h, ends = 1e-6, []
-        for step in (h, -h):
-            plant.SetPositionsAndVelocities(plant_context, x + step * x_dot)
-            ends.append(uvms.GetOutputPort("state").Eval(context)[10:].copy())
-        rates.append((ends[0] - ends[1]) / (2.0 * h))
+        rates.append(uvms.GetOutputPort("acceleration").Eval(context).copy())
     assert np.linalg.norm(d) > 0.1
-    np.testing.assert_allclose(rates[1] - rates[0], d, atol=1e-7)
+    np.testing.assert_allclose(rates[1] - rates[0], d, atol=1e-9)
 
 
 def test_the_acceleration_is_the_rate_of_zeta_along_a_trajectory():
     """In a current and in contact, disturbed and driven, by central differences."""
-    uvms = make(UnilateralPlane(point=np.array([0.5, 0.0, 0.0]), stiffness=200.0, transition=0.5),
+    uvms = make(uv.UnilateralPlane(np.array([0.5, 0.0, 0.0]), stiffness=200.0, transition=0.5),
                 SinusoidalDisturbance(0.4, phase=0.9))
     simulator = simulator_of(uvms)
     context, step = simulator.get_mutable_context(), 2e-4
-    set_state(uvms, context, moving_state())
+    uv.set_state(uvms, context, moving_state())
     tau = [20.0, -10.0, 30.0, 5.0, -5.0, 8.0, 1.0, -1.0, 0.5, 0.01]
     uvms.GetInputPort("tau").FixValue(context, tau)
     uvms.GetInputPort("current").FixValue(context, [0.2, -0.1, 0.05])
@@ -133,7 +121,7 @@ def test_left_alone_it_floats_up_slowly_and_arm_and_water_bring_it_to_rest():
     """It is trimmed a little light; nothing blows up although added mass exceeds the dry mass."""
     uvms = make()
     simulator = simulator_of(uvms)
-    set_state(uvms, simulator.get_mutable_context(), moving_state())
+    uv.set_state(uvms, simulator.get_mutable_context(), moving_state())
     simulator.AdvanceTo(10.0)
     state = uvms.GetOutputPort("state").Eval(simulator.get_context())
     assert np.all(np.isfinite(state))
@@ -144,59 +132,170 @@ def test_a_surface_of_ones_own_pushes_by_its_law():
     sphere = Sphere()
     uvms = make(sphere)
     context = uvms.CreateDefaultContext()
-    set_state(uvms, context, np.concatenate([[-1.6], np.zeros(19)]))
+    uv.set_state(uvms, context, np.concatenate([[-1.6], np.zeros(19)]))
     plant = uvms.GetSubsystemByName("plant")
     tip = uvms.GetSubsystemByName("surface")._tip
     chi, _ = pose_and_jacobian(plant, uvms.GetSubsystemContext(plant, context), tip)
     force = uvms.GetOutputPort("force").Eval(context)
     assert np.linalg.norm(force) > 10.0
     np.testing.assert_array_equal(force, sphere.force(chi, np.zeros(6)))
-    with pytest.raises(InvalidParameter, match=r"^surface\.stiffness = -1\.0: must be positive$"):
+    with pytest.raises(uv.InvalidParameter, match=r"^surface\.stiffness = -1\.0: must be"):
         make(Sphere(stiffness=-1.0))
 
 
 def test_a_clone_of_a_context_goes_on_from_its_own_state():
     """Geometry that is known already is not computed again as the water begins to move."""
-    uvms, current = make(UnilateralPlane()), np.array([0.3, -0.2, 0.1])
+    uvms, current = make(uv.UnilateralPlane()), np.array([0.3, -0.2, 0.1])
     accelerations = []
     for known in (True, False):
         context = uvms.CreateDefaultContext()
         uvms.GetInputPort("current").FixValue(context, np.zeros(3))
-        set_state(uvms, context, moving_state())
+        uv.set_state(uvms, context, moving_state())
         clone = context
         if known:
             uvms.GetOutputPort("acceleration").Eval(context)
             clone = context.Clone()
-            set_state(uvms, context, 0.5 * moving_state())
+            uv.set_state(uvms, context, 0.5 * moving_state())
             uvms.GetOutputPort("acceleration").Eval(context)
         uvms.GetInputPort("current").FixValue(clone, current)
         accelerations.append(uvms.GetOutputPort("acceleration").Eval(clone).copy())
     np.testing.assert_array_equal(*accelerations)
 
 
-def test_two_threads_with_a_context_each_do_not_disturb_each_other():
-    """A plant is const, as Drake's systems are: its data are in the Context."""
-    uvms = make(UnilateralPlane())
-    plant, coordinates = parts_of(uvms)
+AT = np.array([-0.3, 0.2, 0.1])  # m, where a propeller sits on the vehicle
+ALONG = RotationMatrix.MakeFromOneVector(np.array([0.6, 0.0, 0.8]), 2)  # its z-axis pushes
+POSES = [np.zeros(6), np.array([3.0, -5.0, 0.8, 0.7, -0.4, 2.1])]
+JOINTS = np.array([0.2, 0.8, 0.1, -0.4])
 
-    def accelerations(state: np.ndarray, count: int) -> np.ndarray:
-        context = uvms.CreateDefaultContext()
-        found = []
-        for i in range(count):
-            context.SetTime(float(i))
-            plant.SetPositionsAndVelocities(
-                plant.GetMyMutableContextFromRoot(context), coordinates.to_drake(state))
-            found.append(uvms.GetOutputPort("acceleration").Eval(context))
-        return np.array(found)
 
-    states = [moving_state(), 0.5 * moving_state()]
-    expected = [accelerations(state, 1) for state in states]
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        with ThreadPoolExecutor(2) as pool:
-            found = list(pool.map(accelerations, states, [150, 150]))
-    finally:
-        sys.setswitchinterval(interval)
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, np.broadcast_to(other, one.shape), atol=1e-12)
+@pytest.fixture
+def plant(uvms):
+    """The robot in a plant of its own, with a Context in motion."""
+    context = uvms.plant.CreateDefaultContext()
+    rng = np.random.default_rng(0)
+    q = np.concatenate([rng.normal(size=7), JOINTS])
+    q[:4] /= np.linalg.norm(q[:4])
+    uvms.plant.SetPositionsAndVelocities(context, np.concatenate([q, rng.normal(size=10)]))
+    return uvms.plant, context
+
+
+def spatial_force(body, seed):
+    rng = np.random.default_rng(seed)
+    force = ExternallyAppliedSpatialForce()
+    force.body_index, force.p_BoBq_B = body.index(), rng.normal(size=3)
+    force.F_Bq_W = SpatialForce(rng.normal(size=3), rng.normal(size=3))
+    return force
+
+
+def forces_on(plant):
+    bodies = [plant.get_joint(index).child_body() for index in plant.GetJointIndices()]
+    return [spatial_force(body, seed) for seed, body in enumerate(bodies)]
+
+
+def test_in_air_a_generalized_force_is_what_the_plant_makes_of_the_forces(plant):
+    plant, context = plant
+    forces, rates = forces_on(plant), []
+    for spatial, generalized in (
+            (forces, np.zeros(10)), ([], generalized_force(plant, context, forces))):
+        plant.get_applied_spatial_force_input_port().FixValue(context, spatial)
+        plant.get_applied_generalized_force_input_port().FixValue(context, generalized)
+        rates.append(plant.get_generalized_acceleration_output_port().Eval(context).copy())
+    np.testing.assert_allclose(rates[1], rates[0], rtol=1e-10, atol=1e-10)
+
+
+class Driven:
+    """The robot under water with forces of Drake's systems, wired as their headers say."""
+
+    def __init__(self, *kinds):
+        builder = DiagramBuilder()
+        self.uvms = builder.AddNamedSystem("uvms", uv.make_uvms_plant(
+            MODEL, surface=uv.UnilateralPlane(point=np.array([100.0, 0.0, 0.0])),
+            disturbance=ConstantDisturbance(0.0)))
+        index = self.uvms.GetSubsystemByName("plant").GetBodyByName("vehicle").index()
+        self.propellers, ports = [], []
+        for kind in kinds:
+            if kind == "wing":
+                system = builder.AddSystem(Wing(
+                    index, surface_area=0.1, fluid_density=1025.0,
+                    X_BodyWing=RigidTransform(np.array([0.2, 0.0, -0.3]))))
+                builder.Connect(self.uvms.GetOutputPort("body_spatial_velocities"),
+                                system.get_body_spatial_velocities_input_port())
+                ports.append(system.get_spatial_force_output_port())
+            else:
+                system = builder.AddSystem(Propeller(index, RigidTransform(ALONG, AT)))
+                self.propellers.append(system)
+                ports.append(system.get_spatial_forces_output_port())
+            builder.Connect(self.uvms.GetOutputPort("body_poses"),
+                            system.get_body_poses_input_port())
+        total = builder.AddSystem(ExternallyAppliedSpatialForceMultiplexer(len(ports)))
+        for i, port in enumerate(ports):
+            builder.Connect(port, total.get_input_port(i))
+        builder.Connect(
+            total.get_output_port(), self.uvms.GetInputPort("applied_spatial_force"))
+        self.diagram = builder.Build()
+        self.root = self.diagram.CreateDefaultContext()
+        self.context = self.uvms.GetMyMutableContextFromRoot(self.root)
+
+    def acceleration(self, eta, thrusts, zeta=None):
+        """Returns ζ̇ (10,) at η and the joint angles of this file."""
+        zeta = np.zeros(10) if zeta is None else zeta
+        uv.set_state(self.uvms, self.context, np.concatenate([eta, JOINTS, zeta]))
+        for propeller, thrust in zip(self.propellers, thrusts, strict=True):
+            propeller.get_command_input_port().FixValue(
+                propeller.GetMyMutableContextFromRoot(self.root), [thrust])
+        return self.uvms.GetOutputPort("acceleration").Eval(self.context).copy()
+
+
+def wrench(thrust):
+    """Returns the force and moment (6,) of a propeller about the vehicle's origin."""
+    force = thrust * ALONG.matrix()[:, 2]
+    return np.concatenate([force, np.cross(AT, force)])
+
+
+@pytest.mark.parametrize("eta", POSES, ids=["upright", "turned and moved"])
+def test_a_propeller_accelerates_robot_and_water_together(model, eta):
+    """By the inertia of the controller's model, which is computed without a MultibodyPlant."""
+    driven = Driven("propeller")
+    change = driven.acceleration(eta, [100.0]) - driven.acceleration(eta, [0.0])
+    M = model.mass_matrix(model.kinematics(np.concatenate([eta, JOINTS])))
+    expected = np.linalg.solve(M, np.concatenate([wrench(100.0), np.zeros(4)]))
+    np.testing.assert_allclose(change, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_a_wing_brakes_beside_a_propeller():
+    """A plate that falls broadside feels ρ w² S upwards, at its place on the vehicle."""
+    sinking = np.concatenate([[0.0, 0.0, 0.5], np.zeros(7)])
+    change = (Driven("wing", "propeller").acceleration(POSES[0], [0.0], sinking)
+              - Driven("propeller").acceleration(POSES[0], [0.0], sinking))
+    assert change[2] < -0.02
+
+
+def test_a_generalized_force_in_the_plants_order_adds_to_tau():
+    uvms = Driven("propeller").uvms
+    context = uvms.CreateDefaultContext()
+    uvms.GetInputPort("applied_spatial_force").FixValue(context, [])
+    rates = []
+    for name, force in (("tau", [10.0, 20, 30, 4, 5, 6, 0.1, 0.2, 0.3, 0.4]),
+                        ("applied_generalized_force",
+                         [4.0, 5, 6, 10, 20, 30, 0.1, 0.2, 0.3, 0.4])):
+        uv.set_state(uvms, context, np.concatenate([np.zeros(6), JOINTS, np.zeros(10)]))
+        for port in ("tau", "applied_generalized_force"):
+            uvms.GetInputPort(port).FixValue(context, force if port == name else np.zeros(10))
+        rates.append(uvms.EvalTimeDerivatives(context).CopyToVector())
+    np.testing.assert_allclose(rates[1], rates[0], rtol=1e-12, atol=1e-12)
+
+
+def submerged(builder):
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
+    uvms = add_uvms(plant, MODEL)
+    plant.Finalize()
+    return plant, uvms
+
+
+@pytest.mark.parametrize("name", ["applied_spatial_force", "actuation"])
+def test_a_force_that_came_before_the_water_is_refused(name):
+    builder = DiagramBuilder()
+    plant, uvms = submerged(builder)
+    builder.ExportInput(plant.GetInputPort(name))
+    with pytest.raises(uv.InvalidParameter, match=rf"^plant\.{name} = .*: must be free"):
+        Hydrodynamics.AddToBuilder(builder, plant, uvms.hydrodynamics)

@@ -4,11 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
+from support.tank import G, Tank, joint, link, random_added_mass
 
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
@@ -16,15 +12,9 @@ from uvms_drake.model.description.hydrodynamics_file import (
     Drag,
     HydrodynamicParameters,
 )
-from uvms_drake.plant.hydrodynamics import Hydrodynamics
-from uvms_drake.plant.waves import (
-    WaterMotion,
-    Wave,
-    largest_speed,
-    water_motion,
-)
+from uvms_drake.plant.waves import Wave, largest_speed, water_motion
 
-G, RHO = 9.81, 1000.0
+RHO = 1000.0  # kg/m³
 SLANTED = Wave(amplitude=0.3, period=5.0, direction=0.7, phase=0.4, depth=3.0)
 DEEP = Wave(amplitude=0.25, period=6.0, depth=2.4)
 POSE = RigidTransform(RollPitchYaw(0.4, -0.9, 2.1), np.array([0.3, 0.2, 4.0]))
@@ -67,30 +57,20 @@ def test_no_water_is_faster_than_the_bound():
 # Bodies in them ----------------------------------------------------------------------------------
 
 
-def link(name, mass, com, inertia, pose="0 0 0 0 0 0", parent="__model__"):
-    return f"""
-      <link name="{name}"><pose relative_to="{parent}">{pose}</pose><inertial>
-        <pose>{com[0]} {com[1]} {com[2]} 0 0 0</pose><mass>{mass}</mass><inertia>
-        <ixx>{inertia}</ixx><iyy>{1.2 * inertia}</iyy><izz>{1.5 * inertia}</izz>
-        <ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>"""
+def inertia(size):
+    return size, 1.2 * size, 1.5 * size
 
 
-ARM = (link("vehicle", 7.0, (0.03, -0.02, 0.06), 0.3)
-       + link("lower", 1.3, (0.17, -0.03, 0.02), 0.02, "0.4 0.1 0.2 0.1 0.3 -0.5", "vehicle")
-       + """<joint name="elbow" type="revolute"><parent>vehicle</parent><child>lower</child>
-            <axis><xyz>0 0.6 0.8</xyz></axis></joint>""")
-
-
-def added_mass(seed, size):
-    A = np.random.default_rng(seed).normal(size=(6, 6))
-    return size * (A @ A.T + np.diag([2.0, 5.0, 7.0, 0.2, 0.4, 0.3]))
+ARM = (link("vehicle", 7.0, (0.03, -0.02, 0.06), inertia=inertia(0.3))
+       + link("lower", 1.3, (0.17, -0.03, 0.02), "vehicle", "0.4 0.1 0.2 0.1 0.3 -0.5",
+              inertia(0.02)) + joint("elbow", "vehicle", "lower", "0 0.6 0.8", 0.0))
 
 
 def body(mass, com, seed, drag=2.0, buoyant=1.0, rise=0.0):
     return BodyHydrodynamics(
         displaced_volume=buoyant * mass / RHO,
         center_of_buoyancy=np.asarray(com) + [0.0, 0.0, -rise],
-        added_mass=[AddedMass(added_mass(seed, 0.3 * mass), np.array([0.1, -0.2, 0.05]))],
+        added_mass=[AddedMass(0.3 * mass * random_added_mass(seed), np.array([0.1, -0.2, 0.05]))],
         drag=[Drag(np.full(6, drag), np.full(6, drag), np.array([-0.1, 0.05, 0.1]))])
 
 
@@ -100,49 +80,12 @@ def arm_water(**kwargs):
         "lower": body(1.3, (0.17, -0.03, 0.02), 2, **kwargs)})
 
 
-class Tank:
-    """A robot in water that moves."""
-
-    def __init__(self, model, parameters, waves=(), current=(0.0, 0.0, 0.0), gravity=(0, 0, G)):
-        builder = DiagramBuilder()
-        self.plant = builder.AddSystem(MultibodyPlant(0.0))
-        Parser(self.plant).AddModelsFromString(
-            f"""<sdf version="1.9"><model name="robot">{model}</model></sdf>""", "sdf")
-        self.plant.mutable_gravity_field().set_gravity_vector(np.array(gravity))
-        self.plant.Finalize()
-        self.water = Hydrodynamics.AddToBuilder(builder, self.plant, parameters)
-        if waves:
-            moving = builder.AddSystem(WaterMotion(np.array(current), waves))
-            for name in ("current", "current_acceleration"):
-                builder.Connect(moving.GetOutputPort(name), self.water.GetInputPort(name))
-        self.log = LogVectorOutput(self.plant.get_state_output_port(), builder, 0.1)
-        self.diagram = builder.Build()
-        self.context = self.diagram.CreateDefaultContext()
-        self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
-
-    def fix(self, port, value):
-        self.water.GetInputPort(port).FixValue(
-            self.water.GetMyMutableContextFromRoot(self.context), np.asarray(value, dtype=float))
-
-    def set(self, v_W, omega_W=(0.0, 0.0, 0.0), q=(), q_dot=(), X=POSE):
-        self.plant.SetPositionsAndVelocities(self.plant_context, np.concatenate([
-            X.rotation().ToQuaternion().wxyz(), X.translation(), q, omega_W, v_W, q_dot]))
-
-    def v_dot(self):
-        return self.diagram.EvalTimeDerivatives(self.context).CopyToVector()[
-            -self.plant.num_velocities():]
-
-    def velocities(self, duration):
-        """Returns times and v (T, nv)."""
-        simulator = Simulator(self.diagram, self.context)
-        ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1)
-        simulator.get_mutable_integrator().set_target_accuracy(1e-11)
-        simulator.AdvanceTo(duration)
-        log = self.log.FindLog(self.context)
-        return log.sample_times(), log.data().T[:, -self.plant.num_velocities():]
+def in_body(v_W, omega_W=(0.0, 0.0, 0.0)):
+    """Returns ν (6,) of velocities in World, at `POSE`."""
+    return (np.array([v_W, omega_W]) @ POSE.rotation().matrix()).ravel()
 
 
-def sphere(mass, volume, drag=0.0):
+def sphere(volume, drag=0.0):
     half = 0.5 * RHO * volume
     return HydrodynamicParameters(RHO, {"vehicle": BodyHydrodynamics(
         displaced_volume=volume, added_mass=[AddedMass(np.array([half] * 3 + [0.0] * 3))],
@@ -154,9 +97,9 @@ CURRENT = np.array([0.1, -0.2, 0.05])
 
 
 def test_a_neutral_arm_moves_with_the_water_and_does_not_bend():
-    tank = Tank(ARM, arm_water(), WAVES, CURRENT)
-    tank.set(water_motion(CURRENT, WAVES, 0.0)[0], q=[0.4], q_dot=[0.0])
-    times, v = tank.velocities(2.0)
+    tank = Tank(arm_water(), ARM, waves=WAVES, current=CURRENT)
+    tank.set(in_body(water_motion(CURRENT, WAVES, 0.0)[0]), POSE, q=[0.4], q_dot=[0.0])
+    times, v = tank.simulate(2.0, 1e-11)
     np.testing.assert_allclose(v[:, [0, 1, 2, 6]], 0.0, atol=1e-8)
     np.testing.assert_allclose(
         v[:, 3:6], [water_motion(CURRENT, WAVES, t)[0] for t in times], atol=1e-8)
@@ -165,9 +108,9 @@ def test_a_neutral_arm_moves_with_the_water_and_does_not_bend():
 def test_a_heavy_sphere_follows_the_water_in_part():
     """(m + ½ρV) v̇ = 1.5 ρV v̇_c + (m − ρV) g, whose integral is known."""
     mass, volume = 5.0, 0.004
-    tank = Tank(link("vehicle", mass, (0, 0, 0), 0.1), sphere(mass, volume), WAVES)
-    tank.set(np.zeros(3))
-    times, v = tank.velocities(3.0)
+    tank = Tank(sphere(volume), link("vehicle", mass), waves=WAVES)
+    tank.set(np.zeros(6), POSE)
+    times, v = tank.simulate(3.0, 1e-11)
     water = np.array([water_motion(np.zeros(3), WAVES, t)[0] for t in times])
     total = mass + 0.5 * RHO * volume
     expected = 1.5 * RHO * volume / total * (water - water[0])
@@ -182,12 +125,12 @@ def test_accelerating_water_is_still_water_in_a_frame_that_accelerates():
     for _ in range(4):
         current, rate = rng.normal(size=(2, 3))
         omega, v, q, q_dot = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.normal()
-        moving = Tank(ARM, parameters)
+        moving = Tank(parameters, ARM)
         moving.fix("current", current)
         moving.fix("current_acceleration", rate)
-        moving.set(v, omega, [q], [q_dot])
-        still = Tank(ARM, parameters, gravity=np.array([0.0, 0.0, G]) - rate)
-        still.set(v - current, omega, [q], [q_dot])
+        moving.set(in_body(v, omega), POSE, [q], [q_dot])
+        still = Tank(parameters, ARM, gravity=np.array([0.0, 0.0, G]) - rate)
+        still.set(in_body(v - current, omega), POSE, [q], [q_dot])
         expected = still.v_dot()
         expected[3:6] += rate
         np.testing.assert_allclose(moving.v_dot(), expected, rtol=1e-10, atol=1e-10)
@@ -196,8 +139,8 @@ def test_accelerating_water_is_still_water_in_a_frame_that_accelerates():
 def test_what_holds_a_body_in_a_wave_is_morisons_force():
     """ρV(1 + C_A) v̇_c + drag, C_A = ½ of a sphere."""
     mass, volume, drag = 4.0, 0.004, 30.0
-    tank = Tank(link("vehicle", mass, (0, 0, 0), 0.1), sphere(mass, volume, drag), WAVES)
-    tank.set(np.zeros(3), X=RigidTransform())
+    tank = Tank(sphere(volume, drag), link("vehicle", mass), waves=WAVES)
+    tank.set(np.zeros(6))
     for time in (0.3, 1.7, 4.4):
         tank.context.SetTime(time)
         v, a = water_motion(np.zeros(3), WAVES, time)

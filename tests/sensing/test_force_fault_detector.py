@@ -1,4 +1,4 @@
-"""Tests of `sensing.force_fault_detector`: detected and undetected faults."""
+"""Detected and undetected faults of a force sensor, and readings that a working one repeats."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from support.scripts import Script
 from support.tiny_robots import drill
 
+from uvms_drake.common.wiring import added
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.surface.law import check_surface
@@ -16,7 +17,11 @@ from uvms_drake.sensing.force_fault_detector import (
     ForceStatus,
     RepeatCount,
     counted,
+    repeat_probability,
+    run_of_frozen,
 )
+from uvms_drake.sensing.force_sensor import ForceSensor
+from uvms_drake.sensing.wrist_sensor import quantised
 
 T = 0.1  # s
 
@@ -35,9 +40,9 @@ def passed(force, state=turning, until=3.0, model=None, start=0.0, **options):
     """Returns instants and values of a reader with the period of the detector."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=force, state=state))
-    watch = ForceFaultDetector.AddToBuilder(
-        builder, model or drill(), T, state=script.GetOutputPort("state"),
-        force_measured=script.GetOutputPort("force"), **options)
+    watch = added(
+        builder, "force_fault_detector", ForceFaultDetector(model or drill(), T, **options),
+        state=script.GetOutputPort("state"), force_measured=script.GetOutputPort("force"))
     logs = [LogVectorOutput(watch.get_output_port(i), builder, T) for i in range(2)]
     simulator = Simulator(builder.Build())
     simulator.get_mutable_context().SetTime(start)
@@ -134,9 +139,9 @@ def test_zeros_during_the_tare_are_readings_and_later_ones_are_not(start):
 def test_a_clone_goes_on_as_the_run_does():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=frozen_in("world"), state=turning))
-    watch = ForceFaultDetector.AddToBuilder(
-        builder, drill(), T, state=script.GetOutputPort("state"),
-        force_measured=script.GetOutputPort("force"))
+    watch = added(
+        builder, "force_fault_detector", ForceFaultDetector(drill(), T),
+        state=script.GetOutputPort("state"), force_measured=script.GetOutputPort("force"))
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.15)
@@ -147,3 +152,45 @@ def test_a_clone_goes_on_as_the_run_does():
             found = watch.GetOutputPort("force_valid").Eval(
                 watch.GetMyContextFromRoot(each.get_context()))
             assert np.isnan(found[0]) == none
+
+
+SIGMA = np.array([0.25, 0.25, 0.25, 0.005, 0.005, 0.005])
+
+
+def repeats(sigma, multiple, resolution, force, count=20_000):
+    """Returns whether each of `count` drawn readings of a constant force repeats the last one."""
+    unit = np.random.default_rng(4).standard_normal((count, 6))
+    noise = sigma * np.clip(unit, -multiple, multiple)
+    readings = quantised(force + noise, resolution)
+    return np.all(readings[1:] == readings[:-1], axis=1)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize(("multiple", "step"), [(3.0, 4.0), (3.0, 2.5), (1.5, 1.6), (1.0, 0.9)])
+def test_no_force_makes_drawn_readings_repeat_more_often_than_computed(multiple, step, share):
+    """Wherever the force is between two steps; σ and r of three components are as given."""
+    r = step * SIGMA
+    bound = repeat_probability(SIGMA, multiple, r)
+    found = np.mean(repeats(SIGMA, multiple, r, share * r))
+    assert found <= bound + 4.0 * np.sqrt(bound / 20_000)
+
+
+@pytest.mark.parametrize("force_step", [0.01, 0.0625, 0.2, 0.5])
+def test_no_run_of_a_working_sensor_is_that_of_a_frozen_one(force_step):
+    """Of the shipped noise, and steps of the torque alike: the longest drawn run is shorter."""
+    r = force_step / 0.25 * SIGMA
+    frozen = run_of_frozen(repeat_probability(SIGMA, 3.0, r))
+    same = repeats(SIGMA, 3.0, r, 0.5 * r)
+    ends = np.flatnonzero(np.append(~same, True))
+    longest = np.max(np.diff(ends, prepend=-1))
+    assert longest < frozen <= 11
+
+
+def test_a_sensor_that_is_as_quiet_as_a_frozen_one_has_no_such_run():
+    """Without noise, or with a resolution that hides all of it; one noisy component is enough."""
+    assert run_of_frozen(repeat_probability(np.zeros(6), 3.0, np.zeros(6))) == 0
+    assert run_of_frozen(repeat_probability(SIGMA, 3.0, 6.0 * SIGMA)) == 0
+    one = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.005])
+    assert run_of_frozen(repeat_probability(one, 3.0, np.zeros(6))) == 5
+    quiet = ForceSensor(noise=np.zeros(6)).reading(30.0, 0.5)
+    assert quiet.repeated == 1.0

@@ -12,25 +12,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script, use_fixed_steps
 
+from uvms_drake.common.wiring import added
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
-from uvms_drake.sensing.force_sensor import (
-    ForceSensor,
-    error_bound,
-    in_tip_axes,
-    readable_force,
-)
+from uvms_drake.sensing.force_sensor import ForceSensor, error_bound, in_tip_axes, readable_force
 from uvms_drake.sensing.measurements import TipPose
-from uvms_drake.sensing.wrist_sensor import (
-    Imperfection,
-    Tool,
-    WristSensor,
-    cut_noise,
-    transfer,
-)
+from uvms_drake.sensing.wrist_sensor import Imperfection, Tool, WristSensor, cut_noise, transfer
 
 ZERO = np.zeros(6)
 MOUNTING = np.array([0.02, -0.03, -0.11, 0.4, -0.7, 2.1])
@@ -72,11 +62,11 @@ class Bench:
         builder = DiagramBuilder()
         shown = builder.AddSystem(Script(
             force=self.force, state=state, measured=measured or state))
-        self.sensor = WristSensor.AddToBuilder(
-            builder, model, settings, off or settings.imperfection(0),
-            force=shown.GetOutputPort("force"), **{
-                name: self._pose(builder, shown.GetOutputPort(state))
-                for name, state in (("chi", "state"), ("measured_chi", "measured"))})
+        self.sensor = added(
+            builder, "wrist_sensor", WristSensor(model, settings, off or settings.imperfection(0)),
+            force=shown.GetOutputPort("force"),
+            chi=self._pose(builder, shown.GetOutputPort("state")),
+            measured_chi=self._pose(builder, shown.GetOutputPort("measured")))
         self.simulator = self.simulator_of(builder.Build())
 
     def _pose(self, builder, state):

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
-from uvms_drake.model.signals.sensor_actuator import Signals
+import uvms_drake as uv
 from uvms_drake.sensing.navigation import (
     CHANNELS,
     Channel,
@@ -19,8 +19,6 @@ from uvms_drake.sensing.navigation import (
     channel_rows,
     triangle,
 )
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.simulation import simulate
 
 SIZE = 10
 QUIET = Navigation(**{key: Channel(50.0, 0.0, 0.0) for key in CHANNELS}, drift=Drift(0.0, 0.0),
@@ -40,7 +38,7 @@ def run(settings, times, model, state=still, seed=0):
     """Returns the measured state (T, 20) at times."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(state=state))
-    signals = Signals()
+    signals = uv.Signals()
     port = settings.add_to(builder, model, script.get_output_port(), signals, seed)
     assert list(signals) == ["measured_state"]
     builder.ExportOutput(port, "measured")
@@ -134,9 +132,9 @@ def test_the_velocity_goes_on_from_the_last_fix_with_the_accelerometers_bias(mod
 
 def test_the_loop_begins_at_the_measured_state():
     """The first plan starts at the measured state; the run continues with the measurements."""
-    scenario = load_scenario("girona500_ideal", [
+    scenario = uv.load_scenario("girona500_ideal", [
         "duration=0.4", "sensing=[!Navigation {position: {noise: 0.001}}]"])
-    record = simulate(scenario)
+    record = uv.simulate(scenario)
     measured = record.signals["measured_state"]
     np.testing.assert_array_equal(record.nominal_state[0], measured[0])
     off = np.max(np.abs(measured - record.state), axis=0)

@@ -8,9 +8,7 @@ import pytest
 
 import uvms_drake as uv
 from uvms_drake.command.main import main
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.station.scenario.scenario import load_scenario
 
 GIRONA = "girona500_arm5e"
 POSTURE = [0.0, 1.1, 0.47, 0.0]  # rad
@@ -42,7 +40,7 @@ class Ball(uv.Surface):
 def test_it_is_the_scenario_of_the_file_that_the_command_writes(robot, tmp_path):
     file = tmp_path / "press.yaml"
     assert main(["scenario", "--new", str(file), "--robot", robot, "--force", "6"]) == 0
-    written, made = load_scenario(str(file)), uv.make_scenario(robot, force=6.0)
+    written, made = uv.load_scenario(str(file)), uv.make_scenario(robot, force=6.0)
     assert (made.model, made.mpc.horizon) == (written.model, written.mpc.horizon)
     for key in ("limits.u", "limits.q_lower", "limits.static_force", "start.eta", "start.q",
                 "task.force", "task.pose", "task.posture", "mpc.weight_u", "disturbance.weights",
@@ -53,7 +51,7 @@ def test_it_is_the_scenario_of_the_file_that_the_command_writes(robot, tmp_path)
 
 def test_a_posture_beyond_the_joint_limits_is_named():
     """In degrees it asked for `limits.q_lower` below `limits.q_upper`."""
-    with pytest.raises(InvalidParameter, match=r"^posture = \[ ?0\., 63\., .*joint limits, \["):
+    with pytest.raises(uv.InvalidParameter, match=r"^posture = \[ ?0\., 63\., .*joint limits, \["):
         uv.make_scenario(GIRONA, force=5.0, posture=[0.0, 63.0, 27.0, 0.0])
 
 
@@ -64,7 +62,7 @@ def test_it_takes_a_kind_of_contact_with_the_sensor_that_it_needs():
                              posture=POSTURE, contact=contact, sensing=[sensor])
     press.duration = 0.04
     assert uv.simulate(press).signals["touched"].max() == 0.0
-    with pytest.raises(InvalidParameter, match="a part that measures the force"):
+    with pytest.raises(uv.InvalidParameter, match="a part that measures the force"):
         uv.make_scenario(GIRONA, force=5.0, posture=POSTURE, contact=contact)
 
 
@@ -91,7 +89,7 @@ def test_the_default_pose_of_a_surface_is_where_it_gives_the_force():
     chi = Ball().pose_for(np.array([8.0, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array(
         [-0.31, 0.0, 0.0, 0.0, 0.2, 0.0]))
     np.testing.assert_allclose(chi, [-0.299 + 8.0 / 500.0, 0.0, 0.0, 0.0, 0.2, 0.0], atol=1e-9)
-    with pytest.raises(InvalidParameter, match="one that the surface gives along its direction"):
+    with pytest.raises(uv.InvalidParameter, match="one that the surface gives along its direction"):
         Ball().pose_for(np.array([0.0, 8.0, 0.0, 0.0, 0.0, 0.0]), chi)
     rng = np.random.default_rng(0)
     attitudes = np.zeros((50, 6))
@@ -146,7 +144,7 @@ def test_a_robot_is_loaded_once_from_the_objects_to_the_summary(monkeypatch):
     ({"distance": 0.0}, "distance = 0.0: must be positive"),
     ({"robot": "submarine"}, "model = 'submarine': must be one of")])
 def test_an_argument_without_meaning_is_named(arguments, expected):
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises(uv.InvalidParameter) as caught:
         uv.make_scenario(**{"robot": GIRONA, "force": 10.0, "posture": POSTURE} | arguments)
     assert " ".join(str(caught.value).split()).startswith(expected)
 

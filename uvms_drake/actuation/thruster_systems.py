@@ -4,14 +4,12 @@ import numpy as np
 from pydrake.systems.framework import (
     Context,
     ContinuousState,
-    DiagramBuilder,
     DiscreteValues,
     LeafSystem,
-    OutputPort,
     State,
 )
 
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.wiring import output_of
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import UvmsModel
@@ -66,14 +64,6 @@ class ThrusterAllocation(LeafSystem):
         kinematics = model.kinematics(self._state_port.Eval(context)[: model.size])
         tau = model.inverse_dynamics(kinematics, still, still, self._force_port.Eval(context))
         return self._command(tau[:6])
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, allocation: Allocation, *,
-                     tau: OutputPort, state: OutputPort, force: OutputPort,
-                     name: str = "allocation") -> "ThrusterAllocation":
-        """Adds the allocation and connects it; the arguments are its constructor's and inputs."""
-        return added(builder, name, ThrusterAllocation(model, allocation),
-                     tau=tau, state=state, force=force)
 
 
 class ThrusterDynamics(LeafSystem):
@@ -133,11 +123,3 @@ class ThrusterDynamics(LeafSystem):
         force = context.get_continuous_state_vector().CopyToVector()
         followed = context.get_discrete_state(1).value()[: force.size]
         derivatives.SetFromVector((followed - force) / self._thrusters.lag)
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, thrusters: ThrusterModel, period: float, steps: int,
-                     *, command: OutputPort, hover: OutputPort, name: str = "thrusters"
-                     ) -> "ThrusterDynamics":
-        """Adds the thrusters and connects them; the arguments are the constructor's and inputs."""
-        return added(builder, name, ThrusterDynamics(thrusters, period, steps),
-                     command=command, hover=hover)

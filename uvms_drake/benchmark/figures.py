@@ -15,15 +15,7 @@ from matplotlib.patches import Rectangle
 from uvms_drake.benchmark.benchmark import SAMPLED
 from uvms_drake.benchmark.cases import CASES
 from uvms_drake.benchmark.controllers import CONTROLLERS, TUBE
-from uvms_drake.report.figure_style import (
-    BLACK,
-    BLUE,
-    DESIRED,
-    GREEN,
-    ORANGE,
-    STYLE,
-    VERMILION,
-)
+from uvms_drake.report import figure_style as style
 
 OVERVIEW = "benchmark.png"
 RANGE = (0.5, 50.0)
@@ -32,8 +24,8 @@ DARK = 8.0
 """Error from which on a cell's text is white [%]."""
 COLUMNS = 3
 GREY = "#777777"
-LINES = [(color, style) for style in ("-", (0, (2, 1)))
-         for color in (ORANGE, GREEN, VERMILION, GREY)]
+LINES = [(color, dash) for dash in ("-", (0, (2, 1)))
+         for color in (style.ORANGE, style.GREEN, style.VERMILION, GREY)]
 """Colours and line styles of the controllers but the tube MPC, which is blue and in front; those
 of this package have the same in every figure."""
 
@@ -49,7 +41,7 @@ def write_figures(results: Results, summary: dict[str, Any], folder: Path) -> No
     """Writes the overview of a summary, and the figure of each robot with samples."""
     own = {robot: [result for result in results if result["robot"] == robot and SAMPLED in result]
            for robot in summary["robots"]}
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(style.STYLE):
         draw_overview(summary).savefig(folder / OVERVIEW, dpi=200)
         for robot, sampled in own.items():
             if sampled:
@@ -100,10 +92,10 @@ def _mark(axis: Axes, row: int, column: int, error: float, broken: bool) -> None
         return
     text = f"{error:.1f}" if error < 9.95 else f"{error:.0f}"
     axis.text(column, row, text if np.isfinite(error) else "–", ha="center", va="center",
-              fontsize=6, color="white" if DARK < error < np.inf else BLACK)
+              fontsize=6, color="white" if DARK < error < np.inf else style.BLACK)
     if broken:
         axis.add_patch(Rectangle((column - 0.44, row - 0.42), 0.88, 0.84, fill=False,
-                                 edgecolor=VERMILION, linewidth=0.9))
+                                 edgecolor=style.VERMILION, linewidth=0.9))
 
 
 def draw_forces(results: Results) -> Figure:
@@ -114,17 +106,17 @@ def draw_forces(results: Results) -> Figure:
     figure = Figure(figsize=(7.0, 0.5 + 1.35 * rows), layout="constrained")
     axes = figure.subplots(rows, COLUMNS, sharex=True, squeeze=False).reshape(-1)
     known = [name for name in dict.fromkeys([*CONTROLLERS, *names]) if name != TUBE]
-    lines = dict(zip(known, cycle(LINES), strict=False)) | {TUBE: (BLUE, "-")}
+    lines = dict(zip(known, cycle(LINES), strict=False)) | {TUBE: (style.BLUE, "-")}
     for axis, case in zip(axes, cases, strict=False):
         first = {result["controller"]: result for result in results
                  if result["case"] == case and result["index"] == 0}
         desired = max((result["desired"] for result in first.values()), default=0.0)
-        axis.axhline(desired, **DESIRED)
+        axis.axhline(desired, **style.DESIRED)
         for name in (name for name in names if name in first):
             curve, is_tube = first[name][SAMPLED], name == TUBE
-            color, style = lines[name]
+            color, dash = lines[name]
             axis.plot(np.array(curve["time"]) - (first[name]["touch"] or 0.0), curve["force"],
-                      color=color, linestyle=style, linewidth=1.3 if is_tube else 0.8,
+                      color=color, linestyle=dash, linewidth=1.3 if is_tube else 0.8,
                       zorder=3 if is_tube else 2, label=name.replace("_", " "))
         axis.set_title(CASES[case].text.split(":")[0], fontsize=6.5)
         axis.set(ylim=(0.0, 2.0 * desired), xlim=(-1.0, 14.0), xticks=[0.0, 5.0, 10.0])
@@ -134,6 +126,6 @@ def draw_forces(results: Results) -> Figure:
         axis.set_xlabel("time since the touch [s]")
         axis.tick_params(labelbottom=True)
     for axis in axes[: len(cases): COLUMNS]:
-        axis.set_ylabel("force [N]", color=BLACK)
+        axis.set_ylabel("force [N]", color=style.BLACK)
     figure.legend(*axes[0].get_legend_handles_labels(), ncols=5, loc="outside upper center")
     return figure

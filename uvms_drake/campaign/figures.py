@@ -4,11 +4,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
-from uvms_drake.report.drawing import Drawing, Panel, Series, band, draw, line
-from uvms_drake.report.figure_style import BLUE, LIMIT, ORANGE, STYLE, tube_label
+from uvms_drake.report.drawing import Drawing, Panel, Series, band, line, save
+from uvms_drake.report.figure_style import BLUE, LIMIT, ORANGE, tube_label
 
 RATIOS_FILE, MARGINS_FILE = "campaign_ratios.png", "campaign_margins.png"
 OUTCOMES_FILE, WALLS_FILE = "campaign_outcomes.png", "campaign_walls.png"
@@ -34,9 +33,8 @@ def make_campaign_figures(summary: Mapping[str, Any], folder: Path) -> None:
                 OUTCOMES_FILE: outcomes_drawing(done, summary["force_tolerance"])}
     if "walls" in summary:
         drawings[WALLS_FILE] = walls_drawing([result["wall"] for result in done])
-    with matplotlib.rc_context(STYLE):
-        for name, drawing in drawings.items():
-            draw(drawing).savefig(folder / name)
+    for name, drawing in drawings.items():
+        save(drawing, folder / name)
 
 
 def ratios_drawing(results: Results, certified: bool) -> Drawing:

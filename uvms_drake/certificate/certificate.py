@@ -20,7 +20,7 @@ from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.certificate.text import format_certificate, verdict
 from uvms_drake.common.cache import source_digest
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.common.jsonable import from_jsonable, jsonable
+from uvms_drake.common.jsonable import from_jsonable, jsonable, write_json
 from uvms_drake.common.program import FOLDER, VERSION
 from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.station.scenario.modules import module_file
@@ -159,8 +159,7 @@ def _digest(data: object) -> str:
 
 def write_certificate(certificate: AnyCertificate, folder: Path) -> None:
     """Writes `certificate.json` into a folder."""
-    text = json.dumps(to_data(certificate), indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / CERTIFICATE_FILE).write_text(text + "\n", encoding="utf-8")
+    write_json(to_data(certificate), folder / CERTIFICATE_FILE)
 
 
 def read_certificate(path: Path) -> AnyCertificate:

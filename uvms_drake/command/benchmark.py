@@ -1,14 +1,12 @@
 """The sub-command `benchmark`: the field's controllers and one's own, in the same cases."""
 
 import argparse
-import json
 import sys
-from contextlib import closing
 from pathlib import Path
 
 from uvms_drake.command.campaign import take_workers
 from uvms_drake.command.files import folder, take_quiet
-from uvms_drake.command.progress import Bar, stream_of
+from uvms_drake.command.progress import bar
 from uvms_drake.common.output import output_folder
 
 JSON_FILE, TABLE_FILE, CSV_FILE = "benchmark.json", "benchmark.md", "benchmark.csv"
@@ -54,7 +52,7 @@ def run_benchmark(args: argparse.Namespace) -> int:
     from uvms_drake.benchmark.figures import OVERVIEW, figure_name, write_figures
     from uvms_drake.benchmark.table import format_benchmark, summarise
     from uvms_drake.campaign.pool import make_pool
-    from uvms_drake.common.jsonable import jsonable
+    from uvms_drake.common.jsonable import write_json
 
     pool = make_pool(args.workers, args.scheduler)
     robots = args.robots or list(ROBOTS)
@@ -64,14 +62,13 @@ def run_benchmark(args: argparse.Namespace) -> int:
         key: getattr(args, key) for key in SELECTED if getattr(args, key)})
     own = (JSON_FILE, TABLE_FILE, CSV_FILE, OVERVIEW, *(figure_name(robot) for robot in robots))
     with output_folder(args.output, own) as output:
-        with closing(Bar("running", stream_of(args))) as progress:
+        with bar(args, "running") as progress:
             results = recorded or completed(
                 runs, args.output, pool, progress, finished=args.finished)
         # Data, tables and figures of the results.
         summary = summarise(results)
         text = format_benchmark(summary)
-        (output.folder / JSON_FILE).write_text(json.dumps(
-            jsonable(summary), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_json(summary, output.folder / JSON_FILE)
         (output.folder / TABLE_FILE).write_text(text + "\n", encoding="utf-8")
         write_record(results, output.folder / CSV_FILE)
         write_figures(results, summary, output.folder)

@@ -1,11 +1,11 @@
 """The certificate of a run: the one that its folder has, or a new one."""
 
+import argparse
 import shlex
 import sys
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TextIO, TypeVar
+from typing import TypeVar
 
 from uvms_drake.certificate.certificate import (
     AnyCertificate,
@@ -18,7 +18,7 @@ from uvms_drake.certificate.certificate import (
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
 from uvms_drake.certificate.text import scope
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.command.progress import CERTIFYING, Bar
+from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.cache import stored
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.model.contact_model import ContactModel
@@ -51,8 +51,8 @@ def kept_certificate(path: Path, scenario: Scenario, source: str, again: list[st
                     f"use another --output, or make it again: {command}")
 
 
-def new_certificate(scenario: Scenario, model: ContactModel, source: str, stream: TextIO
-                    ) -> AnyCertificate:
+def new_certificate(args: argparse.Namespace, scenario: Scenario, model: ContactModel,
+                    source: str) -> AnyCertificate:
     """Returns the worst-case certificate; if it does not hold, one in probability from the cache.
 
     Raises:
@@ -60,7 +60,7 @@ def new_certificate(scenario: Scenario, model: ContactModel, source: str, stream
     """
     from uvms_drake.certificate.certify import certified_once
 
-    with reported_in(source), closing(Bar(CERTIFYING, stream, is_steady=False)) as progress:
+    with reported_in(source), bar(args, CERTIFYING, is_steady=False) as progress:
         worst_case = certified_once(scenario, progress, model)
     known = None if worst_case.certified else stored(cache_key(scenario))
     found: AnyCertificate = worst_case if known is None else from_data(known)

@@ -3,24 +3,16 @@
 import argparse
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import closing
-from pathlib import Path
 
-from uvms_drake.certificate.certificate import (
-    CERTIFICATE_FILE,
-    write_certificate,
-)
+from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.command.campaign import take_workers
 from uvms_drake.command.certificates import note
-from uvms_drake.command.files import folder, take_scenario
+from uvms_drake.command.files import asked, folder, left_out, take_scenario
 from uvms_drake.command.largest import find_largest, take_largest
 from uvms_drake.command.paper import certify_own
-from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
-from uvms_drake.common.errors import require
+from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.output import output_folder
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
+from uvms_drake.station.scenario.scenario_file import reported_in
 
 
 def add_certify(commands: argparse._SubParsersAction) -> None:
@@ -56,29 +48,27 @@ def certify_scenario(args: argparse.Namespace) -> int:
     if args.runs is not None:
         from uvms_drake.command.drawn_runs import certify_by_runs
 
-        _require_default(args, ("largest", "within"), "with --runs")
+        left_out(args, ("largest", "within"), "with --runs")
         return certify_by_runs(args, names)
-    _require_default(args, ("confidence", "seed", "workers", "scheduler"), "without --runs")
+    left_out(args, ("confidence", "seed", "workers", "scheduler"), "without --runs")
     if args.largest is not None:
-        _require_default(args, ("output", "full"), "with --largest")
+        left_out(args, ("output", "full"), "with --largest")
         return find_largest(args)
-    _require_default(args, ("within",), "without --largest")
+    left_out(args, ("within",), "without --largest")
     from uvms_drake.certificate.certify import certified_once
     from uvms_drake.certificate.text import format_overview
     from uvms_drake.station.problem import check_inputs
 
     # Bad input of any kind is refused before anything is computed.
-    scenario = load_scenario(args.scenario, args.overrides)
-    source = scenario_source(args.scenario, set_options(args.overrides))
-    path = args.output if args.output is not None else Path("out") / scenario.name
+    scenario, source, path = asked(args)
     if scenario.simulation:
-        return certify_own(args, scenario, path)
+        return certify_own(args, scenario, source, path)
     with output_folder(path, names, replaces=True) as output:
         with reported_in(source):
             model = check_inputs(scenario)  # Before anything is announced.
             note(scenario)
             started = time.perf_counter()
-            with closing(Bar(CERTIFYING, stream_of(args), is_steady=False)) as progress:
+            with bar(args, CERTIFYING, is_steady=False) as progress:
                 certificate = certified_once(scenario, progress, model)
             seconds = time.perf_counter() - started
         write_certificate(certificate, output.folder)
@@ -87,11 +77,3 @@ def certify_scenario(args: argparse.Namespace) -> int:
     print(f"\n{certificate}" if args.full else "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     return 0 if certificate.certified else 1
-
-
-def _require_default(args: argparse.Namespace, options: Sequence[str], where: str) -> None:
-    """Raises `InvalidParameter` for the first given option that must be left out."""
-    for name in options:
-        value = getattr(args, name)
-        require(value == args.parser.get_default(name), f"--{name.replace('_', '-')}", value,
-                f"left out {where}")

@@ -1,11 +1,11 @@
 """The sub-command `compare`: puts several runs side by side."""
 
 import argparse
-import json
 from pathlib import Path
 
 from uvms_drake.command.files import folder
 from uvms_drake.common.errors import require
+from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder
 
 COMPARISON_FILES = ("compare.md", "compare.json", "compare.png")
@@ -30,16 +30,13 @@ def compare_runs(args: argparse.Namespace) -> int:
     require(2 <= len(args.folders) <= MOST, "DIR", [str(each) for each in args.folders],
             f"two to {MOST} folders")
     # Slow imports, after the arguments are known to be good.
-    import matplotlib
-
     from uvms_drake.report.compare import (
         comparison_drawing,
         differing_keys,
         format_comparison,
         metrics_of,
     )
-    from uvms_drake.report.drawing import draw
-    from uvms_drake.report.figure_style import STYLE
+    from uvms_drake.report.drawing import save
     from uvms_drake.report.html import load_run
     from uvms_drake.report.summary import summarise
 
@@ -52,10 +49,8 @@ def compare_runs(args: argparse.Namespace) -> int:
         (output.folder / "compare.md").write_text(f"{text}\n", encoding="utf-8")
         data = {"runs": names, "metrics": [metrics_of(each) for each in summaries],
                 "differences": differences}
-        (output.folder / "compare.json").write_text(
-            json.dumps(data, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-        with matplotlib.rc_context(STYLE):
-            draw(comparison_drawing(names, records)).savefig(output.folder / "compare.png")
+        write_json(data, output.folder / "compare.json")
+        save(comparison_drawing(names, records), output.folder / "compare.png")
     print(f"{text}\n\nwritten to {args.output}: {', '.join(sorted(output.kept))}")
     return 0
 

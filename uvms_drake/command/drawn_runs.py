@@ -1,9 +1,7 @@
 """Drawn runs of a scenario: a campaign, and the certificate in probability of `certify --runs`."""
 
 import argparse
-import json
 import sys
-from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -40,21 +38,32 @@ from uvms_drake.certificate.certificate import (
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.certificate.text import format_probability
 from uvms_drake.command.certificates import note, sound
-from uvms_drake.command.files import BROKEN, DATA_FILES, picture_files, write_data, write_pictures
-from uvms_drake.command.progress import Bar, stream_of
+from uvms_drake.command.files import (
+    BROKEN,
+    DATA_FILES,
+    asked,
+    left_out,
+    picture_files,
+    write_data,
+    write_pictures,
+)
+from uvms_drake.command.progress import bar
 from uvms_drake.common.cache import store
 from uvms_drake.common.errors import require
+from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_summary
 from uvms_drake.station.problem import check_inputs
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scenario.scenario_file import reported_in
 from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step_size import with_step
 
 CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
 OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES, WALLS_FILE)
+OWN_FOLDER = "-campaign"
+"""End of the name of a campaign's folder."""
 STORE = "runs"
 """Folder of the runs inside of that of a certificate in probability; it is a campaign's."""
 
@@ -63,16 +72,15 @@ def run_campaign(args: argparse.Namespace) -> int:
     """Computes the missing runs and writes the summary; returns 3 if a guarantee was broken."""
     check_draws(args)
     # The scenario, its certificate, and everything else that the runs have in common.
-    scenario = load_scenario(args.scenario, args.overrides)
-    source = scenario_source(args.scenario, set_options(args.overrides))
-    output, pool = folder_of(args, scenario.name), make_pool(args.workers, args.scheduler)
+    scenario, source, output = asked(args, OWN_FOLDER)
+    pool = make_pool(args.workers, args.scheduler)
     require_own(output, OWN_FILES)
     with reported_in(source):
         scenario = drawable(scenario)
         check_folder(output, replace(make_campaign(scenario, args.seed, None),
                                      certified=not args.uncertified))
         note(scenario)
-        with closing(Bar("certifying", stream_of(args))) as progress:
+        with bar(args, "certifying") as progress:
             certificate = None if args.uncertified else sound(
                 certified_once(scenario, progress), source)
         campaign = make_campaign(scenario, args.seed, certificate)
@@ -99,13 +107,12 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     check_draws(args)
     require(0.5 <= args.confidence < 1.0, "--confidence", args.confidence,
             "at least 0.5 and below 1")
-    scenario = load_scenario(args.scenario, args.overrides)
-    path = args.output if args.output is not None else Path("out") / scenario.name
+    scenario, source, path = asked(args)
     folder, pool = path / STORE, make_pool(args.workers, args.scheduler)
     chosen = args.runs
     if (folder / SETUP_FILE).exists():
         chosen = read_setup(folder).runs or chosen
-    with reported_in(scenario_source(args.scenario, set_options(args.overrides))):
+    with reported_in(source):
         campaign = make_campaign(drawable(scenario), args.seed, None, chosen)
         check_folder(folder, campaign)
         require(args.runs <= chosen, "--runs", args.runs,
@@ -151,32 +158,24 @@ def complete(args: argparse.Namespace, campaign: Campaign, number: int, output: 
     Returns the summary, its table, and the names of the files.
     """
     keep_setup(output, campaign)
-    with closing(Bar("running", stream_of(args))) as progress:
+    with bar(args, "running") as progress:
         results = runs(range(number), partial(run_one, campaign), output, pool, progress=progress)
     times = summarise_times([result.pop("times") for result in results])
     summary = summarise_campaign(campaign, results)
     with output_folder(output, OWN_FILES, replaces=True) as own:
-        for name, data in ((CAMPAIGN_FILE, summary), (TIMES_FILE, times)):
-            text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
-            (own.folder / name).write_text(text + "\n", encoding="utf-8")
+        write_json(summary, own.folder / CAMPAIGN_FILE)
+        write_json(times, own.folder / TIMES_FILE)
         if certificate is not None:
             write_certificate(certificate, own.folder)
         make_campaign_figures(summary, own.folder)
     return summary, format_campaign(summary, times, str(output)), own.kept
 
 
-def folder_of(args: argparse.Namespace, scenario: str) -> Path:
-    """Returns the folder of a campaign: the one asked for, or out/<scenario>-campaign."""
-    return args.output if args.output is not None else Path("out") / f"{scenario}-campaign"
-
-
 def replay_run(args: argparse.Namespace) -> int:
     """Repeats a single run of a campaign, and writes its data and figures."""
-    for name in set(vars(args)) - {"command", "parser", "scenario", "output", "replay", "quiet"}:
-        option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
-        require(getattr(args, name) == args.parser.get_default(name), option, getattr(args, name),
-                "left out with --replay: the campaign in the folder determines it")
-    campaign = folder_of(args, load_scenario(args.scenario).name)
+    left_out(args, set(vars(args)) - {"command", "parser", "scenario", "output", "replay", "quiet"},
+             "with --replay: the campaign in the folder determines it")
+    _, _, campaign = asked(args, OWN_FOLDER)
     record = replayed(campaign, args.replay)
     path = campaign / f"run-{args.replay}"
     with output_folder(path, (*DATA_FILES, *picture_files())) as output:

@@ -2,16 +2,18 @@
 
 import argparse
 import contextlib
-import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from uvms_drake.certificate.certificate import AnyCertificate, Certificate
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
-from uvms_drake.common.errors import InvalidParameter, shortened
+from uvms_drake.common.errors import InvalidParameter, require, shortened
+from uvms_drake.common.jsonable import write_json
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario_file import scenario_source, set_options
 
 BROKEN = 3
 """Exit status of a completed run that has broken a guarantee or violated a limit."""
@@ -61,6 +63,26 @@ def take_quiet(command: argparse.ArgumentParser) -> None:
     command.add_argument("--quiet", action="store_true", help="do not report progress")
 
 
+def asked(args: argparse.Namespace, ending: str = "") -> tuple[Scenario, str, Path]:
+    """Returns the scenario that is asked for, its source for messages, and the folder to write to.
+
+    Args:
+        args: Arguments of a command that has those of `take_scenario` and --output.
+        ending: End of the name of a folder that is not given, after out/<scenario>.
+    """
+    scenario = load_scenario(args.scenario, args.overrides)
+    source = scenario_source(args.scenario, set_options(args.overrides))
+    return scenario, source, args.output or Path("out") / f"{scenario.name}{ending}"
+
+
+def left_out(args: argparse.Namespace, options: Iterable[str], where: str) -> None:
+    """Raises `InvalidParameter` for the first given option that must be left out."""
+    for name in options:
+        option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
+        require(getattr(args, name) == args.parser.get_default(name), option, getattr(args, name),
+                f"left out {where}")
+
+
 def picture_files() -> tuple[str, ...]:
     """Returns the names of all the files that `write_pictures` may write."""
     from uvms_drake.report.figures import FIGURES
@@ -89,8 +111,7 @@ def write_data(record: Record, folder: Path, certificate: AnyCertificate | None 
     (folder / TABLE_FILE).write_text(format_log(record), encoding="utf-8")
     if has_mission(record):
         (folder / INSPECTION_FILE).write_text(format_inspection(record), encoding="utf-8")
-    text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
-    (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
+    write_json(summary, folder / SUMMARY_FILE)
     return summary
 
 

@@ -3,11 +3,10 @@
 import argparse
 import math
 from collections.abc import Callable
-from contextlib import closing
 
 from pydrake.common.yaml import yaml_load_data
 
-from uvms_drake.command.progress import Bar, stream_of
+from uvms_drake.command.progress import bar
 from uvms_drake.common.errors import InvalidParameter, ScenarioError, require
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source
@@ -114,6 +113,6 @@ def _verdict(args: argparse.Namespace, override: str) -> tuple[bool, str]:
 
     scenario = load_scenario(args.scenario, [*args.overrides, override])
     with (reported_in(scenario_source(args.scenario)),
-          closing(Bar(f"certifying {override}", stream_of(args), is_steady=False)) as progress):
+          bar(args, f"certifying {override}", is_steady=False) as progress):
         certificate = certified_once(scenario, progress, check_inputs(scenario))
     return certificate.certified, certificate.verdict

@@ -9,18 +9,17 @@ import argparse
 import importlib
 import logging
 import sys
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from uvms_drake.command.files import BROKEN, folder, take_quiet
-from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
+from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.output import output_folder
 from uvms_drake.common.progress import part_of
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
+from uvms_drake.station.scenario.scenario_file import reported_in
 
 ERRATA_FILE = "errata.md"
 
@@ -45,7 +44,7 @@ def list_errata(args: argparse.Namespace) -> int:
     from uvms_drake.papers.nikou2018.errata.choices import FIGURES, draw_choices
 
     LOGGER.setLevel(logging.ERROR)  # The drawn runs fail on purpose.
-    with closing(Bar("computing the errata", stream_of(args))) as progress:
+    with bar(args, "computing the errata") as progress:
         if args.output is None:
             errata = all_errata(progress)
         else:
@@ -60,11 +59,10 @@ def list_errata(args: argparse.Namespace) -> int:
     return 0 if all(erratum.wrong for erratum in errata) else 1
 
 
-def run_own(args: argparse.Namespace, scenario: Scenario, path: Path) -> int:
+def run_own(args: argparse.Namespace, scenario: Scenario, source: str, path: Path) -> int:
     """Simulates a scenario by its own module, prints the summary, and writes the files."""
     require(not args.meshcat, "--meshcat", True, "left out: it has a simulation of its own")
-    with (reported_in(scenario_source(args.scenario, set_options(args.overrides))),
-          closing(Bar("simulating", stream_of(args))) as progress):
+    with reported_in(source), bar(args, "simulating") as progress:
         module = _module_of(scenario)
         with output_folder(path, module.FILES, replaces=True) as output:
             summary = module.run_into(
@@ -75,10 +73,9 @@ def run_own(args: argparse.Namespace, scenario: Scenario, path: Path) -> int:
     return 0 if summary["kept"] else BROKEN
 
 
-def certify_own(args: argparse.Namespace, scenario: Scenario, path: Path) -> int:
+def certify_own(args: argparse.Namespace, scenario: Scenario, source: str, path: Path) -> int:
     """Prints and writes the certificate of a scenario by its own module; 0 if it holds, else 1."""
-    with (reported_in(scenario_source(args.scenario, set_options(args.overrides))),
-          closing(Bar(CERTIFYING, stream_of(args), is_steady=False)) as progress):
+    with reported_in(source), bar(args, CERTIFYING, is_steady=False) as progress:
         module = _module_of(scenario)
         with output_folder(path, module.FILES, replaces=True) as output:
             certificate = module.certify_into(scenario, output.folder, progress)

@@ -7,7 +7,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from math import floor
 from typing import TextIO
 
@@ -16,11 +16,6 @@ from uvms_drake.common.alarm import LOGGER
 LINES = 5  # in a log file, and one for the beginning
 BAR = 20  # letters
 CERTIFYING = "certifying (a minute or two)"
-
-
-def stream_of(args: argparse.Namespace) -> TextIO:
-    """Returns the stream for the progress of a command: stderr, or none with --quiet."""
-    return io.StringIO() if args.quiet else sys.stderr
 
 
 class Bar:
@@ -77,6 +72,12 @@ class _Above(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Writes the message above the bar."""
         self._bar.say(self.format(record))
+
+
+def bar(args: argparse.Namespace, title: str, *, is_steady: bool = True) -> closing[Bar]:
+    """Returns the context of a command's bar on stderr, or nowhere with --quiet; see `Bar`."""
+    stream = io.StringIO() if args.quiet else sys.stderr
+    return closing(Bar(title, stream, is_steady=is_steady))
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from uvms_drake.command.files import (
     MAIN_SCENARIO,
     REPLAY_FILE,
     REPORT_FILE,
+    asked,
     failures_in_words,
     folder,
     picture_files,
@@ -24,18 +25,13 @@ from uvms_drake.command.files import (
 )
 from uvms_drake.command.interrupt import postponed
 from uvms_drake.command.paper import run_own
-from uvms_drake.command.progress import Bar, alarms_above, stream_of
+from uvms_drake.command.progress import alarms_above, bar
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
-from uvms_drake.station.scenario.scenario_file import (
-    reported_in,
-    scenario_source,
-    set_options,
-    shipped_scenarios,
-)
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scenario.scenario_file import reported_in, set_options, shipped_scenarios
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -106,22 +102,20 @@ def run_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.station.step_size import with_step
 
     require(args.meshcat or args.host is None, "--host", args.host, "left out without --meshcat")
-    scenario, options = load_scenario(args.scenario, args.overrides), set_options(args.overrides)
-    source = scenario_source(args.scenario, options)
-    path = args.output if args.output is not None else Path("out") / scenario.name
+    scenario, source, path = asked(args)
     if scenario.simulation:
-        return run_own(args, scenario, path)
+        return run_own(args, scenario, source, path)
     with reported_in(source):
         model = load_model(scenario) if args.uncertified else check_inputs(scenario)
     kept = None if args.uncertified else kept_certificate(
         path / CERTIFICATE_FILE, scenario, source,
-        ["certify", args.scenario, *options, "--output", str(path)])
+        ["certify", args.scenario, *set_options(args.overrides), "--output", str(path)])
     own = (*DATA_FILES, *picture_files(), *([] if kept else [CERTIFICATE_FILE]))
     with output_folder(path, own, replaces=True) as output:
         certificate = kept
         if not args.uncertified:
             if certificate is None:
-                certificate = new_certificate(scenario, model, source, stream_of(args))
+                certificate = new_certificate(args, scenario, model, source)
                 write_certificate(certificate, output.folder)
             scenario = certificate.applied_to(scenario)
             announce(certificate)
@@ -186,7 +180,7 @@ def _simulate(args: argparse.Namespace, scenario: Scenario, model: ContactModel,
 
     pressed = interrupted if meshcat is None else stop_button(meshcat)
     with ExitStack() as stack:
-        progress = stack.enter_context(closing(Bar("simulating", stream_of(args))))
+        progress = stack.enter_context(bar(args, "simulating"))
         if not args.quiet:  # Else alarms go to Python's logging.
             stack.enter_context(alarms_above(progress))
         return simulate(scenario, model=model, certified=certified, meshcat=meshcat,

@@ -2,9 +2,11 @@
 
 import builtins
 import dataclasses
+import json
 import math
 import types
 import typing
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,12 @@ def jsonable(value: Any, *, names: bool = False) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return str(value) if names else None
     return value
+
+
+def write_json(data: Any, path: Path) -> None:
+    """Writes data as a file of JSON; a number that is not finite is null."""
+    text = json.dumps(jsonable(data), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
 
 
 def from_jsonable(kind: Any, value: Any) -> Any:

@@ -207,6 +207,27 @@ def check_values(struct: object, key: str = "") -> None:
             struct.check()
 
 
+def checked(struct: T) -> T:
+    """Returns a dataclass with values that its schema allows, those of arrays as arrays of floats.
+
+    Raises:
+        InvalidParameter: As of `check_values`.
+    """
+    check_values(struct)
+    return _with_arrays(struct)
+
+
+def _with_arrays(struct: typing.Any) -> typing.Any:
+    arrays: dict[str, object] = {}
+    for name, kind in field_types(type(struct)).items():
+        value = getattr(struct, name)
+        if kind is np.ndarray:
+            arrays[name] = np.array(value, dtype=float)
+        elif dataclasses.is_dataclass(value):
+            arrays[name] = _with_arrays(value)
+    return dataclasses.replace(struct, **arrays)
+
+
 def _check_value(declared: typing.Any, value: typing.Any, key: str) -> None:
     """Raises `InvalidParameter` for a field's value, by its declared type."""
     if value is None and _is_union(declared):

@@ -7,15 +7,12 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     EventStatus,
     LeafSystem,
-    OutputPort,
 )
 from pydrake.systems.framework import State as ContextState
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.common.wiring import added
 from uvms_drake.mission.law import Due, Measured, State, advance, begin, due_at
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -128,13 +125,3 @@ class MissionControl(LeafSystem):
     def _calc_progress(self, context: Context, output: BasicVector) -> None:
         now = self._now(context)
         output.SetFromVector([float(getattr(now, name)) for name in PROGRESS])
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, mission: Mission, model: UvmsModel,
-                     surface: SurfaceClass, origin: np.ndarray, *, state: OutputPort,
-                     force_last_valid: OutputPort, touched: OutputPort, force_lost: OutputPort,
-                     period: float = 0.05, name: str = "mission") -> "MissionControl":
-        """Adds the mission and connects its inputs, but for `stop`; see the constructor."""
-        system = MissionControl(mission, model, surface, origin, period=period)
-        return added(builder, name, system, state=state, force_last_valid=force_last_valid,
-                     touched=touched, force_lost=force_lost)

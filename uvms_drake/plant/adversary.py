@@ -78,9 +78,9 @@ class AdversarialDisturbance(Disturbance):
         """Adds an `Adversary`; see `Disturbance`."""
         require("e_y" in signals, "kind", self.kind, "another: a function of time alone, or in a "
                 "station with a tube MPC, which has the errors that aim it")
-        return Adversary.AddToBuilder(
-            builder, model, self, state=signals["state"], e_y=signals["e_y"], r=signals["r"]
-        ).get_output_port()
+        return added(
+            builder, "adversary", Adversary(model, self), state=signals["state"],
+            e_y=signals["e_y"], r=signals["r"]).get_output_port()
 
 
 def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -194,20 +194,3 @@ class Adversary(LeafSystem):
         """Returns the driven rows of J_xŴ."""
         config = self._state_port.Eval(context)[: self._model.size]
         return self._model.task_jacobian(config)[ROWS[self._settings.rows]] * self._weights
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: AdversarialDisturbance, *,
-                     state: OutputPort | None = None, e_y: OutputPort | None = None,
-                     r: OutputPort | None = None, name: str = "adversary") -> "Adversary":
-        """Adds the adversary.
-
-        Args:
-            builder: Builder to add to.
-            model: The robot's geometry.
-            settings: Kind, bound, weights and shape of the disturbance.
-            state: Port of (𝔮, ζ), for the kinds that need it.
-            e_y: Port of 𝔢_y, for the kinds that need it.
-            r: Port of 𝔯, for the kinds that need it.
-            name: Name of the system.
-        """
-        return added(builder, name, Adversary(model, settings), state=state, e_y=e_y, r=r)

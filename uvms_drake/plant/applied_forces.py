@@ -11,9 +11,8 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from uvms_drake.common.wiring import added
 from uvms_drake.plant.hydrodynamics import declare_workspace
 
 
@@ -77,13 +76,6 @@ class AppliedForces(LeafSystem):
         self.DeclareVectorOutputPort(
             "generalized_force", plant.num_velocities(), self._calc_generalized_force,
             {self.all_input_ports_ticket()})
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder, plant: MultibodyPlant, name: str = "applied_forces"
-    ) -> "AppliedForces":
-        """Adds the system to `builder` and wires it to the state of `plant`."""
-        return added(builder, name, AppliedForces(plant), plant_state=plant.get_state_output_port())
 
     def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
         total = np.zeros(self._plant.num_velocities())

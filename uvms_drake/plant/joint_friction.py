@@ -13,11 +13,11 @@ from typing import Annotated
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from uvms_drake.common.constraints import AtLeast, Constraint
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.wiring import output_of
 from uvms_drake.model.surface.contact_laws import STEEPEST, slip_factor
 from uvms_drake.model.uvms import Uvms
 
@@ -104,10 +104,3 @@ class DryJoints(LeafSystem):
         force = np.zeros(len(v))
         force[self._rows] = friction_torque(self._friction, v[self._rows])
         return force
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, plant: MultibodyPlant, uvms: Uvms,
-                     friction: JointFriction, name: str = "joint_friction") -> "DryJoints":
-        """Adds the system to `builder` and wires it to the state of `plant`."""
-        return added(builder, name, DryJoints(plant, uvms, friction),
-                     plant_state=plant.get_state_output_port())

@@ -1,10 +1,9 @@
 """Conversion between the orders of `MultibodyPlant` and of the paper; see `model.coordinates`."""
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.wiring import output_of
 from uvms_drake.model.coordinates import Coordinates
 
 
@@ -48,17 +47,6 @@ class ToPaperOrder(LeafSystem):
                       self._plant_state_port.Eval(c), self._v_dot_port.Eval(c)),
                   {self.all_input_ports_ticket()})
 
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        plant: MultibodyPlant,
-        coordinates: Coordinates,
-        name: str = "to_paper_order",
-    ) -> "ToPaperOrder":
-        """Adds the system to `builder` and wires it to the state of `plant`, but not `v_dot`."""
-        return added(builder, name, ToPaperOrder(coordinates),
-                     plant_state=plant.get_state_output_port())
-
 
 class ToDrakeOrder(LeafSystem):
     """Conversion of a generalised force τ or acceleration from the paper's order to the plant's.
@@ -95,17 +83,6 @@ class ToDrakeOrder(LeafSystem):
         self.DeclareVectorOutputPort(
             "drake_order", coordinates.num_velocities, self._calc_drake_order,
             {self.all_input_ports_ticket()})
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        plant: MultibodyPlant,
-        coordinates: Coordinates,
-        name: str = "to_drake_order",
-    ) -> "ToDrakeOrder":
-        """Adds the system to `builder` and wires it to the state of `plant`."""
-        return added(builder, name, ToDrakeOrder(coordinates),
-                     plant_state=plant.get_state_output_port())
 
     def _calc_drake_order(self, context: Context, output: BasicVector) -> None:
         if not self._vector_port.HasValue(context):

@@ -14,11 +14,10 @@ from typing import Annotated
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RigidBody, SpatialInertia, UnitInertia
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from uvms_drake.common.constraints import Between, NotNegative, Vector, Within
-from uvms_drake.common.wiring import added
 from uvms_drake.model.description.hydrodynamics_file import AddedMass, BodyHydrodynamics
 from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.uvms import Uvms
@@ -139,14 +138,14 @@ class PayloadWrench(LeafSystem):
 
     Args:
         plant: A finalized plant.
-        body: The payload's, as `with_payload` adds it.
+        uvms: Its robot, with the payload as `with_payload` adds it.
         payload: The payload.
-        density: Of the water [kg/m³].
     """
 
-    def __init__(self, plant: MultibodyPlant, body: RigidBody, payload: Payload, density: float):
+    def __init__(self, plant: MultibodyPlant, uvms: Uvms, payload: Payload):
         super().__init__()
-        self._payload, self._density, self._index = payload, density, int(body.index())
+        self._payload, self._density = payload, uvms.hydrodynamics.fluid_density
+        self._index = int(plant.GetBodyByName(NAME, uvms.model_instance).index())
         self._gravity = plant.gravity_field().gravity_vector()
         self._ports = [
             self.DeclareAbstractInputPort(port.get_name(), port.Allocate()) for port in (
@@ -171,13 +170,3 @@ class PayloadWrench(LeafSystem):
         output.SetFromVector(holding_wrench(
             self._payload, self._density, acceleration, V_WE.rotational() @ R_WE,
             self._gravity @ R_WE, water @ R_WE))
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, plant: MultibodyPlant, uvms: Uvms, payload: Payload,
-                     name: str = "payload") -> "PayloadWrench":
-        """Adds the system to `builder` and wires it to `plant`, but for the water."""
-        body = plant.GetBodyByName(NAME, uvms.model_instance)
-        system = PayloadWrench(plant, body, payload, uvms.hydrodynamics.fluid_density)
-        return added(builder, name, system, body_poses=plant.get_body_poses_output_port(),
-                     body_spatial_velocities=plant.get_body_spatial_velocities_output_port(),
-                     body_spatial_accelerations=plant.get_body_spatial_accelerations_output_port())

@@ -13,10 +13,10 @@ import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from uvms_drake.common.constraints import Between, Constraint, Vector
-from uvms_drake.common.wiring import added, cached, output_of
+from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.model.frames.euler import WORLD, euler_angles, rate_matrix
 from uvms_drake.model.frames.spatial import skew
 from uvms_drake.model.surface.law import Surface, check_surface
@@ -109,22 +109,6 @@ class CompliantSurface(LeafSystem):
         output_of(self, "force", 6, lambda c: touch.Eval(c)[2], now)
         output_of(self, "penetration", 1, lambda c: [self._law.penetration(touch.Eval(c)[0])], now)
         output_of(self, "chi", 6, lambda c: touch.Eval(c)[0], now)
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        plant: MultibodyPlant,
-        tip: Frame,
-        surface: Surface,
-        task_frame: np.ndarray = WORLD,
-        name: str = "surface",
-    ) -> "CompliantSurface":
-        """Adds the system to `builder` and wires it to the state of `plant`.
-
-        `generalized_force` is left to the caller, since a plant has one port for the sum of all.
-        """
-        return added(builder, name, CompliantSurface(plant, tip, surface, task_frame),
-                     plant_state=plant.get_state_output_port())
 
     def _touch(self, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))

@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, PassThrough
 
 from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.wiring import added
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import WORLD
 from uvms_drake.model.robot import Robot
@@ -117,7 +118,7 @@ def make_uvms_plant(
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
     uvms = add_simulated_uvms(plant, robot, error)
     plant.Finalize()
-    coordinates = Coordinates(uvms)
+    coordinates, plant_state = Coordinates(uvms), plant.get_state_output_port()
     if start is not None:
         at_rest = np.concatenate([vector("start", start, coordinates.size),
                                   np.zeros(coordinates.size)])
@@ -125,16 +126,18 @@ def make_uvms_plant(
 
     # All forces but the water's, in the plant's order, and their sum.
     with within("surface"):
-        contact = None if surface is None else CompliantSurface.AddToBuilder(
-            builder, plant, uvms.tip, surface, task_frame)
-    tau = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "tau_to_drake_order")
-    applied = AppliedForces.AddToBuilder(builder, plant)
+        contact = None if surface is None else added(
+            builder, "surface", CompliantSurface(plant, uvms.tip, surface, task_frame),
+            plant_state=plant_state)
+    tau = added(builder, "tau_to_drake_order", ToDrakeOrder(coordinates), plant_state=plant_state)
+    applied = added(builder, "applied_forces", AppliedForces(plant), plant_state=plant_state)
     forces = [tau.GetOutputPort("drake_order"), applied.GetOutputPort("generalized_force")]
     if contact is not None:
         forces.insert(1, contact.GetOutputPort("generalized_force"))
     if error is not None and error.joint_friction.largest > 0.0:
         with within("model_error.joint_friction"):
-            dry = DryJoints.AddToBuilder(builder, plant, uvms, error.joint_friction)
+            dry = added(builder, "joint_friction", DryJoints(plant, uvms, error.joint_friction),
+                        plant_state=plant_state)
         forces.append(dry.get_output_port())
     total = Adder(num_inputs=len(forces), size=plant.num_velocities())
     builder.AddNamedSystem("total_force", total)
@@ -142,7 +145,8 @@ def make_uvms_plant(
         builder.Connect(port, total.get_input_port(i))
 
     # The disturbance of the acceleration.
-    d_drake = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "disturbance_to_drake_order")
+    d_drake = added(builder, "disturbance_to_drake_order", ToDrakeOrder(coordinates),
+                    plant_state=plant_state)
     if disturbance is None:
         d_source = builder.AddNamedSystem("disturbance", PassThrough(coordinates.size))
         builder.ExportInput(d_source.get_input_port(), "disturbance")
@@ -158,12 +162,14 @@ def make_uvms_plant(
     builder.Connect(
         d_drake.GetOutputPort("drake_order"), water.GetInputPort("acceleration_disturbance"))
 
-    state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
+    state = added(builder, "to_paper_order", ToPaperOrder(coordinates), plant_state=plant_state)
     builder.Connect(water.GetOutputPort("acceleration"), state.GetInputPort("v_dot"))
 
     # The payload, for a wrist sensor.
-    payload = None if error is None or not error.payload.present else (
-        PayloadWrench.AddToBuilder(builder, plant, uvms, error.payload))
+    payload = None if error is None or not error.payload.present else added(
+        builder, "payload", PayloadWrench(plant, uvms, error.payload), **{
+            name: plant.GetOutputPort(name) for name in (
+                "body_poses", "body_spatial_velocities", "body_spatial_accelerations")})
 
     # The ports.
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
@@ -181,7 +187,7 @@ def make_uvms_plant(
             builder.ExportOutput(contact.GetOutputPort(name), name)
     builder.ExportOutput(d_source.get_output_port(), "disturbance")
     builder.ExportOutput(state.GetOutputPort("acceleration"), "acceleration")
-    builder.ExportOutput(plant.get_state_output_port(), "plant_state")
+    builder.ExportOutput(plant_state, "plant_state")
     builder.ExportOutput(plant.get_body_poses_output_port(), "body_poses")
     builder.ExportOutput(plant.get_body_spatial_velocities_output_port(), "body_spatial_velocities")
     builder.ExportOutput(scene_graph.get_query_output_port(), "query_object")

@@ -19,7 +19,7 @@ from functools import partial
 from typing import Annotated
 
 import numpy as np
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Context, LeafSystem
 
 from uvms_drake.common.constraints import Between, Finite, Positive
 from uvms_drake.common.errors import require, vector
@@ -124,13 +124,3 @@ class WaterMotion(LeafSystem):
 
     def _motion(self, i: int, context: Context) -> np.ndarray:
         return water_motion(self._current, self._waves, context.get_time())[i]
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, current: np.ndarray, waves: Sequence[Wave], *,
-                     plant: System, name: str = "water") -> "WaterMotion":
-        """Adds the system and connects it to the plant's inputs of the names of its ports."""
-        system: WaterMotion = builder.AddNamedSystem(name, WaterMotion(current, waves))
-        for i in range(system.num_output_ports()):
-            port = system.get_output_port(i)
-            builder.Connect(port, plant.GetInputPort(port.get_name()))
-        return system

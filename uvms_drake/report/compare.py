@@ -8,22 +8,13 @@ from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.common.errors import shortened
 from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.report import figure_style as style
 from uvms_drake.report.drawing import Drawing, Panel, Series, line
-from uvms_drake.report.figure_style import (
-    BLACK,
-    BLUE,
-    DESIRED,
-    GREEN,
-    LIMIT,
-    ORANGE,
-    PURPLE,
-    VERMILION,
-)
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.station.scenario.scenario_file import leaves
 
-COLORS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
+COLORS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.BLACK)
 MOST = len(COLORS)
 """Largest number of runs in a comparison, one for each colour."""
 WIDEST = 40
@@ -139,9 +130,9 @@ def comparison_drawing(names: Sequence[str], records: Sequence[Record]) -> Drawi
                 used, norm), strict=True):
             series.append(line(values, x=record.time, color=color, linewidth=0.9, label=name))
         rows["normal force\n(desired thin) [N]"].append(
-            line(desired, DESIRED, x=record.time, color=color, linewidth=0.6, label=""))
+            line(desired, style.DESIRED, x=record.time, color=color, linewidth=0.6, label=""))
     _, *logarithmic, _ = rows
-    rows["deviation over\nthe tube [%]"].append(line(100.0, LIMIT))
+    rows["deviation over\nthe tube [%]"].append(line(100.0, style.LIMIT))
     return Drawing([[Panel(label, records[0].time, series,
                            **(_decades(series) if label in logarithmic else {}))
                      for label, series in rows.items()]], 6.6, legend=2)

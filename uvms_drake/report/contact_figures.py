@@ -7,21 +7,10 @@ from matplotlib.figure import Figure
 
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.report import figure_style as style
 from uvms_drake.report.contact_check import force_bands
 from uvms_drake.report.drawing import Drawing, Instant, Panel, Series, band, line
 from uvms_drake.report.events import events
-from uvms_drake.report.figure_style import (
-    BLACK,
-    BLUE,
-    COLUMN_WIDTH,
-    DESIRED,
-    GREEN,
-    LIMIT,
-    NOMINAL,
-    TIGHTENED,
-    VERMILION,
-    XYZ,
-)
 from uvms_drake.report.metrics import summarise_force
 from uvms_drake.report.mission import COLUMNS, inspection_table, lateral_errors
 from uvms_drake.report.signals import (
@@ -47,10 +36,10 @@ MARKS = ("first touch", "contact lost", "retargeted", "last plan kept", "sensor 
 BEFORE, AROUND = 1.5, 8.0
 """Time before the first touch [s], and depth beside all else [mm], in the enlarged panel."""
 NORMAL_FORCE, DEPTH = "force along $n$ [N]", "depth [mm]"
-WALL = {"color": BLACK, "linewidth": 0.9, "label": "wall"}
-ESTIMATED = {"color": VERMILION, "linestyle": (0, (4, 1.5)), "linewidth": 0.9,
+WALL = {"color": style.BLACK, "linewidth": 0.9, "label": "wall"}
+ESTIMATED = {"color": style.VERMILION, "linestyle": (0, (4, 1.5)), "linewidth": 0.9,
              "label": "estimated wall"}
-MEASURED = {"color": VERMILION, "linewidth": 0.6, "alpha": 0.7, "label": "measured"}
+MEASURED = {"color": style.VERMILION, "linewidth": 0.6, "alpha": 0.7, "label": "measured"}
 
 
 def contact_drawing(record: Record, certified: float | None = None) -> Drawing:
@@ -94,15 +83,16 @@ def wanted(record: Record, part: slice) -> np.ndarray:
 
 
 def _wrench(record: Record, part: slice, name: str) -> list[Series]:
+    forces = zip(style.XYZ, "xyz", record.force[:, part].T, strict=True)
     return [*(line(force, color=color, label=name.format(letter))
-              for color, letter, force in zip(XYZ, "xyz", record.force[:, part].T, strict=True)),
-            *(line(goal, DESIRED) for goal in wanted(record, part).T)]
+              for color, letter, force in forces),
+            *(line(goal, style.DESIRED) for goal in wanted(record, part).T)]
 
 
 def _tolerance(record: Record, goals: np.ndarray) -> list[Series]:
     """Returns the bands about desired forces or torques (T, K) that count as settled."""
     tolerance, unit = record.scenario.task.force_tolerance, wrench_unit(record.desired_force[-1])
-    return [band(goal - tolerance, goal + tolerance, color=BLUE, alpha=0.12,
+    return [band(goal - tolerance, goal + tolerance, color=style.BLUE, alpha=0.12,
                  label=f"counts as settled, $\\pm${tolerance:g} {unit}") for goal in goals.T]
 
 
@@ -112,8 +102,9 @@ def _certified(record: Record, goals: np.ndarray, bound: float | None) -> list[S
     start = settling_index(error, AT_TASK)
     if bound is None or start is None:
         return []
-    return [band(goal[start:] - bound, goal[start:] + bound, x=record.time[start:], color=GREEN,
-                 alpha=0.25, label=f"certified with the plan at the task, $\\pm${bound:.3g} N")
+    return [band(goal[start:] - bound, goal[start:] + bound, x=record.time[start:],
+                 color=style.GREEN, alpha=0.25,
+                 label=f"certified with the plan at the task, $\\pm${bound:.3g} N")
             for goal in goals.T]
 
 
@@ -122,9 +113,9 @@ def _deepest(record: Record) -> list[Series]:
     limit = real_limits(record).get("static_force")
     if record.scenario.surface_error.size > 0.0 or limit is None:
         return []
-    depths = [(record.model.surface.penetration_for(each.upper[0]), style) for each, style in (
-        (limit, LIMIT), (nominal_limits(record)["static_force"], TIGHTENED))]
-    return [line(1e3 * depth, style) for depth, style in depths if depth is not None]
+    depths = [(record.model.surface.penetration_for(each.upper[0]), look) for each, look in (
+        (limit, style.LIMIT), (nominal_limits(record)["static_force"], style.TIGHTENED))]
+    return [line(1e3 * depth, look) for depth, look in depths if depth is not None]
 
 
 def instants(record: Record) -> list[Instant]:
@@ -159,7 +150,7 @@ def estimate_drawing(record: Record, certified: float | None = None) -> Drawing:
     goal = record.desired_force[:, :3] @ contact.direction
     force = Panel(NORMAL_FORCE, time, [
         *_normal_forces(record, goal),
-        line(contact.force, LIMIT, label="limit of the static force"),
+        line(contact.force, style.LIMIT, label="limit of the static force"),
         *_tolerance(record, goal[:, None]),
         *(_bands(record, goal) if certified is not None else [])],
         instants=instants(record), window=run, height=1.6)
@@ -170,7 +161,7 @@ def estimate_drawing(record: Record, certified: float | None = None) -> Drawing:
         Panel("stiffness [N/m]", time, _stiffness(record), window=run, legend=3, height=0.8,
               limits=(0.0, 1.15 * contact.stiffness)),
         Panel("", time, [
-            line(np.full(len(times), -row), {"color": BLACK, "marker": "|", "markersize": 5,
+            line(np.full(len(times), -row), {"color": style.BLACK, "marker": "|", "markersize": 5,
                                              "linestyle": ""}, x=np.array(times))
             for row, times in enumerate(marks.values())], rows=list(marks), window=run,
             limits=(0.6 - max(len(marks), 1), 0.6), height=strip)]
@@ -217,7 +208,7 @@ def _normal_forces(record: Record, goal: np.ndarray) -> list[Series]:
     """Returns the force along n, measured and real, and the desired one (T,)."""
     n = sensed_contact(record.scenario).direction
     return [line(record.signals["force_last_valid"][:, :3] @ n, MEASURED),
-            line(record.force[:, :3] @ n), line(goal, DESIRED)]
+            line(record.force[:, :3] @ n), line(goal, style.DESIRED)]
 
 
 def _bands(record: Record, goal: np.ndarray) -> list[Series]:
@@ -230,17 +221,17 @@ def _bands(record: Record, goal: np.ndarray) -> list[Series]:
         bound = np.where(found.holds == holds, found.bound, np.nan)
         if np.any(np.isfinite(bound)):
             bands.append(band(
-                goal - bound, goal + bound, extends=False, color=GREEN, alpha=alpha,
+                goal - bound, goal + bound, extends=False, color=style.GREEN, alpha=alpha,
                 label=f"{label}, $\\pm${np.nanmin(bound):.3g} N or more"))
     return bands
 
 
 def _depths(depths: dict[str, np.ndarray]) -> list[Series]:
     """Returns depths; the unexplored region is grey."""
-    return [line(depths["explored"], color=GREEN, label="explored up to"),
+    return [line(depths["explored"], color=style.GREEN, label="explored up to"),
             line(depths["wall"], WALL), line(depths["estimated"], ESTIMATED),
             line(depths["tip"], label="tip"),
-            line(depths["planned"], NOMINAL, label="planned tip"),
+            line(depths["planned"], style.NOMINAL, label="planned tip"),
             band(depths["explored"], 1e4, extends=False, color="0.93", zorder=0.5,
                  label="unexplored")]
 
@@ -251,11 +242,11 @@ def _stiffness(record: Record) -> list[Series]:
     estimated, std, used = (record.signals[f"stiffness_{name}"][:, 0]
                             for name in ("estimate", "std", "used"))
     own = surface_slope(check_surface(true_surface(record.scenario)), record.chi, contact.direction)
-    return [line(contact.stiffness, LIMIT, label=r"declared, $\kappa_+$"),
+    return [line(contact.stiffness, style.LIMIT, label=r"declared, $\kappa_+$"),
             line(own, label="of the wall"),
             line(estimated, ESTIMATED, label=r"estimated, $\pm\,2\sigma$"),
-            band(estimated - 2.0 * std, estimated + 2.0 * std, color=VERMILION, alpha=0.15),
-            line(used, color=GREEN, linewidth=0.7, label="used by the controller")]
+            band(estimated - 2.0 * std, estimated + 2.0 * std, color=style.VERMILION, alpha=0.15),
+            line(used, color=style.GREEN, linewidth=0.7, label="used by the controller")]
 
 
 # A mission.
@@ -296,7 +287,7 @@ def mission_drawing(record: Record) -> Drawing:
 def _step_band(x: np.ndarray, goal: np.ndarray, when: slice, step: Any) -> Series:
     """Returns the band of a mission's step about the desired force (T,)."""
     return band(goal[when] - step.tolerance, goal[when] + step.tolerance, x=x[when],
-                color=GREEN, alpha=0.2, label="band of the step")
+                color=style.GREEN, alpha=0.2, label="band of the step")
 
 
 def draw_coverage(record: Record) -> Figure:
@@ -309,14 +300,14 @@ def draw_coverage(record: Record) -> Figure:
     columns = {name: i for i, name in enumerate(COLUMNS)}
     origin = record.scenario.task.place
     place = 1e3 * (table[:, 2:5] - origin) @ across.T
-    figure = Figure(figsize=(COLUMN_WIDTH, 4.0), layout="constrained")
+    figure = Figure(figsize=(style.COLUMN_WIDTH, 4.0), layout="constrained")
     axis = figure.subplots()
     for attempt in attempts_of(record):
         step = mission.steps[attempt.step]
         if step.touches:
             begin = 1e3 * (record.signals["mission_place"][attempt.when.start] - origin) @ across.T
             end = begin + 1e3 * step.along
-            axis.plot(*np.array([begin, end])[:, ::-1].T, "o-", color=BLACK, linewidth=5.0,
+            axis.plot(*np.array([begin, end])[:, ::-1].T, "o-", color=style.BLACK, linewidth=5.0,
                       markersize=9.0, markerfacecolor="none", markeredgewidth=0.7, alpha=0.15
                       if np.any(step.along) else 1.0)
     strongest = max(step.strongest for step in mission.steps)

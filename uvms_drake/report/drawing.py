@@ -6,8 +6,10 @@ styles; of Matplotlib it knows the styles of lines alone.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -16,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
-from uvms_drake.report.figure_style import COLUMN_WIDTH, LIMIT, NOMINAL, REAL, TIGHTENED
+from uvms_drake.report.figure_style import COLUMN_WIDTH, LIMIT, NOMINAL, REAL, STYLE, TIGHTENED
 
 HEADROOM = 1.12
 """End of an axis that begins at zero, over the highest value."""
@@ -130,6 +132,12 @@ def draw(drawing: Drawing) -> Figure:
     if found := handles(entries):
         figure.legend(handles=found, ncols=drawing.legend, loc="outside upper center")
     return figure
+
+
+def save(drawing: Drawing, path: Path) -> None:
+    """Writes a drawing as a file, in the package's style."""
+    with matplotlib.rc_context(STYLE):
+        draw(drawing).savefig(path)
 
 
 def handles(series: Iterable[Series]) -> list[Artist]:

@@ -14,20 +14,9 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.mpc.planner import HOVERED, KEPT, SOLVED
 from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.report import figure_style as style
 from uvms_drake.report.contact_figures import contact_drawing, draw_coverage, mission_drawing
 from uvms_drake.report.drawing import Drawing, Panel, band, draw, levels, line, pair
-from uvms_drake.report.figure_style import (
-    BLACK,
-    BLUE,
-    DARKER,
-    LIMIT,
-    NOMINAL,
-    ORANGE,
-    STYLE,
-    VERMILION,
-    XYZ,
-    tube_label,
-)
 from uvms_drake.report.robot.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits, thruster_part, thrusters_of
 from uvms_drake.station.record import Record
@@ -62,12 +51,12 @@ def make_figures(record: Record, output_dir: str | Path,
         assumptions_of(record.scenario, record.model)).items()]
     folder.mkdir(parents=True, exist_ok=True)
     for name in figures_of(record.scenario):
-        with matplotlib.rc_context(STYLE):
+        with matplotlib.rc_context(style.STYLE):
             made = figures[name](record)
             figure = draw(made) if isinstance(made, Drawing) else made
             if not record.certified:
                 figure.text(0.995, 0.005, UNCERTIFIED, ha="right", va="bottom", fontsize=6,
-                            color=VERMILION)
+                            color=style.VERMILION)
             else:
                 _add_footer(figure, certified_for)
             figure.savefig(folder / name, bbox_inches="tight" if record.certified else None)
@@ -101,7 +90,8 @@ def task_error_drawing(record: Record) -> Drawing:
             (slice(3, 6), (r"$\phi$", r"$\theta$", r"$\psi$"), "orientation", "mrad")):
         bound = 1e3 * getattr(tube, name)
         series = [each for color, darker, label, e, e_bar in zip(
-            XYZ, DARKER, names, real[:, part].T, nominal[:, part].T, strict=True) for each in (
+            style.XYZ, style.DARKER, names, real[:, part].T, nominal[:, part].T,
+            strict=True) for each in (
                 band(e_bar - bound, e_bar + bound, color=color, alpha=0.18),
                 line(e, color=color, label=label),
                 line(e_bar, DASHED, color=darker))]
@@ -111,7 +101,7 @@ def task_error_drawing(record: Record) -> Drawing:
                            title=f"close to zero; the tube is $\\pm${bound:.3g} {unit}"))
     return Drawing([whole, close], 3.2, legend=3, key=[
         line(0.0, color="0.45"), line(0.0, DASHED, color="0.2", label="nominal"),
-        band(0.0, 0.0, color="0.8", label=tube_label(bool(record.certified)))])
+        band(0.0, 0.0, color="0.8", label=style.tube_label(bool(record.certified)))])
 
 
 def velocities_drawing(record: Record) -> Drawing:
@@ -159,10 +149,10 @@ def thrusters_drawing(record: Record) -> Drawing:
     asked = np.array([thrusters.forces_of(row) for row in record.signals["thruster_command"]])
     return _two_columns([Panel(
         f"{name.replace('_', ' ')}\n[N]", record.time, [
-            line(asked[:, i], NOMINAL, label="commanded", linewidth=0.8),
+            line(asked[:, i], style.NOMINAL, label="commanded", linewidth=0.8),
             line(record.signals["thruster_force"][:, i]),
-            line(thrusters.lower[i], LIMIT), line(thrusters.upper[i], LIMIT),
-            band(-smallest, smallest, color=BLACK, alpha=0.15, label="dead band")])
+            line(thrusters.lower[i], style.LIMIT), line(thrusters.upper[i], style.LIMIT),
+            band(-smallest, smallest, color=style.BLACK, alpha=0.15, label="dead band")])
         for i, (name, smallest) in enumerate(zip(
             thrusters.names, thrusters.smallest, strict=True))])
 
@@ -186,15 +176,15 @@ def disturbance_drawing(record: Record) -> Drawing:
     else:
         parts = [line(each, color=color, linewidth=0.7, label=name)
                  for block, color, name in zip(
-                     (slice(0, 3), slice(3, 6), slice(6, None)), XYZ,
+                     (slice(0, 3), slice(3, 6), slice(6, None)), style.XYZ,
                      ("surge, sway, heave", "roll, pitch, yaw", "joints"), strict=True)
                  for each in record.disturbance[:, block].T]
     norm, effective = (declared.norm(each) for each in (
         record.disturbance, record.effective_disturbance))
     norms = [line(norm, color="0.35", label="applied"),
-             line(bound, LIMIT, label=rf"bound $\tilde{{d}}$ = {bound:.3g}")]
+             line(bound, style.LIMIT, label=rf"bound $\tilde{{d}}$ = {bound:.3g}")]
     if not np.allclose(norm, effective, atol=1e-6):
-        norms.insert(1, line(effective, color=ORANGE, linewidth=0.8,
+        norms.insert(1, line(effective, color=style.ORANGE, linewidth=0.8,
                              label="with model errors and the water's motion"))
     scaled = r"\hat{W}^{-1}d" if np.size(declared.weights) else "d"
     return Drawing([[
@@ -209,9 +199,9 @@ def mpc_drawing(record: Record) -> Drawing:
     time, window = record.mpc_time, (record.time[0], record.time[-1])
     steps = [line(step_ms[chosen], DOTS, x=time[chosen], marker=marker, color=color, label=label)
              for chosen, marker, color, label in (
-                 (sound, ".", BLUE, "solved, or the last plan kept"),
-                 (failed, "x", VERMILION, "failed, late or dropped"))]
-    period = line(1e3 * record.scenario.mpc.time_step, LIMIT, label="sampling period")
+                 (sound, ".", style.BLUE, "solved, or the last plan kept"),
+                 (failed, "x", style.VERMILION, "failed, late or dropped"))]
+    period = line(1e3 * record.scenario.mpc.time_step, style.LIMIT, label="sampling period")
     return Drawing([[
         Panel("step time [ms]", time, [*steps, period], scale="log", window=window),
         *(Panel(label, time, [line(values, DOTS, linestyle="-")], scale="zero", window=window,
@@ -229,10 +219,10 @@ def deviation_drawing(record: Record) -> Drawing:
             ("z", tube.z, r"$\|\zeta-\bar{\zeta}\|_2$ [mm/s, mrad/s]")):
         deviation, bound = 1e3 * record.deviation_of(part), 1e3 * radius
         series = [line(deviation, label="deviation"),
-                  line(bound, LIMIT, label=tube_label(bool(record.certified))),
-                  band(0.0, bound, color=BLUE, alpha=0.1)]
+                  line(bound, style.LIMIT, label=style.tube_label(bool(record.certified))),
+                  band(0.0, bound, color=style.BLUE, alpha=0.1)]
         if np.all(np.isfinite(record.bound_of(part))):
-            series.append(line(1e3 * record.bound_of(part), color=VERMILION, linewidth=0.8,
+            series.append(line(1e3 * record.bound_of(part), color=style.VERMILION, linewidth=0.8,
                                label="bound along the run"))
         faint = bool(np.max(deviation) < FAINT * bound < np.inf)
         cells.append(Panel(label, record.time, series, scale="log" if faint else "zero",
@@ -242,7 +232,7 @@ def deviation_drawing(record: Record) -> Drawing:
 
 def _tightened(record: Record) -> str:
     """Returns the title that names the tube that tightened the limits."""
-    return f"tightened by the {tube_label(bool(record.certified))}"
+    return f"tightened by the {style.tube_label(bool(record.certified))}"
 
 
 FIGURES: dict[str, Callable[[Record], Drawing | Figure]] = {

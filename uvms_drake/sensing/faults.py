@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.constraints import NotNegative, Positive, Vector
+from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.fault import Fault, FaultySignal
 from uvms_drake.model.signals.sensor_actuator import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -31,9 +32,10 @@ class SensorFault(Fault, Part):
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `FaultySignal`; see `Part`."""
-        return FaultySignal.AddToBuilder(
-            builder, self, lambda true, frozen, _: self.faulty(true, frozen), signal=port,
-            watched=port, name="faulty_sensor").get_output_port()
+        faulty = FaultySignal(self, lambda true, frozen, _: self.faulty(true, frozen),
+                              port.size(), port.size())
+        return added(
+            builder, "faulty_sensor", faulty, signal=port, watched=port).get_output_port()
 
 
 @dataclass

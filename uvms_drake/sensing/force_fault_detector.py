@@ -19,16 +19,13 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     DiscreteValues,
     EventStatus,
     LeafSystem,
-    OutputPort,
 )
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import added
 from uvms_drake.model.end_effector import force_in_tip
 from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.uvms_model import UvmsModel
@@ -207,12 +204,3 @@ class ForceFaultDetector(LeafSystem):
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([float(self._status(context, self._port.Eval(context)))])
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, period: float, *,
-                     repeats: int = 3, tare: float = 0.0, largest: float = np.inf,
-                     state: OutputPort, force_measured: OutputPort | None = None,
-                     name: str = "force_fault_detector") -> "ForceFaultDetector":
-        """Adds the detector; the caller connects `force_measured` if it is None."""
-        watch = ForceFaultDetector(model, period, repeats=repeats, tare=tare, largest=largest)
-        return added(builder, name, watch, state=state, force_measured=force_measured)

@@ -64,14 +64,6 @@ class HoldLastValue(LeafSystem):
             return np.zeros_like(measured)
         return context.get_discrete_state_vector().value()
 
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, *, measured: OutputPort,
-                     release: OutputPort | None = None, name: str = "hold_last_value"
-                     ) -> "HoldLastValue":
-        """Adds the system and connects it; `release` may be None."""
-        return added(builder, name, HoldLastValue(measured.size()), measured=measured,
-                     release=release)
-
 
 class TipPose(LeafSystem):
     """Pose χ of the end-effector in a state.

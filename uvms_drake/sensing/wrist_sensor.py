@@ -24,11 +24,9 @@ import numpy as np
 from pydrake.systems.framework import (
     Context,
     ContinuousState,
-    DiagramBuilder,
     DiscreteValues,
     InputPort,
     LeafSystem,
-    OutputPort,
     State,
 )
 
@@ -45,7 +43,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.keyed_random import normal_numbers
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.wiring import output_of
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.frames.euler import rotated_back, rotation_matrix
 from uvms_drake.model.frames.spatial import block_diagonal, cross, skew
@@ -315,14 +313,3 @@ class WristSensor(LeafSystem):
         if not is_finite(chi):
             return np.full(6, np.nan)
         return self._from_task @ force_of_tip(chi, self._X @ self._samples(context).last)
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: WristSettings,
-                     off: Imperfection, *, force: OutputPort, chi: OutputPort,
-                     measured_chi: OutputPort, payload: OutputPort | None = None,
-                     payload_at_rest: OutputPort | None = None,
-                     name: str = "wrist_sensor") -> "WristSensor":
-        """Adds the sensor and connects it; the arguments are its constructor's and its inputs."""
-        return added(builder, name, WristSensor(model, settings, off),
-                     force=force, chi=chi, measured_chi=measured_chi, payload=payload,
-                     payload_at_rest=payload_at_rest)

@@ -9,7 +9,7 @@ from pydrake.systems.primitives import Gain, PassThrough
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import outputs, wire
+from uvms_drake.common.wiring import added, outputs, wire
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.mission.system import MissionControl
@@ -171,13 +171,13 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
     if scenario.mission.steps:
         given |= add_mission(builder, scenario, model, measured, signals, meshcat)
     elif meshcat is not None and controller.HasInputPort("desired_force"):
-        slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
+        slider = builder.AddNamedSystem(
+            "force_slider", ForceSlider(scenario.task.force, meshcat))
         given["desired_force"] = slider.get_output_port()
     solver_faults = faults_at("solver", faults)
     if solver_faults:
-        given["fault"] = SolverFaults.AddToBuilder(
-            builder, list(solver_faults.values()), scenario.seed, scenario.mpc.time_step
-        ).get_output_port()
+        given["fault"] = builder.AddNamedSystem("solver_faults", SolverFaults(
+            list(solver_faults.values()), scenario.seed, scenario.mpc.time_step)).get_output_port()
     # Actuation, of which some controllers read the effect.
     command = controller.GetOutputPort("tau")
     applied = chain(command, keyed("actuation", scenario.actuation))
@@ -220,17 +220,19 @@ def add_measured_force(builder: DiagramBuilder, scenario: Scenario, model: Conta
     estimates, given = "force_lost" in signals, {}
     if estimates:
         contact, reading = sensed_contact(scenario), reading_of(scenario)
-        detector = ForceFaultDetector.AddToBuilder(
-            builder, model, contact.period, repeats=sensing_of(scenario).repeats,
-            tare=reading.tare, largest=reading.largest, state=state, force_measured=valid)
+        detector = added(builder, "force_fault_detector", ForceFaultDetector(
+            model, contact.period, repeats=sensing_of(scenario).repeats, tare=reading.tare,
+            largest=reading.largest), state=state, force_measured=valid)
         given["force_valid"] = valid = detector.GetOutputPort("force_valid")
         signals["force_status"] = detector.GetOutputPort("force_status")
-    force = signals["force_last_valid"] = HoldLastValue.AddToBuilder(
-        builder, measured=valid, release=signals.get("force_lost")).get_output_port()
+    force = signals["force_last_valid"] = added(
+        builder, "hold_last_value", HoldLastValue(valid.size()), measured=valid,
+        release=signals.get("force_lost")).get_output_port()
     if estimates and contact.tangential_lag > 0.0:
-        force = signals["force_filtered"] = TangentialFilter.AddToBuilder(
-            builder, contact.direction, contact.tangential_lag, contact.period, measured=force
-        ).get_output_port()
+        force = signals["force_filtered"] = added(
+            builder, "tangential_filter",
+            TangentialFilter(contact.direction, contact.tangential_lag, contact.period),
+            measured=force).get_output_port()
     return {**given, MEASURED_FORCE: force}
 
 
@@ -253,7 +255,8 @@ def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
     if meshcat is None:
         builder.ExportInput(mission.GetInputPort("stop"), "stop")
     else:
-        wire(builder, mission, outputs(HomeButton.AddToBuilder(builder, meshcat)))
+        wire(builder, mission, outputs(
+            builder.AddNamedSystem("home_button", HomeButton(meshcat))))
     asked = outputs(mission)
     for port, name in MISSION_SIGNALS.items():
         signals[name] = asked.pop(port)
@@ -280,8 +283,8 @@ def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signa
             port = part.add_to(builder, model, port, signals, seed)
             require(isinstance(port, OutputPort), "add_to", port, "the output port to go on from")
             require(port.size() == size, "size", port.size(), f"{size}, as before it")
-            added = list(signals)[known:]
-            require(not set(added) & RESERVED, "signals", added,
+            new = list(signals)[known:]
+            require(not set(new) & RESERVED, "signals", new,
                     f"called otherwise than {', '.join(sorted(RESERVED))}")
         for system in builder.GetSystems()[before:]:
             system.set_name(f"{key}.{system.get_name()}")

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import within
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import outputs, wire
+from uvms_drake.common.wiring import added, outputs, wire
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii, resolved_radii
@@ -61,8 +61,8 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     sensors and of actuators, next to the robot. The logs and a `TubeMonitor` read the true state
     and the commanded τ. The signal `force_measured` of a part of sensing goes to the law, see
     `controller.add_measured_force`, the signal `vehicle_wrench` of a part of actuation to a law
-    that `takes_wrench`. An observer reads the output of the parts of actuation, with this wrench, as the
-    applied input; it does not know of faults.
+    that `takes_wrench`. An observer reads the output of the parts of actuation, with this wrench,
+    as the applied input; it does not know of faults.
 
     A controller of one's own has the input port `state`, in general `force_measured`, and others of
     these names if it wants to; and the output port `tau`. Its other outputs of vectors are logged.
@@ -140,8 +140,9 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
             scenario.disturbance, scenario.model_error.share, scenario.faults).add_to(
                 builder, model, scenario.seed, errors | signals)
     if meshcat is not None:
-        disturbance = DisturbanceSlider.AddToBuilder(
-            builder, meshcat, disturbance=disturbance).get_output_port()
+        disturbance = added(
+            builder, "disturbance_slider", DisturbanceSlider(disturbance.size(), meshcat),
+            disturbance=disturbance).get_output_port()
     builder.Connect(disturbance, uvms.GetInputPort("disturbance"))
 
     # Logs, outputs and the picture.

@@ -9,6 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.schema import check_values
+from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
@@ -65,7 +66,8 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
         start = np.concatenate([vector("eta", scenario.start.eta, 6),
                                 vector("q", scenario.start.q, model.num_joints)])
     uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(scenario, None, start))
-    WaterMotion.AddToBuilder(builder, scenario.current, scenario.waves, plant=uvms)
+    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+    wire(builder, uvms, outputs(water))
     disturbance = applied_disturbance(
         scenario.disturbance, scenario.model_error.share, scenario.faults)
     require(isinstance(disturbance, OpenLoopDisturbance), "disturbance", type(disturbance).__name__,

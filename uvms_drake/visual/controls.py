@@ -6,10 +6,10 @@ from contextlib import suppress
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from uvms_drake.common.errors import vector
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.wiring import output_of
 
 STOP, CLOSE = "Stop the run", "Close the page's server"
 POLL = 0.05  # s
@@ -87,12 +87,6 @@ class ForceSlider(LeafSystem):
         factor = 1.0 if newton == self._first else newton / self._magnitude
         output.SetFromVector(factor * self._force)
 
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, force: np.ndarray, meshcat: Meshcat | None = None,
-                     name: str = "force_slider") -> "ForceSlider":
-        """Adds the system to `builder`."""
-        return added(builder, name, ForceSlider(force, meshcat))
-
 
 class HomeButton(LeafSystem):
     """Operator stop of a mission: a button that stays pressed.
@@ -117,12 +111,6 @@ class HomeButton(LeafSystem):
         # The user presses it at any time: its value must not be cached.
         output_of(self, "stop", 1, lambda c: [meshcat.GetButtonClicks(HOME) > 0],
                   {self.time_ticket()})
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, *, name: str = "home_button"
-                     ) -> "HomeButton":
-        """Adds the system; its output goes to a mission's `stop`."""
-        return added(builder, name, HomeButton(meshcat))
 
 
 class DisturbanceSlider(LeafSystem):
@@ -152,10 +140,3 @@ class DisturbanceSlider(LeafSystem):
         output_of(self, "scaled", size,
                   lambda c: meshcat.GetSliderValue(DISTURBANCE) / 100.0 * port.Eval(c),
                   {self.all_sources_ticket()})
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, *, disturbance: OutputPort,
-                     name: str = "disturbance_slider") -> "DisturbanceSlider":
-        """Adds the system and connects its input; its output goes to a plant's `disturbance`."""
-        return added(builder, name, DisturbanceSlider(disturbance.size(), meshcat),
-                     disturbance=disturbance)

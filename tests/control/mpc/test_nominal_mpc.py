@@ -12,6 +12,7 @@ from support.limits import with_limits
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
 import uvms_drake as uv
+from uvms_drake.common.wiring import added
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import (
     DROPPED,
@@ -72,9 +73,9 @@ class Setup:
         solver.ocp.iterations = iterations
         builder = DiagramBuilder()
         self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
-        self.mpc = NominalMpc.AddToBuilder(
-            builder, solver, state=self.source.get_output_port(), targets=targets,
-            committed=committed)
+        self.mpc = added(
+            builder, "nominal_mpc", NominalMpc(solver, targets=targets, committed=committed),
+            state=self.source.get_output_port())
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.ocp = solver.ocp

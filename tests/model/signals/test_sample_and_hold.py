@@ -6,6 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
+from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 
 TIMES = np.sqrt(np.linspace(2e-4, 0.98, 171))
@@ -19,7 +20,9 @@ def moving(time):
 def bench(clocks, start=0.0):
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(vector=moving))
-    system = SampledVector.AddToBuilder(builder, clocks, vector=script.get_output_port())
+    system = added(
+        builder, "sampled_vector", SampledVector(script.get_output_port().size(), clocks),
+        vector=script.get_output_port())
     simulator = Simulator(builder.Build())
     simulator.get_mutable_context().SetTime(start)
     simulator.Initialize()
@@ -88,10 +91,13 @@ def test_a_faster_clock_samples_what_is_passed_on_at_its_instants_always_as_late
     assert late != late_by
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(vector=moving))
-    slow = SampledVector.AddToBuilder(
-        builder, [Clock(range(3), 0.02, 0.01)], vector=script.get_output_port())
-    fast = SampledVector.AddToBuilder(
-        builder, [Clock(range(3), 0.01)], vector=slow.get_output_port(), name="fast")
+    slow = added(
+        builder, "sampled_vector",
+        SampledVector(script.get_output_port().size(), [Clock(range(3), 0.02, 0.01)]),
+        vector=script.get_output_port())
+    fast = added(
+        builder, "fast", SampledVector(slow.get_output_port().size(), [Clock(range(3), 0.01)]),
+        vector=slow.get_output_port())
     simulator = Simulator(builder.Build())
     simulator.Initialize()
     for k in range(1, 400):

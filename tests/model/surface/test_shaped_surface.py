@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from support.shapes import LAWS, SHAPES, SHIFT, R, in_ball_of, near, surfaces
 
-from uvms_drake.common.errors import InvalidParameter
+import uvms_drake as uv
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.shaped_surface import ShapedSurface
 
 ALL = surfaces(dissipation=1.7, friction=0.3, creep=0.004)
 every_surface = pytest.mark.parametrize("surface", ALL.values(), ids=ALL)
@@ -45,8 +43,8 @@ def work(surface, steps=20000):
 
 def test_flat_linear_and_frictionless_it_is_the_unilateral_plane():
     rng, normal = np.random.default_rng(0), R @ [-1.0, 0.0, 0.0]
-    plane = UnilateralPlane(SHIFT, normal, 830.0, 1.7, 0.003)
-    surface = ShapedSurface(Plane(SHIFT, normal), Linear(830.0, 0.003), 1.7, 0.0)
+    plane = uv.UnilateralPlane(SHIFT, normal, 830.0, 1.7, 0.003)
+    surface = uv.ShapedSurface(Plane(SHIFT, normal), Linear(830.0, 0.003), 1.7, 0.0)
     chi, chi_dot = states(surface, 500, rng)
     np.testing.assert_allclose(surface.force(chi, chi_dot), plane.force(chi, chi_dot), atol=1e-11)
     np.testing.assert_allclose(surface.penetration(chi), plane.penetration(chi), atol=1e-15)
@@ -73,7 +71,7 @@ def test_a_complex_step_gives_the_derivative(surface):
 
 @pytest.mark.parametrize("name", ALL)
 def test_a_surface_that_is_moved_exerts_the_same_force(name):
-    still = ShapedSurface(SHAPES[name.split()[0]], LAWS[name.split()[1]], 1.7, 0.3, 0.004)
+    still = uv.ShapedSurface(SHAPES[name.split()[0]], LAWS[name.split()[1]], 1.7, 0.3, 0.004)
     chi, chi_dot = states(still, 100, np.random.default_rng(3))
     force = still.force(chi, chi_dot).reshape(-1, 2, 3) @ R.T
     chi, chi_dot = (each.reshape(-1, 2, 3) @ R.T for each in (chi, chi_dot))
@@ -97,7 +95,7 @@ def test_it_never_pulls_and_friction_is_against_the_sliding_and_within_its_cone(
 @every_surface
 def test_a_closed_path_costs_no_energy_at_rest_and_some_in_motion(surface):
     """Static forces are a gradient; damping and friction each take energy."""
-    still, damped, rubbing = (ShapedSurface(surface.geometry, surface.law, c, mu)
+    still, damped, rubbing = (uv.ShapedSurface(surface.geometry, surface.law, c, mu)
                               for c, mu in ((0.0, 0.0), (1.7, 0.0), (0.0, 0.3)))
     assert work(still) == pytest.approx(0.0, abs=1e-8)
     assert work(damped) > 1e-3
@@ -150,7 +148,7 @@ def test_past_the_transition_the_force_grows_as_fast_as_the_class_says(surface):
 
 
 def test_the_class_of_a_plane_is_as_tight_as_can_be():
-    surface = ShapedSurface(Plane(), Linear(700.0, 0.002), 1.3, 0.4)
+    surface = uv.ShapedSurface(Plane(), Linear(700.0, 0.002), 1.3, 0.4)
     tilt = np.array([np.cos(0.1), 0.0, np.sin(0.1)])
     known = surface.membership(tilt, np.zeros(3), 0.5)
     assert (known.stiffness, known.dissipation, known.friction) == (700.0, 1.3, 0.4)
@@ -173,7 +171,7 @@ def test_the_force_at_rest_is_bounded_by_that_in_motion_as_the_class_says(surfac
 
 def test_a_class_that_would_go_around_a_pole_is_refused():
     surface = ALL["pole linear"]
-    with pytest.raises(InvalidParameter, match=r"^reach = 0\.29: must be so short that the surf"):
+    with pytest.raises(uv.InvalidParameter, match=r"^reach = 0\.29: must be so short that"):
         surface.membership(-surface.geometry.normal, surface.anchor + [0.0, 0.0, 0.05], 0.29)
 
 
@@ -199,7 +197,7 @@ def test_at_the_pose_for_a_force_it_is_that_force(surface, force):
     ("pipe hardening", [20, 0, 0, 0, 0, 1.0], r"^force = .*: must be a push .* without a torque"),
 ])
 def test_a_force_that_it_cannot_give_is_named(name, force, message):
-    with pytest.raises(InvalidParameter, match=message):
+    with pytest.raises(uv.InvalidParameter, match=message):
         ALL[name].pose_for(np.array(force, dtype=float), np.zeros(6))
 
 

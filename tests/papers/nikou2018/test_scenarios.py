@@ -8,11 +8,9 @@ import pytest
 from support import dh
 from support.quick import FEW, search_less
 
+import uvms_drake as uv
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.command.main import main
-from uvms_drake.common.errors import RunFailed
-from uvms_drake.model.frames.euler import pose_difference
-from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.papers.nikou2018.kinematic_certificate import certify
 from uvms_drake.papers.nikou2018.kinematic_run import FIGURES, summarise
 from uvms_drake.papers.nikou2018.kinematics import (
@@ -24,7 +22,6 @@ from uvms_drake.papers.nikou2018.kinematics import (
     velocity,
 )
 from uvms_drake.report.summary import summarise as summarise_record
-from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate as simulate_station
 
 CHI_0 = np.array([-1.0, 1.3, -1.0, 0.0, -np.pi / 8, np.pi / 12])
@@ -34,7 +31,7 @@ W_BOUND = 0.2 * np.sqrt(6.0)
 
 @pytest.fixture(scope="module")
 def printed() -> Run:
-    return simulate(load_scenario("paper_kinematic"))
+    return simulate(uv.load_scenario("paper_kinematic"))
 
 
 # The parts ----------------------------------------------------------------------------------------
@@ -52,7 +49,7 @@ def test_the_robot_moves_as_the_papers_table_says():
         for name, value in (("zeta", zeta), ("disturbance", w)):
             robot.GetInputPort(name).FixValue(context, value)
         rate = robot.EvalTimeDerivatives(context).CopyToVector()
-        still = configuration_rate(config, zeta)
+        still = uv.configuration_rate(config, zeta)
         chi_dot, without_w = ((dh.chi(config + 1e-6 * each) - dh.chi(config - 1e-6 * each)) / 2e-6
                               for each in (rate, still))
         np.testing.assert_allclose(chi_dot, without_w + w, atol=1e-6)
@@ -64,7 +61,7 @@ def test_the_robot_moves_as_the_papers_table_says():
     ("!Transpose {sigma: 3.0, joints: true}", lambda J, e: -3.0 * J @ J.T @ e)])
 def test_the_error_falls_as_the_theory_says(law, rate):
     """ẏ − ȳ̇ at ζ̄ = 0 and 𝔮 near 𝔮̄, where J_x(𝔮) is J_x(𝔮̄)."""
-    scenario = load_scenario("paper_kinematic", [f"ancillary={law}"])
+    scenario = uv.load_scenario("paper_kinematic", [f"ancillary={law}"])
     model, y_des, _ = posed(scenario)
     nominal, e = model.configuration(y_des), 1e-6 * np.arange(1.0, 11.0)
     J = model.task_jacobian(nominal)
@@ -75,7 +72,7 @@ def test_the_error_falls_as_the_theory_says(law, rate):
 
 def test_a_plan_without_active_limits_is_that_of_a_riccati_recursion():
     """One convex program near the task, where motion is linear: the regulator of its cost."""
-    scenario = load_scenario("paper_kinematic_certified", ["mpc.horizon=6"])
+    scenario = uv.load_scenario("paper_kinematic_certified", ["mpc.horizon=6"])
     model, y_des, bounds = posed(scenario)
     mpc = KinematicMpc(model, scenario.mpc, y_des, bounds.tightened(scenario.tube))
     xi, h, J = 1e-4 * np.cos(np.arange(10.0)), 0.1, model.task_jacobian(model.configuration(y_des))
@@ -97,13 +94,13 @@ def test_a_plan_without_active_limits_is_that_of_a_riccati_recursion():
 
 @pytest.mark.long
 def test_it_goes_from_the_printed_start_to_the_printed_task(printed):
-    np.testing.assert_allclose(pose_difference(printed.chi[0], CHI_0), 0.0, atol=2e-3)
+    np.testing.assert_allclose(uv.pose_difference(printed.chi[0], CHI_0), 0.0, atol=2e-3)
     np.testing.assert_allclose(printed.chi_des, CHI_DES, atol=1e-9)
     w = 0.2 * np.sin(printed.time)[:, None] * np.ones(6)
     np.testing.assert_allclose(printed.disturbance, w, atol=1e-12)
-    error = np.linalg.norm(pose_difference(printed.chi, CHI_DES), axis=1)
+    error = np.linalg.norm(uv.pose_difference(printed.chi, CHI_DES), axis=1)
     assert error[0] > 2.0
-    assert np.linalg.norm(pose_difference(printed.chi_nominal[-1], CHI_DES)) < 0.03
+    assert np.linalg.norm(uv.pose_difference(printed.chi_nominal[-1], CHI_DES)) < 0.03
     assert np.max(error[printed.time > 4.0]) < 0.3  # the printed radius
     summary = summarise(printed, certified=False)
     assert summary["kept"] and min(summary["margins"].values()) > 0.0
@@ -119,7 +116,7 @@ def test_it_goes_from_the_printed_start_to_the_printed_task(printed):
 def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached, monkeypatch):
     """For any w at the true bound; a w that reaches the bound shows that it is tight."""
     search_less(monkeypatch)
-    scenario = load_scenario("paper_kinematic_certified", [
+    scenario = uv.load_scenario("paper_kinematic_certified", [
         *FEW, f"disturbance={disturbance}", f"duration={duration}"])
     assert scenario.disturbance.bound == pytest.approx(W_BOUND)
     certificate = certify(scenario)
@@ -130,7 +127,7 @@ def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached,
     e = summary["tube"]["e"]
     assert reached < e["worst"] / e["radius"] <= 1.001
     if duration == 6:
-        assert np.linalg.norm(pose_difference(run.chi_nominal[-1], CHI_DES)) < 0.03
+        assert np.linalg.norm(uv.pose_difference(run.chi_nominal[-1], CHI_DES)) < 0.03
 
 
 @pytest.mark.parametrize(("override", "expected"), [
@@ -139,7 +136,7 @@ def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached,
     ("ancillary=!Transpose {sigma: 10.0}", "σJ̲, above L_c")])
 def test_it_is_not_certified_without_what_the_theorem_needs(override, expected, monkeypatch):
     search_less(monkeypatch)
-    certificate = certify(load_scenario("paper_kinematic_certified", [*FEW, override]))
+    certificate = certify(uv.load_scenario("paper_kinematic_certified", [*FEW, override]))
     assert next(each for each in certificate.conditions if not each.holds).name.startswith(expected)
 
 
@@ -148,7 +145,7 @@ def test_a_task_at_the_pitch_limit_is_held_by_the_limit():
     """The tip is asked to a pitch just inside the limit and pushed at; nothing is not a number."""
     limit = 1.45
     pitch = limit - 0.06  # downwards, where the arm reaches with the vehicle level
-    run = simulate(load_scenario("paper_kinematic", [
+    run = simulate(uv.load_scenario("paper_kinematic", [
         f"task.force=[0, 0, 0, 0.3, {-pitch}, 0]", f"limits.tip_pitch={limit}",
         f"task.posture=[0, {0.5 * np.pi - pitch - 0.05}, 0.05, 0.3]",
         "tube.e=0.05", "ancillary=!Resolved {sigma: 20.0}",
@@ -159,11 +156,11 @@ def test_a_task_at_the_pitch_limit_is_held_by_the_limit():
 
 
 def test_a_push_through_the_singular_pitch_stops_the_run_with_one_line():
-    scenario = load_scenario("paper_kinematic", [
+    scenario = uv.load_scenario("paper_kinematic", [
         "task.force=[0, 0, 0, 0.3, -1.35, 0]", "task.posture=[0, 0.15, 0.05, 0.3]",
         "tube.e=0.05", "ancillary=!Resolved {sigma: 0.2}", "limits.tip_pitch=1.45",
         "disturbance=!ConstantDisturbance {bound: 0.7, direction: [0, 0, 0, 0, -1, 0]}"])
-    with pytest.raises(RunFailed, match="pitch") as caught:
+    with pytest.raises(uv.RunFailed, match="pitch") as caught:
         simulate(scenario)
     assert "\n" not in str(caught.value)
 
@@ -189,7 +186,7 @@ def test_the_commands_write_log_summary_and_figures(tmp_path, capsys):
     ("faults=[!SolverFailure {}]", "faults")])
 def test_what_has_no_meaning_there_is_refused(override, expected):
     with pytest.raises(ValueError, match=expected):
-        simulate(load_scenario("paper_kinematic", [override]))
+        simulate(uv.load_scenario("paper_kinematic", [override]))
 
 
 # The claim, in dynamics ---------------------------------------------------------------------------
@@ -197,7 +194,7 @@ def test_what_has_no_meaning_there_is_refused(override, expected):
 
 @pytest.mark.long
 def test_the_papers_claim_holds_in_dynamics_with_this_projects_law():
-    record = simulate_station(load_scenario(
+    record = simulate_station(uv.load_scenario(
         "paper_dynamic_resolved", ["simulator.max_step_size=0.05"]))
     summary = summarise_record(record)
     assert summary["task_error"]["final_norm"] < 0.01
@@ -210,7 +207,7 @@ def test_the_papers_claim_holds_in_dynamics_with_this_projects_law():
 def test_the_papers_own_law_corrected_is_certified_and_keeps_its_tube(monkeypatch):
     """At the gain that its conditions ask for; the implicit integrator carries it."""
     search_less(monkeypatch)
-    scenario = load_scenario("paper_dynamic", ["duration=1.2", *FEW])
+    scenario = uv.load_scenario("paper_dynamic", ["duration=1.2", *FEW])
     certificate = certified_once(scenario)
     assert certificate.certified, certificate.failed
     assert (certificate.law, certificate.k) == ("transpose", 10000.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.shapes import in_ball_of
 
+from uvms_drake.common.schema import checked
 from uvms_drake.model.surface.contact_laws import Bilinear, Hardening, Linear
 from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
 from uvms_drake.model.surface.unknown_contact import UnknownContact
@@ -83,7 +84,7 @@ def test_all_shapes_and_laws_are_drawn():
 def test_slopes_are_within_their_range():
     rng = np.random.default_rng(4)
     for _ in range(200):
-        law = draw_law(SOFTEST * 500.0, 500.0, rng).checked()
+        law = checked(draw_law(SOFTEST * 500.0, 500.0, rng))
         depth = np.linspace(0.0, 0.2, 4001)
         slope = np.diff(law.force(depth)) / np.diff(depth)
         assert np.max(slope) <= 500.0

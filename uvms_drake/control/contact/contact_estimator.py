@@ -8,16 +8,14 @@ import numpy as np
 from pydrake.systems.framework import (
     CacheEntry,
     Context,
-    DiagramBuilder,
     DiscreteValues,
     EventStatus,
     LeafSystem,
-    OutputPort,
 )
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import added, cached, output_of
+from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.control.contact.contact_state import (
     ContactState,
     EstimatorSettings,
@@ -156,23 +154,3 @@ class ContactEstimator(LeafSystem):
         for i, part in enumerate(self._after(context)):
             state.set_value(i, part)
         return EventStatus.Succeeded()
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, surface: SurfaceClass,
-                     sensing: EstimatorSettings, *, margin: float,
-                     state: OutputPort, force_measured: OutputPort | None = None,
-                     name: str = "contact_estimator") -> "ContactEstimator":
-        """Adds the estimator and connects it.
-
-        Args:
-            builder: Builder of the Diagram.
-            model: The controller's model.
-            surface: The class of walls.
-            sensing: The sensor.
-            margin: E [m].
-            state: Gives (𝔮, ζ) measured.
-            force_measured: Gives 𝔉 of the sensor; left to the caller if None.
-            name: Name of the system.
-        """
-        estimator = ContactEstimator(model, surface, sensing, margin=margin)
-        return added(builder, name, estimator, state=state, force_measured=force_measured)

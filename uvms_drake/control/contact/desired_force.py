@@ -4,15 +4,12 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     DiscreteValues,
     LeafSystem,
-    OutputPort,
 )
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, unit_vector
-from uvms_drake.common.wiring import added
 
 GIVEN, CUT, ACROSS, LOST = range(4)
 """Outcomes of a desired force: accepted, clipped, without its part across n, or not finite."""
@@ -99,11 +96,3 @@ class DesiredForce(LeafSystem):
 
     def _calc_along(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([self._along(context)[0]])
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, direction: np.ndarray, default: float,
-                     largest: float, *, desired_force: OutputPort | None = None,
-                     name: str = "desired_force") -> "DesiredForce":
-        """Adds the system; `desired_force` is left to the caller if None."""
-        return added(builder, name, DesiredForce(direction, default, largest),
-                     desired_force=desired_force)

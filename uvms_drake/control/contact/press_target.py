@@ -19,15 +19,11 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     LeafSystem,
-    OutputPort,
 )
 
 from uvms_drake.common.errors import require, unit_vector, vector
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import added
-from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 
 SEARCH_DEPTH = 0.1
@@ -182,22 +178,3 @@ class PressTarget(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         line = self._line(context)
         output.SetFromVector(self._depth(context, line) * self._direction + line)
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, estimator: ContactEstimator, direction: np.ndarray,
-                     place: np.ndarray, *, desired_force: OutputPort, search_lead: float = np.inf,
-                     name: str = "press_target") -> "PressTarget":
-        """Adds the target and connects it, but for `place` and `deepest`.
-
-        Args:
-            builder: Builder of the diagram.
-            estimator: Estimator of the contact.
-            direction: n (3,).
-            place: The default place (3,) [m].
-            desired_force: Port of F_des along n.
-            search_lead: See the constructor.
-            name: Name of the system.
-        """
-        system = PressTarget(direction, place, search_lead=search_lead)
-        return added(builder, name, system, desired_force=desired_force, **{
-            port: estimator.GetOutputPort(port) for port in system._ports})

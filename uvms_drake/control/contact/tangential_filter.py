@@ -16,15 +16,12 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     DiscreteValues,
     LeafSystem,
-    OutputPort,
 )
 
 from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import added
 
 LARGEST_RATIO = 1.5
 """Largest ratio of 𝔣 to the force along n, for friction and the tilt of the wall; more is a
@@ -91,9 +88,3 @@ class TangentialFilter(LeafSystem):
         size, most = np.linalg.norm(slow), LARGEST_RATIO * np.maximum(along, 0.0)
         force[:3] = along * self._direction + (slow if size <= most else slow * (most / size))
         output.SetFromVector(force)
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, direction: np.ndarray, lag: float, period: float, *,
-                     measured: OutputPort, name: str = "tangential_filter") -> "TangentialFilter":
-        """Adds the system and connects its input."""
-        return added(builder, name, TangentialFilter(direction, lag, period), measured=measured)

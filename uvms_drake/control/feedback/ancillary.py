@@ -14,11 +14,11 @@ from functools import partial
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, LeafSystem
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import added, cached, output_of
+from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
@@ -178,22 +178,3 @@ class AncillaryFeedback(LeafSystem):
             wanted = _cut(wanted, *(
                 self._limits if now.wrench is None else _of_joints(*self._limits)))
         return wanted
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw, *,
-                     nominal: LeafSystem, state: OutputPort | None = None,
-                     limits: Limits | None = None, name: str = "ancillary") -> "AncillaryFeedback":
-        """Adds the feedback and connects it to a system with a `NominalMpc`'s output ports.
-
-        Args:
-            builder: Builder of the Diagram.
-            model: The controller's model.
-            law: The law and its gains.
-            nominal: Gives nominal_state, nominal_acceleration and nominal_input.
-            state: Gives (𝔮, ζ); left to the caller if None.
-            limits: Limits of the real robot; None: no clipping.
-            name: Name of the system.
-        """
-        return added(builder, name, AncillaryFeedback(model, law, limits), state=state, **{
-            port: nominal.GetOutputPort(port)
-            for port in ("nominal_state", "nominal_acceleration", "nominal_input")})

@@ -9,7 +9,7 @@ other one while the robot is in the constraint set; their distance is due to J_x
 import math
 from collections.abc import Mapping
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.containers import namedview
@@ -18,16 +18,14 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     ContinuousState,
-    DiagramBuilder,
     DiscreteValues,
     EventStatus,
     LeafSystem,
-    OutputPort,
 )
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added, cached, output_of
+from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -247,27 +245,3 @@ class TubeMonitor(LeafSystem):
         worst[-1] = max(worst[-1], d / max(self._d_bound, FLOOR))
         discrete_state.set_value(np.concatenate([is_outside, exits, first, worst]))
         return EventStatus.Succeeded()
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
-                     d_bound: float, radii: Mapping[str, float], *, state: OutputPort,
-                     nominal_state: OutputPort, disturbance: OutputPort | None = None,
-                     pair: OutputPort | None = None, name: str = "tube_monitor", **options: Any
-                     ) -> "TubeMonitor":
-        """Adds the monitor and connects it.
-
-        Args:
-            builder: Builder of the Diagram.
-            model: The controller's model.
-            law: The law and its gains.
-            d_bound: d̃.
-            radii: Set-wise bounds by the names of `FIELDS`.
-            state: Gives (𝔮, ζ).
-            nominal_state: Gives (𝔮̄, ζ̄).
-            disturbance: Gives d; None if it is unknown.
-            pair: Gives the `Pair` of these two states; None: the monitor computes it.
-            name: Name of the system.
-            **options: Other arguments of the constructor.
-        """
-        return added(builder, name, TubeMonitor(model, law, d_bound, radii, **options), state=state,
-                     nominal_state=nominal_state, disturbance=disturbance, pair=pair)

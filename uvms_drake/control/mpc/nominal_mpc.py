@@ -8,16 +8,13 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     EventStatus,
     InputPort,
     LeafSystem,
-    OutputPort,
     State,
     ValueProducer,
 )
 
-from uvms_drake.common.wiring import added
 from uvms_drake.control.mpc.planner import (
     MPC_REPORT,
     SOLVED,
@@ -230,10 +227,3 @@ class NominalMpc(LeafSystem):
 
     def _calc_seconds(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([self._recall(context).solve_seconds])
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, solver: Solver, *,
-                     state: OutputPort | None = None, targets: Targets | None = None,
-                     committed: int = 0, name: str = "nominal_mpc") -> "NominalMpc":
-        """Adds the planner; `state` gives (𝔮, ζ) or 𝔮 and is left to the caller if None."""
-        return added(builder, name, NominalMpc(solver, targets, committed), state=state)

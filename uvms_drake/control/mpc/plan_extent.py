@@ -5,12 +5,9 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     LeafSystem,
-    OutputPort,
 )
 
-from uvms_drake.common.wiring import added
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.plan import TrackingPlan, between_knots
 from uvms_drake.model.frames.spatial import times
@@ -61,9 +58,3 @@ class PlanExtent(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         places = self._surface.across(plan_extent(self._ocp, self._plan_port.Eval(context)))
         output.SetFromVector(np.append(places.min(axis=0), places.max(axis=0)))
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, ocp: TrackingOcp, surface: SurfaceClass, *,
-                     plan: OutputPort, name: str = "plan_extent") -> "PlanExtent":
-        """Adds the system and connects it; the arguments are its constructor's and its input."""
-        return added(builder, name, PlanExtent(ocp, surface), plan=plan)

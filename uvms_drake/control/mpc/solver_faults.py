@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from uvms_drake.common.constraints import Fraction, NotNegative, Positive
 from uvms_drake.common.errors import require
@@ -109,11 +109,3 @@ class SolverFaults(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         index = math.floor(context.get_time() / self._period + SAMPLE_TOLERANCE)
         output.SetFromVector([solver_fault(self._faults, self._seed, index, self._period)])
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, faults: Sequence[SolverFault], seed: int,
-                     period: float, *, name: str = "solver_faults") -> "SolverFaults":
-        """Adds the system; see the constructor."""
-        system = SolverFaults(faults, seed, period)
-        builder.AddNamedSystem(name, system)
-        return system

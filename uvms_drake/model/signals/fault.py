@@ -7,13 +7,10 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     DiscreteValues,
     LeafSystem,
-    OutputPort,
 )
 
-from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.sensor_actuator import Component
 
 ONLY_ONCE = 1e9
@@ -97,10 +94,3 @@ class FaultySignal(LeafSystem):
             now, kept = self._watched_port.Eval(context), self._kept(context)
             signal = self._law(signal, kept[:-1] if kept[-1] else now, now)
         output.SetFromVector(signal)
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, fault: Fault, law: Faulty, *, signal: OutputPort,
-                     watched: OutputPort, name: str) -> "FaultySignal":
-        """Adds the system and connects it; the arguments are its constructor's and its inputs."""
-        return added(builder, name, FaultySignal(fault, law, signal.size(), watched.size()),
-                     signal=signal, watched=watched)

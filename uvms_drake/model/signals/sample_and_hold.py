@@ -9,13 +9,9 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     DiscreteValues,
     LeafSystem,
-    OutputPort,
 )
-
-from uvms_drake.common.wiring import added
 
 SAME = 1e-6
 """Fraction of a period within which two instants are the same."""
@@ -158,9 +154,3 @@ class SampledVector(LeafSystem):
             for rows in self._propagated:
                 hold[rows] += now[rows]
         output.SetFromVector(hold)
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, clocks: Sequence[Clock], *, vector: OutputPort,
-                     name: str = "sampled_vector") -> "SampledVector":
-        """Adds the system after the port `vector`."""
-        return added(builder, name, SampledVector(vector.size(), clocks), vector=vector)

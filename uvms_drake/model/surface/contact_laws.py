@@ -7,10 +7,11 @@ sticking tip moves at up to v_s, since ρ grows from zero at rest.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 
+from uvms_drake.common.constraints import AtLeast, Positive
 from uvms_drake.common.errors import require
 
 STEEPEST = 1.875
@@ -82,9 +83,9 @@ class Linear:
     It is zero outside, increases inside, and is twice continuously differentiable.
     """
 
-    stiffness: float = 1000.0
+    stiffness: Annotated[float, Positive] = 1000.0
     """Stiffness k of the surface pressed in beyond `transition` [N/m]."""
-    transition: float = 0.002
+    transition: Annotated[float, Positive] = 0.002
     """Depth w over which the stiffness rises from zero to k [m]."""
 
     @property
@@ -102,12 +103,6 @@ class Linear:
     def smallest(self) -> float:
         """Force at the end of the transition [N]."""
         return float(self.force(np.array(self.transition)))
-
-    def checked(self) -> Self:
-        """Returns the law, or raises."""
-        for key, value in vars(self).items():
-            require(bool(0.0 < value < np.inf), key, value, "positive")
-        return self
 
     def force(self, depth: np.ndarray) -> np.ndarray:
         """Returns φ(δ) = k (s(δ; w) + (ratio − 1) s(δ − start; width)) (...) [N]."""
@@ -134,9 +129,9 @@ class Linear:
 class Bilinear(Linear):
     """Law with a knee: a soft layer on a harder one, or a layer that yields."""
 
-    ratio: float = 3.0
+    ratio: Annotated[float, Positive] = 3.0
     """Stiffness beyond the knee over that before."""
-    knee: float = 0.01
+    knee: Annotated[float, Positive] = 0.01
     """Depth at which the stiffness begins to change, over another `transition` [m]."""
 
     @property
@@ -144,21 +139,19 @@ class Bilinear(Linear):
         """Change of the stiffness at the knee."""
         return Ramp(self.ratio, self.knee, self.transition)
 
-    def checked(self) -> "Bilinear":
-        """Returns the law, or raises."""
-        law = super().checked()
+    def check(self) -> None:
+        """Raises `InvalidParameter` for a knee in the transition."""
         require(self.knee >= self.transition, "knee", self.knee,
                 f"at least the transition, {self.transition:g} m")
-        return law
 
 
 @dataclass
 class Hardening(Linear):
     """Law whose stiffness grows down to a depth, such as a fender."""
 
-    ratio: float = 5.0
+    ratio: Annotated[float, Positive, AtLeast(1)] = 5.0
     """Stiffness from `depth` on over that close to the surface, at least 1."""
-    depth: float = 0.03
+    depth: Annotated[float, Positive] = 0.03
     """Depth at which the stiffness is the largest [m]."""
 
     @property
@@ -166,13 +159,10 @@ class Hardening(Linear):
         """Change of the stiffness down to `depth`."""
         return Ramp(self.ratio, 0.0, self.depth)
 
-    def checked(self) -> "Hardening":
-        """Returns the law, or raises."""
-        law = super().checked()
-        require(self.ratio >= 1.0, "ratio", self.ratio, "at least 1")
+    def check(self) -> None:
+        """Raises `InvalidParameter` for a depth in the transition."""
         require(self.depth >= self.transition, "depth", self.depth,
                 f"at least the transition, {self.transition:g} m")
-        return law
 
 
 AnyNormalLaw = Linear | Bilinear | Hardening

@@ -10,15 +10,14 @@ its derivatives are taken by a complex step, which `check_surface` tests.
 """
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
+from dataclasses import is_dataclass
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.schema import checked
 from uvms_drake.model.frames.euler import COMPLEX_STEP
-
-if TYPE_CHECKING:
-    pass
 
 TRIALS = 32
 """Poses at which `check_surface` compares derivatives; half of them at rest."""
@@ -92,8 +91,8 @@ class Surface(ABC):
         """Point of the undeformed surface (3,) in Σ_I [m]."""
 
     def checked(self) -> Self:
-        """Returns the surface with its parameters as arrays, or raises; by default itself."""
-        return self
+        """Returns the surface with its parameters as arrays, or raises; itself without any."""
+        return checked(self) if is_dataclass(self) else self
 
     @abstractmethod
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:

@@ -1,10 +1,12 @@
 """A frictionless compliant unilateral plane, smooth enough for derivatives."""
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, unit_vector, vector
+from uvms_drake.common.constraints import Constraint, NotNegative, Positive, UnitVector, Vector
+from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.surface.contact_laws import dissipation_factor, plane_load
 from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
@@ -12,8 +14,9 @@ OUTSIDE = 0.01
 """Largest distance from a plane in a certificate [m]; nothing changes farther away."""
 BOUND_SHARE = 0.2
 """Probability with which a sampled depth is one of the two bounds."""
-LARGEST_DISSIPATION = 1000.0
-"""Largest dissipation a that is accepted [s/m]; materials have less than 10."""
+Dissipation = Annotated[float, NotNegative, Constraint(
+    "at most 1000 s/m: a touch of 1 mm/s would double the force", lambda x: x <= 1000.0)]
+"""Dissipation of a surface [s/m]; materials have less than 10."""
 
 
 @dataclass
@@ -24,15 +27,16 @@ class UnilateralPlane(Surface):
     pulls; ψ − 1 has the sign of δ̇, so it never feeds energy in; 𝔉 is continuously differentiable.
     """
 
-    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    point: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
     """A point of the undeformed plane in Σ_I [m]."""
-    normal: np.ndarray = field(default_factory=lambda: np.array([-1.0, 0.0, 0.0]))
+    normal: Annotated[np.ndarray, UnitVector] = field(
+        default_factory=lambda: np.array([-1.0, 0.0, 0.0]))
     """Unit normal in Σ_I, from the surface into the water."""
-    stiffness: float = 1000.0
+    stiffness: Annotated[float, Positive] = 1000.0
     """Stiffness k of the surface pressed in beyond `transition` [N/m]."""
-    dissipation: float = 2.5
+    dissipation: Dissipation = 2.5
     """Dissipation a (Hunt and Crossley, 1975) [s/m]: damping of about a F [N s/m] at force F."""
-    transition: float = 0.002
+    transition: Annotated[float, Positive] = 0.002
     """Depth w over which the stiffness rises from zero to k [m]."""
 
     @property
@@ -44,18 +48,6 @@ class UnilateralPlane(Surface):
     def smallest(self) -> float:
         """Force at the end of the transition, k w/2 [N]."""
         return 0.5 * self.stiffness * self.transition
-
-    def checked(self) -> "UnilateralPlane":
-        """Returns the plane with arrays, or raises."""
-        normal = unit_vector("normal", self.normal)
-        for key in ("stiffness", "transition"):
-            value = getattr(self, key)
-            require(bool(0.0 < value < np.inf), key, value, "positive")
-        require(bool(0.0 <= self.dissipation < np.inf), "dissipation", self.dissipation,
-                "zero or positive")
-        require(self.dissipation <= LARGEST_DISSIPATION, "dissipation", self.dissipation,
-                f"at most {LARGEST_DISSIPATION:g} s/m: a touch of 1 mm/s would double the force")
-        return replace(self, point=vector("point", self.point, 3), normal=normal)
 
     def depth(self, position: np.ndarray) -> np.ndarray:
         """Returns δ (...) of the points `position` (..., 3), negative outside."""

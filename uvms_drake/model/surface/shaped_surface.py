@@ -1,10 +1,12 @@
 """A surface composed of a shape, a static force by the depth, damping and friction."""
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, within
+from uvms_drake.common.constraints import Between, Positive
+from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.surface.contact_laws import (
     STEEPEST,
@@ -15,13 +17,11 @@ from uvms_drake.model.surface.contact_laws import (
 )
 from uvms_drake.model.surface.geometry import Geometry, Plane
 from uvms_drake.model.surface.law import Surface
-from uvms_drake.model.surface.plane import LARGEST_DISSIPATION, OUTSIDE
+from uvms_drake.model.surface.plane import OUTSIDE, Dissipation
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 NEARBY = 0.1
 """Distance along the surface within which contacts are sampled, and poses looked for [m]."""
-LARGEST_FRICTION = 2.0
-"""Largest coefficient of friction that is accepted; materials under water have less than 1."""
 STEPS, ACCURACY, FREE = 30, 1e-9, 1e-6
 """Newton's method for a pose: largest number of steps, largest relative error of the force, and
 smallest relative stiffness."""
@@ -40,11 +40,11 @@ class ShapedSurface(Surface):
     """Shape of the undeformed surface, with its depth δ."""
     law: AnyNormalLaw = field(default_factory=Linear)
     """Static force φ by the depth."""
-    dissipation: float = 2.5
+    dissipation: Dissipation = 2.5
     """Dissipation c (Hunt and Crossley, 1975) [s/m]: damping of about c F [N s/m] at force F."""
-    friction: float = 0.2
-    """Coefficient of friction μ."""
-    creep: float = 0.01
+    friction: Annotated[float, Between(0, 2)] = 0.2
+    """Coefficient of friction μ; materials under water have less than 1."""
+    creep: Annotated[float, Positive] = 0.01
     """Creep velocity v_s of a sticking tip [m/s]."""
 
     @property
@@ -56,18 +56,6 @@ class ShapedSurface(Surface):
     def anchor(self) -> np.ndarray:
         """The shape's point."""
         return self.geometry.point
-
-    def checked(self) -> "ShapedSurface":
-        """Returns the surface with arrays, or raises."""
-        with within("geometry"):
-            geometry = self.geometry.checked()
-        with within("law"):
-            law = self.law.checked()
-        for key, most in (("dissipation", LARGEST_DISSIPATION), ("friction", LARGEST_FRICTION)):
-            value = getattr(self, key)
-            require(bool(0.0 <= value <= most), key, value, f"from 0 to {most:g}")
-        require(bool(0.0 < self.creep < np.inf), "creep", self.creep, "positive")
-        return replace(self, geometry=geometry, law=law)
 
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         """Returns 𝔉 (..., 6)."""

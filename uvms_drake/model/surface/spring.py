@@ -1,10 +1,12 @@
 """The paper's surface: a spring in all six coordinates of the end-effector's pose."""
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, symmetric_matrix, vector
+from uvms_drake.common.constraints import Vector
+from uvms_drake.common.errors import InvalidParameter, symmetric_matrix
 from uvms_drake.model.frames.euler import (
     euler_angles,
     inverse_rate_matrix,
@@ -25,7 +27,7 @@ class BilateralSpring(Surface):
 
     stiffness: np.ndarray = field(default_factory=lambda: np.eye(6))
     """Stiffness K, symmetric positive definite 6×6 [N/m, N, N m/rad]."""
-    equilibrium: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    equilibrium: Annotated[np.ndarray, Vector(6)] = field(default_factory=lambda: np.zeros(6))
     """Pose χ_eq of the undeformed environment [m, rad]."""
 
     @property
@@ -35,9 +37,8 @@ class BilateralSpring(Surface):
 
     def checked(self) -> "BilateralSpring":
         """Returns the spring with arrays, K symmetric to the last digit, or raises."""
-        return replace(
-            self, stiffness=symmetric_matrix("stiffness", self.stiffness, 6, definite=True),
-            equilibrium=vector("equilibrium", self.equilibrium, 6))
+        return replace(super().checked(), stiffness=symmetric_matrix(
+            "stiffness", self.stiffness, 6, definite=True))
 
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         """Returns K(χ − χ_eq); χ̇ does not matter."""

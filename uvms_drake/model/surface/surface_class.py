@@ -11,38 +11,37 @@ static force of slope at most κ₊ over the depth, with a normal at most θ off
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.errors import require, unit_vector
+from uvms_drake.common.constraints import Below, NotNegative, Positive, UnitVector
+from uvms_drake.common.schema import check_values
 
 
 @dataclass(frozen=True)
 class SurfaceClass:
     """All walls with these bounds."""
 
-    direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    direction: Annotated[np.ndarray, UnitVector] = field(
+        default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     """Unit vector n (3,) in Σ_I from the water into the wall."""
-    stiffness: float = 2000.0
+    stiffness: Annotated[float, Positive] = 2000.0
     """Largest slope κ₊ of the static force over the depth [N/m]."""
-    angle: float = 0.0
+    angle: Annotated[float, Below(0.5 * np.pi)] = 0.0
     """Largest angle θ between n and the wall's own normal [rad]; α = tan θ."""
-    dissipation: float = 0.0
+    dissipation: Annotated[float, NotNegative] = 0.0
     """Largest factor of damping c₊ [s/m]."""
-    friction: float = 0.0
+    friction: Annotated[float, NotNegative] = 0.0
     """Largest ratio μ of tangential and normal force."""
     least_stiffness: float = 0.0
     """Smallest slope κ₋ of the static force along n past the transition [N/m]; 0: unknown."""
 
     def __post_init__(self) -> None:
-        n = unit_vector("direction", self.direction)
+        check_values(self)
+        n = np.array(self.direction, dtype=float)
         n.setflags(write=False)
         object.__setattr__(self, "direction", n)
-        require(0.0 < self.stiffness < np.inf, "stiffness", self.stiffness, "positive")
-        require(0.0 <= self.angle < 0.5 * np.pi, "angle", self.angle, "from 0 to below π/2")
-        for key in ("dissipation", "friction"):
-            value = getattr(self, key)
-            require(0.0 <= value < np.inf, key, value, "zero or positive")
 
     @cached_property
     def tilt(self) -> float:
@@ -127,23 +126,11 @@ class SurfaceClass:
             bound = np.minimum(bound, np.linalg.norm(force, axis=-1) + noise)
         return np.maximum(bound, 0.0)
 
-    def static_force_bound(self, force: np.ndarray, velocity: np.ndarray, noise: float, *,
-                           averaged: bool = False) -> np.ndarray:
-        """Returns φ⁺ (...) [N], the largest static force behind a reading of a tip that moves.
-
-        φ (1 − c₊⟨−v⟩₊) ≤ F_N; infinite for a tip that retreats faster than 1/c₊.
-
-        Args:
-            force: Reading of the force in Σ_I (..., 3) [N].
-            velocity: Velocity of the tip in Σ_I (..., 3) [m/s].
-            noise: Bound ν of the error of the reading in norm [N].
-            averaged: Whether the reading may be a mean of forces at several places.
-        """
-        return self.static_behind(
-            self.normal_force_bound(force, noise, averaged=averaged), self.advance(-velocity))
-
     def static_behind(self, bound: np.ndarray, retreat: np.ndarray) -> np.ndarray:
-        """Returns φ⁺ (...) [N] behind a bound of F_N (...) [N] of a tip with ⟨−v⟩ (...) [m/s]."""
+        """Returns φ⁺ (...) [N], the largest static force behind a bound of F_N (...) [N].
+
+        φ (1 − c₊⟨−v⟩₊) ≤ F_N; infinite for a tip that retreats, ⟨−v⟩ (...) [m/s], faster than 1/c₊.
+        """
         left = 1.0 - self.dissipation * np.maximum(retreat, 0.0)
         if (left > 0.0).all():
             return bound / left

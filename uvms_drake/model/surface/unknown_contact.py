@@ -5,14 +5,14 @@ the wall drops out of the error dynamics, and the nominal model is that of free 
 (`UnknownSurface`).
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Self
 
 import numpy as np
 
 from uvms_drake.common.constraints import AtMost, Between, NotNegative, Period, Positive, UnitVector
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.common.schema import check_values
+from uvms_drake.common.schema import checked
 from uvms_drake.model.surface.law import Surface, TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -105,8 +105,7 @@ class UnknownContact:
 
     def checked(self) -> Self:
         """Returns it with arrays, or raises."""
-        check_values(self)
-        return replace(self, direction=np.array(self.direction, dtype=float))
+        return checked(self)
 
     def wrench(self, force: float) -> np.ndarray:
         """Returns 𝔉 (6,) that presses along n with a force [N]."""
@@ -182,10 +181,6 @@ class UnknownSurface(Surface):
     def stiffness_bound(self) -> float:
         """Largest change of φ with the position [N/m]."""
         return self.contact.slope
-
-    def checked(self) -> "UnknownSurface":
-        """Returns itself: the contact has been checked."""
-        return self
 
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         """Returns zeros (..., 6): the law adds the measured force itself."""

@@ -5,24 +5,22 @@ the paper: position errors, orientation errors (angles modulo 2π), and the norm
 their limit; real is solid, nominal dashed, time below.
 """
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.common.jsonable import jsonable
+from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.papers.nikou2018.kinematic_certificate import KinematicCertificate, certify
 from uvms_drake.papers.nikou2018.kinematics import BLOCKS, Run, limited_angles, simulate
-from uvms_drake.report.drawing import Drawing, Panel, Series, draw, line
-from uvms_drake.report.figure_style import BLACK, LIMIT, STYLE, XYZ
+from uvms_drake.report.drawing import Drawing, Panel, Series, line, save
+from uvms_drake.report.figure_style import BLACK, LIMIT, XYZ
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
 HEIGHT = 2.4  # inches
@@ -37,7 +35,7 @@ def certify_into(scenario: Scenario, folder: Path, progress: Progress = silent
                  ) -> KinematicCertificate:
     """Returns a scenario's certificate and writes it."""
     certificate = certify(scenario, progress)
-    _write(folder / CERTIFICATE_FILE, asdict(certificate))
+    write_json(asdict(certificate), folder / CERTIFICATE_FILE)
     return certificate
 
 
@@ -66,18 +64,11 @@ def run_into(scenario: Scenario, folder: Path, *, certified: bool, figures: bool
     summary = summarise(run, certified=certified)
     (folder / "scenario.yaml").write_text(dump_scenario(scenario), encoding="utf-8")
     np.savez_compressed(folder / "log.npz", **run.arrays())  # type: ignore[arg-type]
-    _write(folder / "summary.json", summary)
+    write_json(summary, folder / "summary.json")
     if figures:
-        with matplotlib.rc_context(STYLE):
-            for name, made in zip(FIGURES, (position, orientation, inputs),
-                                  strict=True):
-                draw(made(run)).savefig(folder / name)
+        for name, made in zip(FIGURES, (position, orientation, inputs), strict=True):
+            save(made(run), folder / name)
     return summary
-
-
-def _write(path: Path, data: dict[str, Any]) -> None:
-    text = json.dumps(jsonable(data), indent=1, allow_nan=False, ensure_ascii=False)
-    path.write_text(text + "\n", encoding="utf-8")
 
 
 def summarise(run: Run, *, certified: bool) -> dict[str, Any]:

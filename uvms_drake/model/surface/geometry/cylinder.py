@@ -1,10 +1,11 @@
 """A hull or a pipe, pressed from outside, or a pipe pressed from inside."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.errors import require
+from uvms_drake.common.constraints import Positive
 from uvms_drake.model.surface.geometry.geometry import DirectedGeometry, Spread, angle_between
 
 ON_AXIS = 1e-15
@@ -19,7 +20,7 @@ class Cylinder(DirectedGeometry):
     the lengths along the axis and around it.
     """
 
-    radius: float = 0.5
+    radius: Annotated[float, Positive] = 0.5
     """Radius R [m]."""
     inside: bool = False
     """Whether the water is inside."""
@@ -33,11 +34,6 @@ class Cylinder(DirectedGeometry):
     def lengths(self) -> tuple[float, float]:
         """Any length along the axis, and once around it."""
         return np.inf, 2.0 * np.pi * self.radius
-
-    def checked(self) -> "Cylinder":
-        """Returns the cylinder with arrays, or raises."""
-        require(bool(0.0 < self.radius < np.inf), "radius", self.radius, "positive")
-        return super().checked()
 
     def local_depth(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ = ±(R² − r²)/(R + r), where a large R cancels by hand, and its gradient."""

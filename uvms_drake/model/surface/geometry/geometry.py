@@ -7,11 +7,12 @@ point in them. Lengths (s₁, s₂) along the undeformed surface and the depth �
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NamedTuple, Self
+from typing import Annotated, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from uvms_drake.common.errors import require, unit_vector, vector
+from uvms_drake.common.constraints import UnitVector, Vector
+from uvms_drake.common.errors import require
 from uvms_drake.model.frames.spatial import cross
 
 
@@ -33,9 +34,10 @@ class Geometry(ABC):
     δ and ∇δ are functions of complex numbers too.
     """
 
-    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    point: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
     """A point of the undeformed surface in Σ_I [m]."""
-    normal: np.ndarray = field(default_factory=lambda: np.array([-1.0, 0.0, 0.0]))
+    normal: Annotated[np.ndarray, UnitVector] = field(
+        default_factory=lambda: np.array([-1.0, 0.0, 0.0]))
     """Unit normal in Σ_I at `point`, from the surface into the water."""
 
     flat: ClassVar[bool] = False
@@ -52,11 +54,6 @@ class Geometry(ABC):
     def lengths(self) -> tuple[float, float]:
         """Largest range of s₁ and of s₂ in which no point comes twice [m]."""
         return np.inf, np.inf
-
-    def checked(self) -> Self:
-        """Returns the shape with arrays, or raises."""
-        return replace(self, point=vector("point", self.point, 3),
-                       normal=unit_vector("normal", self.normal))
 
     @abstractmethod
     def local_depth(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,7 +111,8 @@ class Geometry(ABC):
 class DirectedGeometry(Geometry, ABC):
     """A shape that is turned about its normal by a direction along it."""
 
-    axis: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    axis: Annotated[np.ndarray, UnitVector] = field(
+        default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     """Unit vector e₁ in Σ_I along the surface at `point`; a cylinder's axis is parallel to it."""
 
     @property
@@ -122,11 +120,10 @@ class DirectedGeometry(Geometry, ABC):
         """`axis`."""
         return self.axis
 
-    def checked(self) -> Self:
-        """Returns the shape with arrays, or raises."""
-        shape, axis = super().checked(), unit_vector("axis", self.axis)
-        require(bool(abs(axis @ shape.normal) < 1e-6), "axis", axis, "perpendicular to the normal")
-        return replace(shape, axis=axis)
+    def check(self) -> None:
+        """Raises `InvalidParameter` for an axis that is not along the surface."""
+        require(bool(abs(np.dot(self.axis, self.normal)) < 1e-6), "axis", self.axis,
+                "perpendicular to the normal")
 
     def moved(self, R: np.ndarray, shift: np.ndarray) -> Self:
         """Returns the shape, every point 𝔭 of it moved to R𝔭 + `shift` (3,)."""

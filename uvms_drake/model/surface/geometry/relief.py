@@ -3,10 +3,11 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple, Self
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
+from uvms_drake.common.constraints import Between, NotNegative, Positive
 from uvms_drake.common.errors import require
 from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.surface.geometry.geometry import (
@@ -20,8 +21,6 @@ WAVES = 12
 """Number of cosines of a height."""
 LONGEST = 4.0
 """Longest wavelength over the shortest."""
-SHORTEST = 0.001
-"""Shortest wavelength that is accepted [m]; a tip does not fit in shorter ones."""
 STEEPEST = 1.0
 """Largest slope that is accepted."""
 
@@ -87,10 +86,10 @@ class Relief(DirectedGeometry):
     def relief(self, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns h (...) [m] and ∇h (..., 2) at (s₁, s₂) (..., 2)."""
 
-    def checked(self) -> Self:
-        """Returns the shape with arrays, or raises."""
+    def check(self) -> None:
+        """Raises `InvalidParameter` for a relief that is too steep."""
+        super().check()
         require(self.slope <= STEEPEST, "slope", self.slope, f"at most {STEEPEST:g}")
-        return super().checked()
 
     def local_depth(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ (...) and (∇h, 1) (..., 3)."""
@@ -127,11 +126,12 @@ class Waves(NamedTuple):
 class Bumpy(Relief):
     """A finite sum h of cosines drawn from a seed; |h| is at most `amplitude`."""
 
-    amplitude: float = 0.01
+    amplitude: Annotated[float, Positive] = 0.01
     """Largest height above or below the plane [m]."""
-    wavelength: float = 0.2
-    """Shortest wavelength [m]; the longest is four times that."""
-    seed: int = 0
+    wavelength: Annotated[float, Between(0.001, 1000, " m")] = 0.2
+    """Shortest wavelength [m]; the longest is four times that. A tip does not fit in one below a
+    millimetre."""
+    seed: Annotated[int, NotNegative] = 0
     """Seed of the wavelengths, directions and phases."""
 
     @cached_property
@@ -154,14 +154,6 @@ class Bumpy(Relief):
         """Bound of the second derivatives of h, Σᵢ aᵢ‖kᵢ‖² [1/m]."""
         return float(self.waves.amplitude @ np.sum(self.waves.wavenumber**2, axis=1))
 
-    def checked(self) -> Self:
-        """Returns the shape with arrays, or raises."""
-        require(bool(0.0 < self.amplitude < np.inf), "amplitude", self.amplitude, "positive")
-        require(bool(SHORTEST <= self.wavelength <= 1e6 * SHORTEST), "wavelength", self.wavelength,
-                f"from {SHORTEST:g} to {1e6 * SHORTEST:g} m")
-        require(self.seed >= 0, "seed", self.seed, "zero or positive")
-        return super().checked()
-
     def relief(self, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns h (...) [m] and ∇h (..., 2) at (s₁, s₂) (..., 2)."""
         amplitude, wavenumber, phase = self.waves
@@ -176,9 +168,9 @@ class Bead(Relief):
     h has three continuous derivatives.
     """
 
-    height: float = 0.003
+    height: Annotated[float, Positive] = 0.003
     """Height H above the plate [m]."""
-    width: float = 0.03
+    width: Annotated[float, Positive] = 0.03
     """Width W [m]; 0.36 W at half height."""
 
     @property
@@ -190,13 +182,6 @@ class Bead(Relief):
     def curvature(self) -> float:
         """Largest |h″|, at the crest: 4 (π/W)² H [1/m]."""
         return 4.0 * (np.pi / self.width) ** 2 * self.height
-
-    def checked(self) -> Self:
-        """Returns the shape with arrays, or raises."""
-        for key in ("height", "width"):
-            value = getattr(self, key)
-            require(bool(0.0 < value < np.inf), key, value, "positive")
-        return super().checked()
 
     def relief(self, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns h (...) [m] and (0, h′) (..., 2) at (s₁, s₂) (..., 2)."""

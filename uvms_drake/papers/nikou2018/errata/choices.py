@@ -8,15 +8,14 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.papers.nikou2018.errata.simulation import SPRING, settled
 from uvms_drake.papers.nikou2018.kinematics import Run, simulate
-from uvms_drake.report.drawing import Drawing, Panel, draw, line
-from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION
+from uvms_drake.report.drawing import Drawing, Panel, line, save
+from uvms_drake.report.figure_style import BLUE, VERMILION
 from uvms_drake.station.scenario.scenario import load_scenario
 
 TASK_ERROR = r"$\|\chi-\chi_{\mathrm{des}}\|$ [m, rad]"
@@ -49,8 +48,7 @@ def draw_choices(folder: Path, progress: Progress = silent, overrides: Sequence[
             errors = [np.linalg.norm(settled(u_ref)[0], axis=1) for u_ref in (1.0, 0.0)]
             h = load_scenario(SPRING).mpc.time_step
             made = drawing({TASK_ERROR: errors}, h * np.arange(len(errors[0])), ["u_eq", "zero"])
-        with matplotlib.rc_context(STYLE):
-            draw(made).savefig(folder / name)
+        save(made, folder / name)
 
 
 def panels_of(runs: Sequence[Run]) -> Panels:

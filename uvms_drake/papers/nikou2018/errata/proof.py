@@ -10,19 +10,8 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import pose_difference
-from uvms_drake.papers.nikou2018.errata.paper import (
-    CHI_DES,
-    CHI_START,
-    NUM_JOINTS,
-    Q_DES,
-    Q_START,
-    Q_START_OTHER,
-    SAME,
-    Erratum,
-    configuration,
-    numbers,
-    robot,
-)
+from uvms_drake.papers.nikou2018.errata import paper
+from uvms_drake.papers.nikou2018.errata.paper import Erratum, configuration, numbers, robot
 from uvms_drake.papers.nikou2018.transpose import LemmaConstants
 
 DIRECTIONS = 4000
@@ -62,7 +51,7 @@ def product_error(rows: int, columns: int, factor: int) -> str:
     return "" if columns == factor else f"{rows}×{columns} times {factor}"
 
 
-def law_shapes(num_joints: int = NUM_JOINTS) -> Erratum:
+def law_shapes(num_joints: int = paper.NUM_JOINTS) -> Erratum:
     """E2: the shapes of −k(e − ē) − kσJᵀ(ζ − ζ̄), of −k(𝔷 + σJᵀ𝔢) and of Λ∘Ω̄, for any n."""
     size = 6 + num_joints
     J, e, z = np.ones((6, size)), np.ones(6), np.ones(size)
@@ -186,15 +175,15 @@ def velocity_tube(J: np.ndarray, sigma: float) -> Erratum:
         wrong=printed < attained <= corrected * (1.0 + 1e-9))
 
 
-def self_motion(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:
+def self_motion(q_a: np.ndarray = paper.Q_START, q_b: np.ndarray = paper.Q_START_OTHER) -> Erratum:
     """E5: two configurations with the same χ, and the differences of J and f between them."""
-    model, config = robot(), configuration(CHI_START, np.array([q_a, q_b]))
+    model, config = robot(), configuration(paper.CHI_START, np.array([q_a, q_b]))
     geometry = model.kinematics(config)
     apart = float(np.linalg.norm(pose_difference(*geometry.chi)))
     J_gap = float(np.linalg.norm(geometry.J_chi[0] - geometry.J_chi[1], 2))
     f = model.drift(config, np.zeros_like(config))
     f_gap = float(np.linalg.norm(f[0] - f[1]))
-    small = f"< {SAME:g}" if apart < SAME else f"= {apart:.3g}"
+    small = f"< {paper.SAME:g}" if apart < paper.SAME else f"= {apart:.3g}"
     return Erratum(
         "E5", "𝔮 is not a function of χ", "eq:frak_e, eq:frak_z",
         "J(𝔮)ζ and f have Lipschitz constants L_𝔠 and L₁ in χ",
@@ -202,7 +191,7 @@ def self_motion(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> E
         f"‖Δf‖ = {f_gap:.3g} at rest, at χ(0)",
         "There are no such constants: the arm can drift at 𝔢 = 0 and its limits are not "
         "protected. The law `resolved` acts on y = (χ, q).",
-        wrong=apart < SAME and max(J_gap, f_gap) > 1e-6)
+        wrong=apart < paper.SAME and max(J_gap, f_gap) > 1e-6)
 
 
 def corner_motion(s: float, k: float, sigma: float, z: float) -> tuple[float, float]:
@@ -260,7 +249,7 @@ def invariant_sets(J: np.ndarray, sigma: float = 1.0, z_radius: float | None = N
         wrong=peak > 1.0 + 1e-9 and ball_is_kept)
 
 
-def terminal_shapes(num_joints: int = NUM_JOINTS, gain_columns: int | None = None,
+def terminal_shapes(num_joints: int = paper.NUM_JOINTS, gain_columns: int | None = None,
                     quadratic: bool = False) -> Erratum:
     """E13: the shapes of u_loc = 𝔎ξ̄ and of Q̃ = Q + 𝔎ᵀR, for any n.
 
@@ -297,7 +286,7 @@ def configuration_set(config: np.ndarray | None = None) -> Erratum:
     steep = np.linalg.norm(model.kinematics(near).J_chi, 2, axis=(-2, -1))
     zeta = np.random.default_rng(0).normal(size=model.size)
     zeta /= np.linalg.norm(zeta)
-    still = configuration(CHI_DES, Q_DES)
+    still = configuration(paper.CHI_DES, paper.Q_DES)
     J_dot = [float(np.linalg.norm(model.task_motion(still, speed * zeta)[2][:6], 2))
              for speed in (0.0, 1.0, 2.0)]
     return Erratum(

@@ -12,33 +12,8 @@ from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import pose_difference, wrap_angle
-from uvms_drake.papers.nikou2018.errata.paper import (
-    AMPLITUDE,
-    CHI_DES,
-    CHI_START,
-    HORIZON,
-    J_MIN,
-    L_C,
-    PITCH_LIMIT,
-    Q_DES,
-    Q_START,
-    Q_START_OTHER,
-    SAME,
-    SIGMA,
-    SPEED,
-    TIME_STEP,
-    TUBE,
-    W_BOUND,
-    WEIGHT,
-    Erratum,
-    best_posture,
-    configuration,
-    estimated_J_min,
-    is_allowed,
-    number,
-    numbers,
-    robot,
-)
+from uvms_drake.papers.nikou2018.errata import paper
+from uvms_drake.papers.nikou2018.errata.paper import Erratum, configuration, number, numbers, robot
 from uvms_drake.papers.nikou2018.kinematic_certificate import kinematic_tubes
 from uvms_drake.papers.nikou2018.kinematics import FIRST_ITERATIONS, Bounds, KinematicMpc
 from uvms_drake.station.problem import make_ocp
@@ -120,14 +95,14 @@ def least_increase(J: np.ndarray) -> float:
     return 0.5 * (1.0 - float(np.linalg.eigvalsh(J @ J.T)[0]))
 
 
-def terminal_penalty(J_min: float = J_MIN) -> Erratum:
+def terminal_penalty(J_min: float = paper.J_MIN) -> Erratum:
     """E7: the smallest J̲ for which P = ½I₆ is a terminal penalty, and λ_min(J Jᵀ) at χ_des."""
     low, high = 1e-6, 2.0
     while high - low > 1e-12:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if decrease_gains(middle) else (middle, high)
-    best, q = best_posture()
-    left = least_increase(robot().kinematics(configuration(CHI_DES, q)).J_chi)
+    best, q = paper.best_posture()
+    left = least_increase(robot().kinematics(configuration(paper.CHI_DES, q)).J_chi)
     return Erratum(
         "E7", "P = ½I₆ is no terminal penalty", "sec:simulation_results, eq:terminal_set_F",
         f"P = Q = ½I₆ and R = ½I₁₀, with J̲ = {J_min:.4g}",
@@ -141,17 +116,17 @@ def terminal_penalty(J_min: float = J_MIN) -> Erratum:
 class TubeNumbers(NamedTuple):
     """Numbers of the tube in (sec:simulation_results)."""
 
-    amplitude: float = AMPLITUDE
+    amplitude: float = paper.AMPLITUDE
     """Amplitude of each component of w."""
-    w_bound: float = W_BOUND
+    w_bound: float = paper.W_BOUND
     """Bound w̃ of ‖w‖₂."""
-    sigma: float = SIGMA
+    sigma: float = paper.SIGMA
     """Gain σ."""
-    J_min: float = J_MIN
+    J_min: float = paper.J_MIN
     """J̲, smallest eigenvalue of J Jᵀ."""
-    L_c: float = L_C
+    L_c: float = paper.L_C
     """L_𝔠, the Lipschitz constant of 𝔠."""
-    radius: float = TUBE
+    radius: float = paper.TUBE
     """Radius of the set Ω."""
 
 
@@ -167,7 +142,7 @@ def simulation_numbers(p: TubeNumbers | None = None) -> Erratum:
     p = p or TubeNumbers()
     w = p.amplitude * float(np.linalg.norm(np.ones(6)))
     tubes = kinematic_tubes(p.J_min, p.L_c, p.sigma, p.w_bound)
-    found = estimated_J_min()
+    found = paper.estimated_J_min()
     pitches = (-1.4, -1.56)
     steep = [norm_at_tip_pitch(pitch) for pitch in pitches]
     corrected = f"{tubes.corrected:.3g}" if tubes.condition.holds else "infinite"
@@ -185,17 +160,18 @@ def simulation_numbers(p: TubeNumbers | None = None) -> Erratum:
                or abs(tubes.corrected - p.radius) > 0.01 * p.radius))
 
 
-def initial_configuration(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:
+def initial_configuration(q_a: np.ndarray = paper.Q_START,
+                          q_b: np.ndarray = paper.Q_START_OTHER) -> Erratum:
     """E10: configurations with the printed χ(0), and the end-effector's pitch at 𝔮 = 0."""
     model = robot()
     pitch = float(model.kinematics(np.zeros(model.size)).chi[4])
-    config = configuration(CHI_START, np.array([q_a, q_b]))
-    off = max(float(np.max(np.abs(pose_difference(chi, CHI_START))))
+    config = configuration(paper.CHI_START, np.array([q_a, q_b]))
+    off = max(float(np.max(np.abs(pose_difference(chi, paper.CHI_START))))
               for chi in model.kinematics(config).chi)
     apart = float(np.max(np.abs(wrap_angle(config[1] - config[0])[3:])))
-    end = configuration(CHI_DES, Q_DES)
-    allowed = all(map(is_allowed, config))
-    reached = "reached" if off < SAME else f"missed by {off:.2g}"
+    end = configuration(paper.CHI_DES, paper.Q_DES)
+    allowed = all(map(paper.is_allowed, config))
+    reached = "reached" if off < paper.SAME else f"missed by {off:.2g}"
     return Erratum(
         "E10", "χ(0) does not fix 𝔮(0)", "sec:simulation_results, table:DH_parameters",
         "χ(0) = (−1, 1.3, −1, 0, −π/8, π/12), with the end-effector “in ready-to-grasp mode”, is "
@@ -203,10 +179,10 @@ def initial_configuration(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_O
         f"χ(0) is {reached} from η = {numbers(config[0, :6])}, q = {numbers(q_a)} and "
         f"from η = {numbers(config[1, :6])}, q = {numbers(q_b)}, up to {apart:.2g} rad apart and "
         f"{'both' if allowed else 'not both'} within the printed limits; χ_des from "
-        f"η = {numbers(end[:6])}, q = {numbers(Q_DES)}; at 𝔮 = 0 the end-effector's pitch is "
+        f"η = {numbers(end[:6])}, q = {numbers(paper.Q_DES)}; at 𝔮 = 0 the end-effector's pitch is "
         f"{number(pitch / np.pi)}π, singular",
         "The printed data do not determine the simulation; here 𝔮(0) is part of a scenario.",
-        wrong=off < SAME and apart > 0.1 and allowed)
+        wrong=off < paper.SAME and apart > 0.1 and allowed)
 
 
 def printed_mpc(stage_weight: float) -> KinematicMpc:
@@ -214,12 +190,12 @@ def printed_mpc(stage_weight: float) -> KinematicMpc:
     model = robot()
     task = np.repeat([1.0, 0.0], [6, model.num_joints])
     mpc = MpcConfig(
-        horizon=HORIZON, time_step=TIME_STEP, weight_y=stage_weight * task,
-        weight_zeta=np.full(model.size, stage_weight), terminal_weight=WEIGHT * task,
+        horizon=paper.HORIZON, time_step=paper.TIME_STEP, weight_y=stage_weight * task,
+        weight_zeta=np.full(model.size, stage_weight), terminal_weight=paper.WEIGHT * task,
         terminal_set=False)
-    angles = np.array([np.inf, PITCH_LIMIT, np.inf])
-    return KinematicMpc(model, mpc, np.concatenate([CHI_DES, Q_DES]), Bounds(
-        np.full(3, SPEED), np.concatenate([-angles, model.q_lower]),
+    angles = np.array([np.inf, paper.PITCH_LIMIT, np.inf])
+    return KinematicMpc(model, mpc, np.concatenate([paper.CHI_DES, paper.Q_DES]), Bounds(
+        np.full(3, paper.SPEED), np.concatenate([-angles, model.q_lower]),
         np.concatenate([angles, model.q_upper])))
 
 
@@ -231,21 +207,21 @@ def hold(measured: bool) -> tuple[float, float]:
     Weights, limits, T and h are the printed ones. The feedback is `resolved`, for which
     𝔢̇_y = −σ𝔢_y + (w, 0) exactly; w̃ acts along the first axis.
     """
-    mpc = printed_mpc(WEIGHT)
+    mpc = printed_mpc(paper.WEIGHT)
     model = mpc.model
-    w = W_BOUND * np.eye(model.size)[0]
-    decay = math.exp(-SIGMA * TIME_STEP)
+    w = paper.W_BOUND * np.eye(model.size)[0]
+    decay = math.exp(-paper.SIGMA * paper.TIME_STEP)
     error, jump = np.zeros(model.size), 0.0
-    plan, y = mpc.resting(configuration(CHI_DES, Q_DES)), mpc.y_des
+    plan, y = mpc.resting(configuration(paper.CHI_DES, paper.Q_DES)), mpc.y_des
     for _ in range(HOLDING):
         plan = mpc.continued(mpc.solve(plan, 1))
-        error = decay * error + (1.0 - decay) / SIGMA * w
+        error = decay * error + (1.0 - decay) / paper.SIGMA * w
         y = model.task_pose(plan.config[0]) + error
         if measured:
             jump = max(jump, float(np.linalg.norm(error)))
             plan = mpc.plan(model.configuration(y), plan.zeta)
             error = np.zeros(model.size)
-    return jump, float(np.linalg.norm(pose_difference(y[:6], CHI_DES)))
+    return jump, float(np.linalg.norm(pose_difference(y[:6], paper.CHI_DES)))
 
 
 def initial_state(measured: bool = True) -> Erratum:
@@ -254,14 +230,15 @@ def initial_state(measured: bool = True) -> Erratum:
     Args:
         measured: Whether a solve starts at the measured state, as printed.
     """
-    (jump, off), (own_jump, own_off), radius = hold(measured), hold(False), W_BOUND / SIGMA
-    smallest = math.sqrt(WEIGHT) * (off - radius)
+    (jump, off), (own_jump, own_off) = hold(measured), hold(False)
+    radius = paper.W_BOUND / paper.SIGMA
+    smallest = math.sqrt(paper.WEIGHT) * (off - radius)
     return Erratum(
         "E9", "The FHOCP starts at the wrong state", "eq:diff_mpc, eq:theom_ineq_1",
         "each solve starts at the measured state, ξ̄(t_k) = ξ(t_k)",
-        f"the printed MPC at χ_des with the law `resolved` and w = {W_BOUND:g} along x: the "
+        f"the printed MPC at χ_des with the law `resolved` and w = {paper.W_BOUND:g} along x: the "
         f"nominal trajectory jumps by {1e3 * jump:.1f} mm at a sample, and χ is "
-        f"{1e3 * off:.0f} mm off after {HOLDING * TIME_STEP:g} s, beyond "
+        f"{1e3 * off:.0f} mm off after {HOLDING * paper.TIME_STEP:g} s, beyond "
         f"ε/√λ_min(P) plus the radius w̃/σ = {1e3 * radius:.1f} mm for ε < {smallest:.2g}; started "
         f"at the predicted state it jumps by {1e3 * own_jump:.0f} mm, and χ is "
         f"{1e3 * own_off:.1f} mm off",
@@ -276,19 +253,20 @@ def reach(q: np.ndarray, stage_weight: float) -> tuple[float, float, float]:
     `TINY` is for the smallest ε: a local optimum from a plan that stays, a smaller one may exist.
     """
     mpc = printed_mpc(stage_weight)
-    plan = mpc.solve(mpc.resting(configuration(CHI_START, q)), FIRST_ITERATIONS)
-    end = pose_difference(mpc.model.task_pose(plan.config[-1])[:6], CHI_DES)
+    plan = mpc.solve(mpc.resting(configuration(paper.CHI_START, q)), FIRST_ITERATIONS)
+    end = pose_difference(mpc.model.task_pose(plan.config[-1])[:6], paper.CHI_DES)
     J = mpc.model.kinematics(plan.config[:-1]).J_chi
     speeds = np.linalg.norm((J @ plan.zeta[..., None])[:, :3, 0], axis=1)
-    return (math.sqrt(WEIGHT) * float(np.linalg.norm(end)), float(np.max(speeds)),
+    return (math.sqrt(paper.WEIGHT) * float(np.linalg.norm(end)), float(np.max(speeds)),
             mpc.value(plan).violation)
 
 
-def first_horizon(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:
+def first_horizon(q_a: np.ndarray = paper.Q_START, q_b: np.ndarray = paper.Q_START_OTHER
+                  ) -> Erratum:
     """E11: the smallest ε that the first horizon reaches, from two 𝔮(0) with the printed χ(0)."""
     (a, _, over_a), (b, speed, over_b), (printed, *_) = (
-        reach(q_a, TINY), reach(q_b, TINY), reach(q_a, WEIGHT))
-    distance = float(np.linalg.norm(CHI_START[:3] - CHI_DES[:3]))
+        reach(q_a, TINY), reach(q_b, TINY), reach(q_a, paper.WEIGHT))
+    distance = float(np.linalg.norm(paper.CHI_START[:3] - paper.CHI_DES[:3]))
     small = [radius < SMALL and over < 1e-6 for radius, over in ((a, over_a), (b, over_b))]
     return Erratum(
         "E11", "The data of feasibility at t = 0 are not printed",
@@ -297,7 +275,7 @@ def first_horizon(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) ->
         f"the smallest ‖ē(T)‖_P found (P = ½I₆, local optima) is {a:.2g} from "
         f"q(0) = {numbers(q_a)} and {b:.1g} from q(0) = {numbers(q_b)}; the printed weights "
         f"end at {printed:.2g}. At 2 m/s the {distance:.2f} m to go take "
-        f"{distance / SPEED:.2f} s, but vehicle and arm together move the tip at up to "
+        f"{distance / paper.SPEED:.2f} s, but vehicle and arm together move the tip at up to "
         f"{speed:.1f} m/s",
         "Theorem 1 has an assumption that cannot be checked. Here the terminal set is softened "
         "by an exact penalty whose slack is reported.",

@@ -1,4 +1,4 @@
-"""Tests of `certify --runs` and of `run` with a certificate in probability."""
+"""Tests of drawn runs: `certify --runs`, a `run` with its certificate, and `campaign`."""
 
 import json
 import shlex
@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from support.outputs import DATA, DATA_ONLY, written
+from support.robots import copied
 
 from uvms_drake.certificate.certificate import (
     Certificate,
@@ -25,26 +26,6 @@ VERDICT = ("certified in probability: at most 77.7 % per run at 95 % confidence,
 OUTSIDE = ["--set", "current=[0.1, 0.0, 0.0]"]
 
 
-@pytest.mark.parametrize(("args", "words"), [
-    (["--runs", "0"], "--runs = 0: must be at least 1"),
-    (["--runs", "2", "--confidence", "1"], "--confidence = 1.0: must be at least 0.5 and below 1"),
-    (["--runs", "2", "--confidence", "0.4"], "--confidence = 0.4: must be at least 0.5"),
-    (["--runs", "2", "--seed", "-1"], "--seed = -1"),
-    (["--runs", "2", "--workers", "0"], "--workers = 0"),
-    (["--runs", "2", "--set", "seed=4"], "--set = 'seed=4': must be --seed N"),
-    (["--runs", "2", "--set", "mpc.deadline=0.1"], "mpc.deadline"),
-    (["--runs", "2", "--largest", "seed"], "--largest = 'seed': must be left out with --runs"),
-    (["--confidence", "0.9"], "--confidence = 0.9: must be left out without --runs"),
-    (["--workers", "2"], "--workers = 2: must be left out without --runs"),
-    (["--runs", "2", "--workers", "1", "--scheduler", "tcp://x:1"], "not allowed with")])
-def test_bad_input_is_one_line_and_nothing_is_written(capsys, tmp_path, args, words):
-    assert main(["certify", *SHORT, "--output", str(tmp_path / "out"), *args]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert words in err
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """The folder of a certificate of two runs, which must not be changed."""
@@ -54,7 +35,7 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture
-def copied(made, tmp_path, capsys):
+def kept(made, tmp_path, capsys):
     capsys.readouterr()
     return shutil.copytree(made, tmp_path / "out")
 
@@ -75,46 +56,46 @@ def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_an_interrupted_one_goes_on_to_the_same_certificate(copied, made, capsys):
-    log = copied / "runs" / "runs.jsonl"
+def test_an_interrupted_one_goes_on_to_the_same_certificate(kept, made, capsys):
+    log = kept / "runs" / "runs.jsonl"
     first, second = log.read_bytes().splitlines(keepends=True)
     log.write_bytes(first + second[:40])
-    (copied / "certificate.json").unlink()
-    assert main([*CERTIFY, "--output", str(copied)]) == 0
+    (kept / "certificate.json").unlink()
+    assert main([*CERTIFY, "--output", str(kept)]) == 0
     out, err = capsys.readouterr()
     assert "1 of 2 runs are there already" in err
     assert out.startswith(f"girona500_ideal: {VERDICT}\n\n0 of 2 runs failed.\n")
-    assert (copied / "certificate.json").read_bytes() == (made / "certificate.json").read_bytes()
+    assert (kept / "certificate.json").read_bytes() == (made / "certificate.json").read_bytes()
     # Runs that are there cannot be left out by asking for fewer.
-    assert main([*CERTIFY, "--runs", "1", "--full", "--output", str(copied)]) == 0
+    assert main([*CERTIFY, "--runs", "1", "--full", "--output", str(kept)]) == 0
     out, err = capsys.readouterr()
     assert "2 of 2 runs are there already" in err
     assert VERDICT in out
     assert "girona500_ideal, seed 3: 2 runs of 0.4 s" in out
     # More than chosen are none of this certificate: they would be asked for by the outcome.
-    assert main([*CERTIFY, "--runs", "3", "--output", str(copied)]) == 2
+    assert main([*CERTIFY, "--runs", "3", "--output", str(kept)]) == 2
     assert "--runs = 3: must be at most 2, the number that" in capsys.readouterr().err
     # Of another seed they are others'.
-    assert main([*CERTIFY, "--seed", "4", "--output", str(copied)]) == 2
+    assert main([*CERTIFY, "--seed", "4", "--output", str(kept)]) == 2
     assert "another campaign" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_a_run_takes_it_from_its_folder_and_says_its_kind(copied, capsys):
-    command = ["run", *SHORT, "--output", str(copied), "--no-replay"]
+def test_a_run_takes_it_from_its_folder_and_says_its_kind(kept, capsys):
+    command = ["run", *SHORT, "--output", str(kept), "--no-replay"]
     assert main(command) == 0
     out, err = capsys.readouterr()
     assert VERDICT in err
     assert out.splitlines()[-2:] == ["this run did not fail: tube and all limits kept", VERDICT]
     assert "declared tube (certified in probability)" in out
     assert "all guarantees kept" not in out
-    summary = json.loads((copied / "summary.json").read_text("utf-8"))
+    summary = json.loads((kept / "summary.json").read_text("utf-8"))
     assert summary["in_probability"]["verdict"] == VERDICT
     assert summary["in_probability"]["outside"] == []
     assert summary["tube"]["certified"] is False
-    for draw in ([], ["plot", str(copied)]):  # As it was drawn, and drawn again.
+    for draw in ([], ["plot", str(kept)]):  # As it was drawn, and drawn again.
         assert not draw or main(draw) == 0
-        text = (copied / "report.html").read_text("utf-8")
+        text = (kept / "report.html").read_text("utf-8")
         assert VERDICT[1:] in text
         assert "all conditions hold" not in text
         assert "proven" not in text
@@ -124,9 +105,9 @@ def test_a_run_takes_it_from_its_folder_and_says_its_kind(copied, capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("override", ["ancillary.k=21", "current=[0.1, 0.0, 0.0]"])
-def test_one_of_another_scenario_is_stale(override, copied, capsys):
+def test_one_of_another_scenario_is_stale(override, kept, capsys):
     """Two distributions are the same if their scenarios are."""
-    assert main(["run", *SHORT, "--set", override, "--output", str(copied)]) == 1
+    assert main(["run", *SHORT, "--set", override, "--output", str(kept)]) == 1
     err = capsys.readouterr().err
     assert "stale, the scenario has changed since 'certify' made it" in err
     assert "--runs 2 --seed 3, in a new folder" in err
@@ -169,3 +150,55 @@ def test_a_run_that_fails_is_counted(tmp_path, capsys):
     write_certificate(replace(certificate, runs=3, probability=0.9), tmp_path)
     assert main(run) == 3
     assert "this run FAILED: the tube, set-wise" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    (["--runs", "5"], "--runs = 5"), (["--seed", "4"], "--seed = 4"),
+    (["--workers", "1"], "--workers = 1"), (["--scheduler", "tcp://x:1"], "--scheduler = 'tcp:"),
+    (["--uncertified"], "--uncertified = True"),
+    (["--set", "duration=9"], "--set = ['duration=9']")])
+def test_a_replay_takes_nothing_that_the_campaign_decides(tmp_path, capsys, args, said):
+    command = ["campaign", "--replay", "2", "--output", str(tmp_path)]
+    assert main([*command, *args]) == 2
+    err = capsys.readouterr().err
+    assert f"error: {said}" in err
+    assert "must be left out with --replay: the campaign in the folder determines it" in err
+    assert err.count("\n") == 1
+    assert main([*command, "--runs", "100"]) == 2  # The default is as good as nothing.
+    assert "left out" not in capsys.readouterr().err
+
+
+INCLUDED = """<sdf version="1.9"><model name="whole">
+  <include merge="true"><uri>package://whole/box_urdf.urdf</uri></include>
+</model></sdf>"""
+
+
+@pytest.mark.parametrize("is_included", [False, True])
+def test_a_robot_of_a_urdf_is_taken_before_anything_takes_long(
+        is_included, tmp_path, capsys, monkeypatch):
+    robot = copied("campaign_of_a_urdf/box_urdf", tmp_path, *(
+        [("package.xml", "<name>box_urdf", "<name>whole")] if is_included else []))
+    if is_included:  # Its file is one line that includes a URDF.
+        (robot / "whole.sdf").write_text(INCLUDED, encoding="utf-8")
+        robot = robot.rename(tmp_path / "whole")
+    file = tmp_path / "press.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", str(robot), "--force", "10"]) == 0
+
+    def certify(*args, **kwargs):
+        raise AssertionError("it certifies")
+
+    monkeypatch.setattr("uvms_drake.command.drawn_runs.certified_once", certify)
+    with pytest.raises(AssertionError, match="it certifies"):
+        main(["campaign", str(file), "--runs", "2", "--output", str(tmp_path / "out"), "--quiet"])
+
+
+def test_a_campaign_ends_in_time_after_an_interrupt(tmp_path, monkeypatch):
+    """What is done is kept, and no table of a part is written."""
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("uvms_drake.campaign.harness.run_all", interrupted)
+    with pytest.raises(KeyboardInterrupt) as error:
+        main(["campaign", "girona500_contact", "--uncertified", "--output", str(tmp_path)])
+    assert "goes on with the others" in error.value.__notes__[0]
+    assert not (tmp_path / "campaign.json").exists()

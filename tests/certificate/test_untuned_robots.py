@@ -1,23 +1,66 @@
-"""The setting that a failed certificate proposes helps.
-
-That the scenario of a robot that is not tuned certifies at once is in `setup/test_first_scenario`;
-here such scenarios are spoilt, and the advice is followed.
-"""
+"""Robots that are not tuned: made-up arms certify at once, and advice helps a spoilt scenario."""
 
 import copy
 import re
+import time
 
 import numpy as np
 import pytest
 import yaml
+from support.arms import write_arm, write_press
 from support.quick import FEW, search_less
 
-from uvms_drake.certificate.certify import between_knots, certify, longer, roomier, safer
+import uvms_drake as uv
+from uvms_drake.certificate.certify import (
+    between_knots,
+    certify,
+    first_plan,
+    longer,
+    roomier,
+    safer,
+)
 from uvms_drake.command.main import main
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.station.problem import make_ocp, start_state
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.model.uvms import slides
+from uvms_drake.plant.model_check import complaints_about
 from uvms_drake.tube.conditions import setting
+
+
+@pytest.mark.parametrize(("n", "telescope"), [
+    (1, False), (2, False), (3, False), (4, True), (5, False), (6, False), (7, False)])
+def test_the_made_up_robots_are_sound(n, telescope, tmp_path):
+    robot = write_arm(tmp_path, n, telescope=telescope)
+    loaded = uv.Robot.load(robot)
+    assert [slides(joint) for joint in loaded.uvms.joints] == [False] * (n - 1) + [telescope]
+    assert complaints_about(loaded) == []
+
+
+def step_time(scenario: uv.Scenario) -> float:
+    """Returns the processor time of an iteration of the MPC at the first plan [s], the median."""
+    ocp = uv.make_ocp(scenario, uv.load_model(scenario))
+    plan, _ = first_plan(ocp, uv.start_state(scenario, ocp))
+    solver, seconds = SequentialConvexSolver(ocp), []
+    for _ in range(20):
+        start = time.process_time()
+        solver.solve(plan, 1)
+        seconds.append(time.process_time() - start)
+    return float(np.median(seconds))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize(("n", "telescope"), [
+    (3, False), (4, False), (4, True), (6, False), (7, False)])
+def test_an_arm_of_other_numbers_of_joints_is_certified_at_once(n, telescope, tmp_path):
+    scenario = uv.load_scenario(str(write_press(tmp_path, n, telescope=telescope)))
+    start = time.process_time()
+    certificate = certify(scenario)
+    certifying = time.process_time() - start
+    assert certificate.certified, [each for each in certificate.conditions if not each.holds]
+    name = f"{n}, the last one slides" if telescope else n
+    print(f"\n| {name} | {len(certificate.conditions)} | {certifying:.0f} s | "
+          f"{1e3 * step_time(scenario):.0f} ms | {certificate.bounds['force']:.2g} N |")
+
 
 IDEAL = "girona500_ideal"
 STEPS = 5
@@ -30,10 +73,10 @@ def overrides(advice: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def planned():
-    scenario = load_scenario(IDEAL)
-    ocp = make_ocp(scenario)
+    scenario = uv.load_scenario(IDEAL)
+    ocp = uv.make_ocp(scenario)
     return ocp, SequentialConvexSolver(ocp).solve(
-        ocp.resting_plan(0.0, start_state(scenario, ocp)), 20).plan
+        ocp.resting_plan(0.0, uv.start_state(scenario, ocp)), 20).plan
 
 
 @pytest.mark.parametrize(("name", "label", "key"), [
@@ -60,7 +103,7 @@ def test_a_limit_that_a_plan_leaves_is_named_with_the_bound_that_it_keeps(
     else:
         limit.bound = value
     assert between_knots(narrow, plan).excess == 0.0
-    load_scenario(IDEAL, [text])  # The command line takes it.
+    uv.load_scenario(IDEAL, [text])  # The command line takes it.
 
 
 def test_a_joint_gets_no_more_than_the_robot_has(planned):
@@ -73,7 +116,7 @@ def test_a_joint_gets_no_more_than_the_robot_has(planned):
 
 
 def test_a_disturbance_whose_tube_takes_too_much_is_made_less_by_as_much_and_a_fifth():
-    bound = load_scenario(IDEAL).disturbance.bound
+    bound = uv.load_scenario(IDEAL).disturbance.bound
     assert roomier(bound, 0.0, 2.0 / 3.0) == setting(
         disturbance__bound=float(f"{bound / 1.8:.2g}"))
     assert roomier(bound, 0.5, 2.0 / 3.0).startswith("smaller declared unknowns")
@@ -99,7 +142,7 @@ def test_who_follows_the_advice_arrives_at_a_certificate(robot, spoilt, tmp_path
     assert main(["scenario", "--new", str(file), "--robot", robot]) == 0
     said = []
     for _ in range(STEPS + 1):
-        certificate = certify(load_scenario(str(file), [*FEW, *spoilt]))
+        certificate = certify(uv.load_scenario(str(file), [*FEW, *spoilt]))
         said.append(certificate.verdict)
         print(said[-1])
         if certificate.certified:
