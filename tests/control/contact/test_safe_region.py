@@ -162,17 +162,6 @@ def test_an_apex_is_replaced_iff_nothing_is_lost_in_a_box_of_places(size):
     assert 20 < taken < 180
 
 
-def test_places_behind_a_sliding_tip_are_lost_and_those_before_it_are_not():
-    """α is gained for each metre that the old apex is left behind by."""
-    surface = SurfaceClass(angle=0.2)
-    old, new = np.zeros(3), surface.axes.T @ [-0.9 * surface.tilt * 0.05, 0.05, 0.0]
-    forward_box, both = np.array([[0.05, 0.0], [0.3, 0.0]]), np.array([[0.0, 0.0], [0.3, 0.0]])
-    assert dominates(surface, new, old, forward_box)
-    assert not dominates(surface, new, old, both)
-    less = new - 0.2 * surface.tilt * 0.05 * surface.direction
-    assert not dominates(surface, less, old, forward_box)
-
-
 def test_any_apex_is_better_than_none_and_none_replaces_any():
     surface, none = straight(), np.full(3, np.nan)
     assert dominates(surface, np.zeros(3), none, np.zeros((2, 2)))

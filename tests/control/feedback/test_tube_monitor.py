@@ -165,19 +165,3 @@ def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states
         report = report_of(monitor, context)
         assert report["worst_disturbance"] == pytest.approx(ratio)
         assert report["disturbance_exits"] == (ratio > 1.0)
-
-
-def test_a_cloned_context_goes_on_identically(model, pair):
-    simulator, monitor, _ = scripted(
-        model, radii={"task": 1e-3}, state=lambda t: pair[0] * np.cos(t),
-        nominal=lambda t: pair[1] * np.cos(t))
-    simulator.AdvanceTo(0.2)
-    twin = Simulator(simulator.get_system(), simulator.get_context().Clone())
-    use_fixed_steps(twin)
-    reports = []
-    for each in (simulator, twin):
-        each.AdvanceTo(0.4)
-        context = monitor.GetMyContextFromRoot(each.get_context())
-        reports.append([*report_of(monitor, context).values(),
-                        *monitor.GetOutputPort("bound").Eval(context)])
-    np.testing.assert_allclose(*reports, rtol=1e-11)

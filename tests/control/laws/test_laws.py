@@ -253,21 +253,6 @@ def test_the_estimate_is_taken_from_each_row(model, states, derivative):
                                -estimate, atol=1e-6)
 
 
-def test_the_generalised_jacobian_is_how_the_tip_moves_from_a_free_vehicle(model, states):
-    """J_g = J_sq − J_sv M_vv⁻¹ M_vq, by joint torques alone, from rest: J_s ζ̇ = J_g q̈.
-
-    Its determinant decides (A).
-    """
-    for state in states["free"]:
-        kinematics = model.kinematics(state[:10])
-        M, J_s = model.mass_matrix(kinematics), jacobian(model, state)[6:]
-        J_g = J_s[:, 6:] - J_s[:, :6] @ np.linalg.solve(M[:6, :6], M[:6, 6:])
-        zeta_dot = np.linalg.solve(M, np.eye(10)[:, 6:])
-        np.testing.assert_allclose(J_s @ zeta_dot, J_g @ zeta_dot[6:], rtol=1e-9, atol=1e-12)
-        whole = np.linalg.det(np.concatenate([M[:6], J_s]))
-        assert whole == pytest.approx(np.linalg.det(M[:6, :6]) * np.linalg.det(J_g), rel=1e-9)
-
-
 def test_at_a_singular_posture_it_refuses():
     """A stretched arm cannot pull its tip away."""
     axes, anchors = [[0, 0, 1], [0, 1, 0], [0, 1, 0]], [[0.5, 0, 0], [0.1, 0, 0], [0.3, 0, 0]]
