@@ -150,16 +150,6 @@ def test_an_interval_is_used_up_at_both_of_its_ends(at):
         assert np.all(limit.excess(there) > 0.0) == (used > 1.0)
 
 
-def test_names_and_signals_follow_from_the_name(at):
-    limit = ALL["power"]
-    assert limit.labels == [f"power[{i}]" for i in range(10)]
-    assert limit.bars[3] == "power[3]  ≤ 5"
-    signals = limit.signals(at)
-    values, bound = signals["power[3]_min"]
-    np.testing.assert_array_equal(values, at.tau[:, 3] * at.zeta[:, 3])
-    assert (bound, signals["power[3]_max"][1]) == (-5.0, 5.0)
-
-
 # Tests of the limits of a sensed contact: speeds, tool's angle, safe depth ------------------------
 
 

@@ -14,7 +14,6 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.report.signals import constraints
 from uvms_drake.station.problem import limits_of
-from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.tube.terminal_set import TerminalLoop
 
@@ -66,14 +65,6 @@ def scenario() -> uv.Scenario:
 
 def with_own(scenario: uv.Scenario, *limits: uv.Limit) -> uv.Scenario:
     return replace(scenario, limits=replace(scenario.limits, more=list(limits)))
-
-
-def test_a_scenario_with_further_limits_is_the_same_after_yaml(scenario, tmp_path):
-    path = tmp_path / "again.yaml"
-    path.write_text(dump_scenario(scenario))
-    box, velocity = uv.load_scenario(str(path)).limits.more
-    assert isinstance(box, uv.limits.TipBox) and isinstance(velocity, uv.limits.TipVelocity)
-    np.testing.assert_array_equal(velocity.bound, [0.1, 0.2, 0.2])
 
 
 @pytest.mark.parametrize(("own", "key"), [

@@ -382,14 +382,6 @@ def test_after_hovering_a_problem_that_starts_where_it_is_measured_does_so(short
     np.testing.assert_array_equal(setup.read("plan").start, start)
 
 
-def test_without_a_plan_after_hovering_the_run_fails_and_says_when(short_ocp, start):
-    setup = Setup(FailingSolver(short_ocp, {0}), start * np.repeat([1.0, 0.0], 10))
-    setup.ocp.hover = H
-    setup.go(0.5 * H)
-    with pytest.raises(uv.RunFailed, match=f"no solution at the start, t = {H:g} s: "):
-        setup.go(1.5 * H)
-
-
 def test_it_does_not_start_between_two_sampling_instants(short_ocp, start):
     setup = Setup(SequentialConvexSolver(short_ocp), start)
     setup.simulator.get_mutable_context().SetTime(0.3)
