@@ -321,3 +321,11 @@ def test_an_argument_out_of_its_range_is_refused(args, key):
 def test_a_percentage_is_rounded_up(p, text):
     assert percent_above(p) == text
     assert float(text[:-2]) >= 100.0 * p - 1e-12
+
+
+def test_the_force_is_said_with_both_bands_where_there_are_two(contact):
+    said = "the force is off by less than 16.8 N once the plan is at the task"
+    assert HOLDS.force_sentence == said
+    assert full(contact).force_sentence == (
+        f"{said}, and by less than 6.12 N in a hold, from 1.3 s after the plan stands")
+    assert replace(HOLDS, bounds={}).force_sentence == ""
