@@ -6,8 +6,14 @@ from pydrake.systems.analysis import Simulator
 from support.baseline_press import ROBOT, run, task
 
 import uvms_drake as uv
-from uvms_drake.baselines.approach import ApproachGains, moved_reference
-from uvms_drake.baselines.baseline import BASELINES, Baseline, read_gains, robots_with_gains
+from uvms_drake.baselines.baseline import (
+    BASELINES,
+    ApproachGains,
+    Baseline,
+    moved_reference,
+    read_gains,
+    robots_with_gains,
+)
 from uvms_drake.baselines.law import PERIOD, Law, Measured, PressTask, Reference, integrated
 from uvms_drake.baselines.prescribed_performance import (
     PrescribedPerformance,

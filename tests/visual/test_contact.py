@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from support.meshcat import Canvas
 from support.shapes import SHAPES, turned
 from support.synthetic import synthetic_record
 
@@ -14,7 +13,7 @@ from uvms_drake.model.surface.geometry import Cylinder, Plane
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.scene_setting import setting_of
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.visual.contact import (
     COLORS,
     DOT,
@@ -37,11 +36,6 @@ TIP = np.array([0.3, 0.2, -0.4])
 HIDDEN, SEEN = [VANISHED] * 3, [1.0] * 3
 WALL = UnilateralPlane(normal=-NORTH, stiffness=1000.0).checked()
 SCALE = 15.0  # N
-
-
-@pytest.fixture
-def canvas():
-    return Canvas()
 
 
 def estimate(safe, contact, stiffness, force=FORCE):

@@ -7,23 +7,17 @@ import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
-from support.meshcat import Canvas, packed_transform
+from support.meshcat import packed_transform
 from support.synthetic import synthetic_record
 
 import uvms_drake as uv
-from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.scene_setting import setting_of
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.visual.objects import PLAN, Mark, round_magnification
 from uvms_drake.visual.overlay import ACTIVE, NEAR, TIME, Overlay, Readout
 from uvms_drake.visual.scene import CLOSE, LimitUse, Scene
 from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, VisualConfig, frame_at
-
-
-@pytest.fixture
-def meshcat():
-    return Meshcat(MeshcatParams(host="localhost"))
 
 
 @pytest.mark.parametrize("many", [12, 15, 20])
@@ -41,11 +35,6 @@ def test_no_text_is_on_the_bars(meshcat, many):
 @pytest.fixture(scope="module")
 def record():
     return synthetic_record(4.0)
-
-
-@pytest.fixture
-def canvas():
-    return Canvas()
 
 
 @pytest.mark.parametrize(("places", "given"), [
@@ -150,11 +139,3 @@ def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
     for real, nominal, room in ((rest, rest, np.inf), (pressing, rest, 45.0), (rest, pressing, 43)):
         used = use(real, u, nominal, u)[use.names.index("force, at rest  ≤ 45 N")]
         assert used == pytest.approx(20.0 / room)
-
-
-@pytest.mark.parametrize(("config", "message"), [
-    (VisualConfig(rate=0.5), "visual.rate = 0.5: must be from 1 to 100"),
-    (VisualConfig(magnification=0.5), "visual.magnification = 0.5: must be at least 1")])
-def test_what_has_no_meaning_is_refused(config, message):
-    with pytest.raises(uv.InvalidParameter, match=message):
-        check_values(config, "visual")
