@@ -1,11 +1,11 @@
-"""Tests of `uvms_drake.control.mpc.plan_extent`: where across a plan goes."""
+"""Tests of `uvms_drake.control.contact.press_control`: where across a plan goes."""
 
 import numpy as np
 import pytest
 from pydrake.common.value import Value
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
-from uvms_drake.control.mpc.plan_extent import PlanExtent, plan_extent
+from uvms_drake.control.contact.press_control import PlanExtent, plan_extent
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingTarget
 from uvms_drake.model.surface.surface_class import SurfaceClass
