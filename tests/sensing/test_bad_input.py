@@ -22,7 +22,7 @@ test_a_part_a_fault_or_an_unknown_without_meaning_is_named = refusals("girona500
     "waves=[{amplitude: 9.0}]": r"waves\[0\].amplitude = 9.0: must be from 0 to 2.5 m: lower than",
     "model_error.mass=0.0": "model_error.mass = 0.0: must be from 0.1 to 10",
     "model_error.joint_friction={coulomb: [-1]}": "coulomb = .*: must be from 0 to 10000 N m",
-    "ancillary=!TipFirst {undriven: [surge]}": "ancillary.undriven = .*: must be of roll, pitch",
+    "ancillary=!TipFirst {undriven: [surge]}": r"undriven\[0\] = .surge.: must be one of roll, pitch",
     "limits.more=[!TipBox {}]": r"limits.more\[0\].lower_corner = \[\]: must be 3 finite numbers"})
 
 test_an_error_of_a_surface_that_none_has_is_named = refusals("girona500_ideal", {
