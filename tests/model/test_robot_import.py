@@ -13,8 +13,8 @@ from uvms_drake.model.description.hydrodynamics_file import added_mass_about_ori
 from uvms_drake.model.description.thruster_file import thrust_map
 from uvms_drake.model.description.visuals import bounding_box, format_obj, mesh_volume
 from uvms_drake.model.robot_import.importer import import_robot
-from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.water import symmetric
+from uvms_drake.model.robot_import.plugins import symmetric
+from uvms_drake.model.robot_import.tree import Notes
 
 URDFS = {"heavy_rov.urdf": "base_link", "light_rov.urdf": "base_link", "dummy_root.urdf": "hull",
          "rounded.urdf": "rov/base_link", "wide_limits.urdf": "base_link"}

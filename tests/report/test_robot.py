@@ -20,7 +20,7 @@ from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.report.robot.render import RobotScene, picture_axes
-from uvms_drake.report.robot.robot_figure import draw_robot, wall_points, wall_triangles
+from uvms_drake.report.robot.robot_figure import SIZE, SQUARES, draw_robot, wall_triangles
 from uvms_drake.report.robot.robot_sheet import (
     Thrust,
     largest_wrench,
@@ -174,7 +174,8 @@ def test_a_wall_is_a_square_metre_about_its_middle():
     middle, normal = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, -0.8])
     plane = UnilateralPlane(point=middle - 0.3 * np.array([0.8, 0.0, 0.6]), normal=normal,
                             stiffness=1e3, dissipation=0.0)
-    light, dark = (t for t, _ in wall_triangles(wall_points(plane, middle + 0.2 * normal)))
+    light, dark = (t for t, _ in wall_triangles(
+        plane.patch(middle + 0.2 * normal, SIZE, SQUARES + 1)))
     corners = np.concatenate([light, dark])
     area = 0.5 * np.sum(np.linalg.norm(np.cross(
         corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
@@ -188,7 +189,8 @@ def test_the_wall_that_is_drawn_is_the_real_one_whatever_the_controller_is_told(
     """The leg of a jacket, told as a direction only; its squares are on it, next to the tip."""
     wall = true_surface(load_scenario("jacket_inspection"))
     tip = np.array([-0.1, 0.05, 0.2])
-    corners = np.concatenate([t for t, _ in wall_triangles(wall_points(wall, tip))]).reshape(-1, 3)
+    corners = np.concatenate([t for t, _ in wall_triangles(
+        wall.patch(tip, SIZE, SQUARES + 1))]).reshape(-1, 3)
     np.testing.assert_allclose(wall.geometry.depth(corners), 0.0, atol=1e-6)
     assert np.min(np.linalg.norm(corners - tip, axis=1)) < 0.2
     assert np.ptp(corners, axis=0)[2] == pytest.approx(1.0, rel=0.05)
