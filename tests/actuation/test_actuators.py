@@ -21,8 +21,8 @@ from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
 from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.station.controller import make_tube
 from uvms_drake.station.plant import make_simulated_uvms
-from uvms_drake.station.tube_control import make_tube
 
 TAU = np.array([12.0, -9.0, 7.0, 2.0, 4.0, -3.0, 1.0, 2.0, 3.0, 4.0])
 

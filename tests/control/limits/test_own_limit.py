@@ -13,8 +13,8 @@ from uvms_drake.certificate.certify import between_knots, tightening_margins
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.report.signals import constraints
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.station.problem import limits_of
-from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.tube.terminal_set import TerminalLoop
 
 BOX = "{lower_corner: [-3, -3, -3], upper_corner: [3, 3, 3]}"
