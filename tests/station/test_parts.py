@@ -134,8 +134,8 @@ class Swell(uv.Disturbance):
 
     def add_to(self, builder, model, seed, signals):
         assert {"state", "e_y", "r"} <= set(signals)
-        return uv.SinusoidalDisturbance(self.bound, np.eye(model.size)[0], 1.0).add_source(
-            builder, model.size).get_output_port()
+        own = uv.SinusoidalDisturbance(self.bound, np.eye(model.size)[0], 1.0)
+        return builder.AddSystem(own.system(model.size)).get_output_port()
 
 
 def test_a_disturbance_of_ones_own_is_one_class():

@@ -5,13 +5,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from pydrake.systems.framework import (
-    CacheEntry,
-    Context,
-    DiscreteValues,
-    EventStatus,
-    LeafSystem,
-)
+from pydrake.systems.framework import CacheEntry, Context, DiscreteValues, EventStatus, LeafSystem
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
