@@ -7,7 +7,6 @@ from pydrake.systems.framework import DiagramBuilder
 from support import tank
 from support.tank import plant_of
 
-from uvms_drake.common.wiring import added
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
 from uvms_drake.model.uvms import Uvms
@@ -37,9 +36,8 @@ def random_state(plant):
 
 def test_the_state_is_pose_and_body_velocity(robot):
     coordinates, plant, builder = robot
-    system = added(
-        builder, "to_paper_order", ToPaperOrder(coordinates),
-        plant_state=plant.get_state_output_port())
+    system = ToPaperOrder.AddToBuilder(
+        builder, coordinates, plant_state=plant.get_state_output_port())
     x, plant_context = random_state(plant)
     context = system.CreateDefaultContext()
     system.GetInputPort("plant_state").FixValue(context, x)
@@ -59,9 +57,8 @@ def test_the_state_is_pose_and_body_velocity(robot):
 
 def test_a_force_keeps_its_power(robot):
     coordinates, plant, builder = robot
-    system = added(
-        builder, "to_drake_order", ToDrakeOrder(coordinates),
-        plant_state=plant.get_state_output_port())
+    system = ToDrakeOrder.AddToBuilder(
+        builder, coordinates, plant_state=plant.get_state_output_port())
     x, plant_context = random_state(plant)
     tau = np.random.default_rng(1).normal(size=8)
     context = system.CreateDefaultContext()
@@ -74,9 +71,8 @@ def test_a_force_keeps_its_power(robot):
 
 def test_an_acceleration_of_the_vehicle_is_that_of_its_body_less_the_turning_of_its_axes(robot):
     coordinates, plant, builder = robot
-    system = added(
-        builder, "to_paper_order", ToPaperOrder(coordinates),
-        plant_state=plant.get_state_output_port())
+    system = ToPaperOrder.AddToBuilder(
+        builder, coordinates, plant_state=plant.get_state_output_port())
     x, plant_context = random_state(plant)
     v_dot = np.random.default_rng(2).normal(size=8)
     context = system.CreateDefaultContext()

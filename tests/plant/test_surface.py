@@ -13,7 +13,6 @@ from support.shapes import LAWS, SHAPES, turned
 from support.tank import link, plant_of, robot
 
 import uvms_drake as uv
-from uvms_drake.common.wiring import added
 from uvms_drake.model.frames.euler import euler_angles, rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant.surface import (
@@ -124,10 +123,10 @@ def test_a_ball_bounces_off_a_plane_and_leaves_with_less_energy():
     for dissipation in (0.0, 3.0):
         builder = DiagramBuilder()
         plant = plant_of(BALL, builder)
-        surface = added(builder, "surface", CompliantSurface(
-            plant, plant.GetFrameByName("tip"),
-            uv.UnilateralPlane(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]), 900.0, dissipation)),
-            plant_state=plant.get_state_output_port())
+        surface = CompliantSurface.AddToBuilder(
+            builder, plant, plant.GetFrameByName("tip"),
+            uv.UnilateralPlane(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]), 900.0, dissipation),
+            name="surface", plant_state=plant.get_state_output_port())
         builder.Connect(surface.GetOutputPort("generalized_force"),
                         plant.get_applied_generalized_force_input_port())
         simulator = Simulator(builder.Build())
@@ -150,8 +149,8 @@ def thrown(surface, tangent, weight):
     """
     builder = DiagramBuilder()
     plant = plant_of(BALL, builder)
-    contact = added(
-        builder, "surface", CompliantSurface(plant, plant.GetFrameByName("tip"), surface),
+    contact = CompliantSurface.AddToBuilder(
+        builder, plant, plant.GetFrameByName("tip"), surface, name="surface",
         plant_state=plant.get_state_output_port())
     pull = builder.AddSystem(ConstantVectorSource(np.append(np.zeros(3), weight)))
     total = builder.AddSystem(Adder(2, 6))

@@ -5,17 +5,16 @@ from pydrake.systems.framework import (
     Context,
     ContinuousState,
     DiscreteValues,
-    LeafSystem,
     State,
 )
 
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import UvmsModel
 
 
-class ThrusterAllocation(LeafSystem):
+class ThrusterAllocation(WiredSystem):
     """Thruster commands for a wrench; see `Allocation`.
 
     .. pydrake_system::
@@ -66,7 +65,7 @@ class ThrusterAllocation(LeafSystem):
         return self._command(tau[:6])
 
 
-class ThrusterDynamics(LeafSystem):
+class ThrusterDynamics(WiredSystem):
     """Forces of thrusters: their curves behind a dead time and a first-order lag.
 
     .. pydrake_system::

@@ -21,11 +21,11 @@ from pydrake.systems.framework import (
     Context,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
 )
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.model.end_effector import force_in_tip
 from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.uvms_model import UvmsModel
@@ -128,7 +128,7 @@ def run_of_frozen(repeated: float) -> int:
     return 1 + math.ceil(ratio - 1e-12)
 
 
-class ForceFaultDetector(LeafSystem):
+class ForceFaultDetector(WiredSystem):
     """Passes the measured force on while it is valid, and else NaN; see the module.
 
     .. pydrake_system::

@@ -8,7 +8,6 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.desired_force import DesiredForce
 
 N = np.array([0.0, 0.6, 0.8])
@@ -48,7 +47,7 @@ def test_a_clipped_force_gives_one_warning_when_it_begins(caplog):
     forces = np.array([20.0, 45.0, 50.0, 20.0, np.nan, 20.0, -3.0])
     source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.ZeroOrderHold(
         np.arange(8.0), np.outer(np.append(N, np.zeros(3)), np.append(forces, 20.0)))))
-    system = added(builder, "desired_force", DesiredForce(N, 12.0, 30.0))
+    system = DesiredForce.AddToBuilder(builder, N, 12.0, 30.0)
     builder.Connect(source.get_output_port(), system.GetInputPort("desired_force"))
     simulator = Simulator(builder.Build())
     for time in np.arange(0.25, 8.0, 0.25):

@@ -7,7 +7,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.tangential_filter import TangentialFilter, followed
 
 N = np.array([0.6, 0.0, 0.8])
@@ -22,9 +21,8 @@ class Setup:
     def __init__(self, force: np.ndarray):
         builder = DiagramBuilder()
         self.source = builder.AddSystem(ConstantVectorSource(force))
-        self.system = added(
-            builder, "tangential_filter", TangentialFilter(N, LAG, PERIOD),
-            measured=self.source.get_output_port())
+        self.system = TangentialFilter.AddToBuilder(
+            builder, N, LAG, PERIOD, measured=self.source.get_output_port())
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
 

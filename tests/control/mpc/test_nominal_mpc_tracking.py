@@ -8,7 +8,6 @@ from pydrake.systems.primitives import ConstantVectorSource
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.common.wiring import added
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import FAILED, MPC_REPORT, SOLVED
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
@@ -29,9 +28,8 @@ class Loop:
     def __init__(self, ocp: TrackingOcp, start: np.ndarray, **given: object):
         builder = DiagramBuilder()
         source = builder.AddSystem(ConstantVectorSource(start))
-        self.mpc = added(
-            builder, "nominal_mpc", NominalMpc(SequentialConvexSolver(ocp)),
-            state=source.get_output_port())
+        self.mpc = NominalMpc.AddToBuilder(
+            builder, SequentialConvexSolver(ocp), state=source.get_output_port())
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.give(**given)

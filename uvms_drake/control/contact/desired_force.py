@@ -5,11 +5,11 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
-    LeafSystem,
 )
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, unit_vector
+from uvms_drake.common.wiring import WiredSystem
 
 GIVEN, CUT, ACROSS, LOST = range(4)
 """Outcomes of a desired force: accepted, clipped, without its part across n, or not finite."""
@@ -36,7 +36,7 @@ def along_of(wanted: np.ndarray, direction: np.ndarray, largest: float) -> tuple
     return given, ACROSS if np.max(np.abs(across)) > slack else GIVEN
 
 
-class DesiredForce(LeafSystem):
+class DesiredForce(WiredSystem):
     """Desired force along a direction, clipped to its accepted range.
 
     The logger `uvms_drake` warns when a desired force begins to differ from the accepted one.

@@ -21,11 +21,11 @@ from pydrake.systems.framework import (
     ContinuousState,
     DiagramBuilder,
     DiscreteValues,
-    LeafSystem,
     OutputPort,
 )
 
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw, Observed, Pair
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
@@ -57,7 +57,7 @@ def prediction(model: UvmsModel, observed: Observed, now: Pair) -> Prediction:
     return Prediction(out.rate[0], out.bias[0] - G @ b, G)
 
 
-class RowObserver(LeafSystem):
+class RowObserver(WiredSystem):
     """Observer of the disturbance of a law's outputs.
 
     .. pydrake_system::

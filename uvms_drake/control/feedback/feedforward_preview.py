@@ -19,6 +19,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -68,7 +69,7 @@ def previewed_forces(
     return change
 
 
-class FeedforwardPreview(LeafSystem):
+class FeedforwardPreview(WiredSystem):
     """Change of the plan's forces over the delay of the actuators.
 
     .. pydrake_system::

@@ -10,11 +10,11 @@ from pydrake.systems.framework import (
     Context,
     EventStatus,
     InputPort,
-    LeafSystem,
     State,
     ValueProducer,
 )
 
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.control.mpc.planner import (
     MPC_REPORT,
     SOLVED,
@@ -27,7 +27,7 @@ from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.plan.plan import Plan
 
 
-class NominalMpc(LeafSystem):
+class NominalMpc(WiredSystem):
     """Planner that solves the FHOCP at t = 0, h, 2h, ...; its output is the nominal trajectory.
 
     The first plan is made at initialization, from the measured state; every later one starts at the

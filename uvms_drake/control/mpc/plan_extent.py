@@ -5,9 +5,9 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    LeafSystem,
 )
 
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.control.plan.plan import TrackingPlan, between_knots
 from uvms_drake.model.frames.spatial import times
@@ -27,7 +27,7 @@ def plan_extent(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
     return np.concatenate([knots, between, ocp.reference(plan)[None, :3]])
 
 
-class PlanExtent(LeafSystem):
+class PlanExtent(WiredSystem):
     """Lateral extent of the current plan, see `safe_region.dominates`.
 
     .. pydrake_system::
