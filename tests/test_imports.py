@@ -157,11 +157,6 @@ def test_the_wheel_has_every_package():
     assert set(listed["packages"]) == folders | {"uvms_drake.models"}
 
 
-def test_the_version_is_the_one_that_is_installed():
-    assert uvms_drake.__version__ == tomllib.loads(
-        (Path(__file__).parent.parent / "pyproject.toml").read_text())["project"]["version"]
-
-
 def test_the_examples_import_little_from_inside_the_package():
     """A script's names are by `uv` and by a paper; parts of the plant and of the replay are not.
 

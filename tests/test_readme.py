@@ -1,4 +1,4 @@
-"""The README and the rooms' own: what they show runs, what they link to is there."""
+"""The READMEs: code runs, links lead somewhere, and numbers are settings or written by commands."""
 
 import re
 import subprocess
@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from support.pages import READMES, ROOT, sections
 
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.command.keys import keys_of
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 
 CERTIFICATE = ROOT / "uvms_drake" / "certificate" / "README.md"
+
+
 def test_the_loop_of_the_readme_runs_and_presses(tmp_path):
     (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
     assert code.count("\n") <= 21
@@ -72,3 +75,38 @@ def test_every_file_of_the_map_is_there():
 
 def test_a_readme_is_a_guide_of_at_most_120_lines():
     assert [path for path in READMES if path.read_text("utf-8").count("\n") > 120] == []
+
+
+UNITS = r"N/m|N m|kN/m|m/s²|m/s|rad/s|mrad|mm|ms|Hz|kg|N|m|s|%|°|times"
+NUMBER = r"(?<![\w.,/^])(\d+(?:\.\d+)?)"
+MEASURE = re.compile(rf"{NUMBER}\s?(?:{UNITS})(?![\w/²])")
+
+
+def prose(text: str) -> str:
+    """Returns a page without code, formulas, links' targets, and rows of tables of settings."""
+    text = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    return re.sub(r"`[^`]*`|\]\([^)]*\)|\$[^$]*\$", " ", text)
+
+
+def values_of_files() -> set[float]:
+    """Returns all numbers of the shipped files, of the defaults of keys and of results' pages."""
+    texts = [path.read_text(encoding="utf-8") for pattern in (
+        "uvms_drake/scenarios/*.yaml", "models/*/*.yaml", "examples/results/*.md",
+        "examples/comparison/*.md") for path in ROOT.glob(pattern)]
+    texts += [line for _, line in keys_of(Scenario())]
+    return {float(number) for text in texts for number in re.findall(r"\d+(?:\.\d+)?", text)}
+
+
+FILES = values_of_files()
+
+
+WRITTEN = ROOT / "uvms_drake/papers/nikou2018/errata/README.md"
+"""A command writes it, see `tests/papers/nikou2018/errata`."""
+
+
+@pytest.mark.parametrize("path", [path for path in READMES if path != WRITTEN],
+                         ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_number_in_prose_is_a_setting_or_is_written_by_a_command(path):
+    text = prose(path.read_text(encoding="utf-8"))
+    unknown = [match[0] for match in MEASURE.finditer(text) if float(match[1]) not in FILES]
+    assert unknown == []

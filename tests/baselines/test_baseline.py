@@ -5,8 +5,14 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from support.baseline_press import ROBOT, task
 
-from uvms_drake.baselines.approach import ApproachGains, moved_reference
-from uvms_drake.baselines.baseline import BASELINES, Baseline, read_gains, robots_with_gains
+from uvms_drake.baselines.baseline import (
+    BASELINES,
+    ApproachGains,
+    Baseline,
+    moved_reference,
+    read_gains,
+    robots_with_gains,
+)
 from uvms_drake.baselines.law import PERIOD, Law, PressTask, integrated
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms

@@ -9,12 +9,8 @@ import pytest
 from support.outputs import DATA, DATA_ONLY, written
 from support.robots import copied
 
-from uvms_drake.certificate.certificate import (
-    Certificate,
-    fingerprint,
-    read_certificate,
-    write_certificate,
-)
+import uvms_drake as uv
+from uvms_drake.certificate.certificate import fingerprint, read_certificate, write_certificate
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
 
@@ -117,7 +113,7 @@ def test_one_of_another_scenario_is_stale(override, kept, capsys):
 def test_a_run_elsewhere_finds_it_where_no_worst_case_certificate_holds(
         made, tmp_path, capsys, monkeypatch):
     def not_certified(scenario, progress=None, model=None):
-        return Certificate(
+        return uv.Certificate(
             scenario=scenario.name, law="resolved", k=1.0, sigma=1.0, d_bound=0.1,
             conditions=(assumption("thrusters", "delay", theorem="actuation"),),
             **fingerprint(scenario))
@@ -150,22 +146,6 @@ def test_a_run_that_fails_is_counted(tmp_path, capsys):
     write_certificate(replace(certificate, runs=3, probability=0.9), tmp_path)
     assert main(run) == 3
     assert "this run FAILED: the tube, set-wise" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(("args", "said"), [
-    (["--runs", "5"], "--runs = 5"), (["--seed", "4"], "--seed = 4"),
-    (["--workers", "1"], "--workers = 1"), (["--scheduler", "tcp://x:1"], "--scheduler = 'tcp:"),
-    (["--uncertified"], "--uncertified = True"),
-    (["--set", "duration=9"], "--set = ['duration=9']")])
-def test_a_replay_takes_nothing_that_the_campaign_decides(tmp_path, capsys, args, said):
-    command = ["campaign", "--replay", "2", "--output", str(tmp_path)]
-    assert main([*command, *args]) == 2
-    err = capsys.readouterr().err
-    assert f"error: {said}" in err
-    assert "must be left out with --replay: the campaign in the folder determines it" in err
-    assert err.count("\n") == 1
-    assert main([*command, "--runs", "100"]) == 2  # The default is as good as nothing.
-    assert "left out" not in capsys.readouterr().err
 
 
 INCLUDED = """<sdf version="1.9"><model name="whole">

@@ -16,17 +16,13 @@ from support.outputs import DATA, DATA_ONLY, written
 from support.snapshot import check_snapshot
 from support.sockets import LOCAL, listening_addresses
 
+import uvms_drake as uv
 from uvms_drake.command.files import MAIN_SCENARIO
 from uvms_drake.command.main import main
 from uvms_drake.command.progress import LINES
-from uvms_drake.common.errors import RunFailed
 from uvms_drake.report.figures import figures_of
-from uvms_drake.report.summary import summarise
-from uvms_drake.station import simulation
-from uvms_drake.station.record import load_record
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
-from uvms_drake.station.step_size import with_step
 
 pytestmark = pytest.mark.slow
 
@@ -61,7 +57,7 @@ def test_a_short_run_writes_every_file_and_says_it(smoke):
     output, done = smoke
     assert done.returncode == 0, done.stderr
     assert written(output) == DATA | {
-        "replay.html", "report.html", *figures_of(load_scenario("girona500_ideal"))}
+        "replay.html", "report.html", *figures_of(uv.load_scenario("girona500_ideal"))}
     check_snapshot("run", f"{done.stdout}\n--- stderr\n{done.stderr.splitlines()[0]}", output)
     _, *lines = done.stderr.splitlines()
     times = [float(line.split()[1]) for line in lines]
@@ -73,11 +69,11 @@ def test_a_short_run_writes_every_file_and_says_it(smoke):
 
 def test_the_written_files_belong_together(smoke):
     output, _ = smoke
-    record = load_record(output)
+    record = uv.load_record(output)
     summary = json.loads((output / "summary.json").read_text(encoding="utf-8"))
-    assert summarise(record) == summary
+    assert uv.summarise(record) == summary
     assert (summary["seed"], summary["duration_s"]) == (3, 0.5)
-    expected = with_step(load_scenario("girona500_ideal", ["seed=3", "duration=0.5"]))
+    expected = uv.with_step(uv.load_scenario("girona500_ideal", ["seed=3", "duration=0.5"]))
     assert (output / "scenario.yaml").read_text(encoding="utf-8") == dump_scenario(expected)
 
 
@@ -105,25 +101,12 @@ def test_the_help_of_run_names_the_scenarios_and_keys_that_there_are(capsys):
     keys = re.search(r"changed most.*?:\n(.*?)\n\n", said, re.DOTALL)[1].replace(",", " ").split()
     assert len(keys) > 10
     # D8: each is a key of the default scenario, which takes it with the value that it has.
-    scenario = yaml_load_data(dump_scenario(load_scenario(MAIN_SCENARIO)))
+    scenario = yaml_load_data(dump_scenario(uv.load_scenario(MAIN_SCENARIO)))
     for key in keys:
         value = scenario
         for part in key.split("."):
             value = value[part]
-        load_scenario(MAIN_SCENARIO, [f"{key}={json.dumps(value)}"])
-
-
-def test_what_has_no_effect_is_said_before_anything_takes_long(tmp_path, capsys, monkeypatch):
-    def begin(*args, **kwargs):
-        raise RunFailed("begun")
-
-    monkeypatch.setattr(simulation, "simulate", begin)
-    assert main(["run", "girona500_ideal", "--set", "simulator.max_step_size=0.05",
-                 "--uncertified", "--output", str(tmp_path / "out")]) == 1
-    first, last = capsys.readouterr().err.splitlines()
-    assert first == "note: simulator.max_step_size = 0.05 s is cut to 0.02 s by the log or the MPC"
-    assert last.startswith("uvms-drake: error: begun (girona500_ideal.yaml")
-    assert not (tmp_path / "out").exists()
+        uv.load_scenario(MAIN_SCENARIO, [f"{key}={json.dumps(value)}"])
 
 
 @pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs Linux's /proc")
@@ -156,7 +139,7 @@ def test_ctrl_c_ends_a_run_with_one_line_and_keeps_what_was_done(tmp_path):
         f"uvms-drake: error: interrupted, saved in {tmp_path / 'out'}: log.csv, log.npz, ")
     assert "Traceback" not in err
     assert written(tmp_path / "out") == DATA
-    record = load_record(tmp_path / "out")
+    record = uv.load_record(tmp_path / "out")
     assert 0.0 < record.time[-1] <= record.scenario.duration < 500.0
 
 

@@ -13,8 +13,6 @@ from support.robots import TEMPLATE, altered
 from support.snapshot import check_snapshot
 
 from uvms_drake.command.main import main
-from uvms_drake.model.robot import Robot
-from uvms_drake.plant.model_check import complaints_about
 from uvms_drake.report.robot.robot_page import sweeps
 
 
@@ -77,36 +75,6 @@ def test_each_joint_goes_through_its_limits_alone():
     np.testing.assert_array_equal(frames[[0, -1]], [posture, posture])
 
 
-URDF = """<robot name="urdf_robot">
-  <link name="vehicle"><inertial><mass value="20"/>
-    <inertia ixx="1" iyy="1" izz="1.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
-    <inertia ixx="0.001" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="vehicle"/><child link="arm"/>
-    <origin xyz="0.4 0 0.1"/><axis xyz="0 1 0"/>
-    <limit lower="-1" upper="1" effort="10" velocity="1"/></joint>
-  <frame name="tip" link="arm" xyz="0.4 0 0" rpy="0 0 0"/>
-  <transmission name="t"><type>transmission_interface/SimpleTransmission</type>
-    <joint name="shoulder"><hardwareInterface>effort</hardwareInterface></joint>
-    <actuator name="motor"><drake:rotor_inertia xmlns:drake="drake" value="0.1"/></actuator>
-  </transmission>
-</robot>"""
-
-
-def test_a_robot_may_be_a_urdf(tmp_path, capsys):
-    robot = tmp_path / "urdf_robot"
-    robot.mkdir()
-    (robot / "urdf_robot.urdf").write_text(URDF, encoding="utf-8")
-    (robot / "package.xml").write_text("<package><name>urdf_robot</name></package>")
-    (robot / "hydrodynamics.yaml").write_text(
-        "bodies: {vehicle: {displaced_volume: 21.0e-3, center_of_buoyancy: [0, 0, -0.05]}}")
-    assert complaints_about(Robot.load(robot)) == []
-    assert main(["robot", str(robot)]) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("urdf_robot: 1 joints")
-    assert "note: dry, as hydrodynamics.yaml does not name it: arm\n" in out
-
-
 CASES = runpy.run_path(str(
     Path(__file__).parents[2] / "examples" / "results" / "robot_import.py"))["CASES"]
 
@@ -120,6 +88,7 @@ def test_what_it_writes_is_accepted_without_an_edit(name, tmp_path, capsys):
     robot = tmp_path / "robots" / "found"
     assert take(FILES / name, robot) == 0
     out = capsys.readouterr().out
+    check_snapshot(f"robot_from_{name.split('.')[0]}", out, tmp_path / "robots")
     assert out.split("\nwritten to ")[0].strip() in (robot / "README.md").read_text("utf-8")
     assert main(["robot", str(robot)]) == 0
     assert capsys.readouterr().err == ""
@@ -131,12 +100,6 @@ def test_a_folder_may_be_named_from_where_one_is(tmp_path, monkeypatch, capsys):
     assert take(FILES / "heavy_rov.urdf", Path("found")) == 0
     assert main(["robot", "found"]) == 0
     assert "hull" not in capsys.readouterr().out.split("written to")[1]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_list_reads_as_stored(name, tmp_path, capsys):
-    assert take(FILES / name, tmp_path / "found") == 0
-    check_snapshot(f"robot_from_{name.split('.')[0]}", capsys.readouterr().out, tmp_path)
 
 
 def changed(name: str, folder: Path, *changes: tuple[str, str]) -> Path:
@@ -169,6 +132,7 @@ FIRST_MASS = '<mass value="62"/>'
     ("dummy_root.urdf", "<link", '<xacro:arm x="1"/><link', "must be expanded: by the program xa"),
     ("dummy_root.urdf", 'lower="-1.2" upper="1.2"', 'lower="1" upper="-1"', "lower, then upper"),
     ("nested.sdf", "model://nested_arm", "model://arm_of_others", "must be the file of a model"),
+    ("nested.sdf", "model://nested_arm", "nested.sdf", "a file that does not include itself"),
     ("nested.sdf", "arm_mount\">0", "mount\">0", "mount] specified by model with name[arm] does"),
     ("nested.sdf", '<joint name="lamp_joint" type="fixed"><parent>base</parent>'
      "<child>lamp::housing</child></joint>", "", "'lamp::housing': must be joined to 'base'"),
@@ -197,12 +161,6 @@ def test_what_a_format_would_take_by_default_and_what_is_not_known_are_told(tmp_
     out = capsys.readouterr().out
     assert "base_link: no <inertia>, for which SDFormat takes 1 kg m²; taken as a po" in out
     assert "xDotX not known: left out" in out
-
-
-def test_a_file_that_includes_itself_is_refused(tmp_path, capsys):
-    file = changed("nested.sdf", tmp_path, ("model://nested_arm", "nested.sdf"))
-    assert take(file, tmp_path / "found") == 2
-    assert "a file that does not include itself" in capsys.readouterr().err
 
 
 def test_of_two_arms_one_is_held_fast_and_told(tmp_path, capsys):

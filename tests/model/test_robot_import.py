@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from support.robot_files import FILES, FLIP, NAMES, PlainUrdf, turn
 
+import uvms_drake as uv
 from uvms_drake.command.robot import write_robot
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.description.thruster_file import thrust_map
 from uvms_drake.model.description.visuals import bounding_box, format_obj, mesh_volume
-from uvms_drake.model.robot import Robot
 from uvms_drake.model.robot_import.importer import import_robot
-from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.water import symmetric
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.robot_import.plugins import symmetric
+from uvms_drake.model.robot_import.tree import Notes
 
 URDFS = {"heavy_rov.urdf": "base_link", "light_rov.urdf": "base_link", "dummy_root.urdf": "hull",
          "rounded.urdf": "rov/base_link", "wide_limits.urdf": "base_link"}
@@ -25,24 +23,24 @@ TWIST = np.kron(np.eye(2), FLIP)
 
 
 @pytest.fixture(scope="module")
-def robots(tmp_path_factory) -> dict[str, Robot]:
+def robots(tmp_path_factory) -> dict[str, uv.Robot]:
     """All robots of the files, loaded from the folders that were made of them."""
     folder = tmp_path_factory.mktemp("robots")
     for name in NAMES:
         assert write_robot(FILES / name, folder / name.split(".")[0]) == 0
-    return {name: Robot.load(folder / name.split(".")[0]) for name in NAMES}
+    return {name: uv.Robot.load(folder / name.split(".")[0]) for name in NAMES}
 
 
 def notes_of(name: str) -> Notes:
     return import_robot(FILES / name, "robot").notes
 
 
-def joint_values(robot: Robot, posture: np.ndarray) -> dict[str, float]:
+def joint_values(robot: uv.Robot, posture: np.ndarray) -> dict[str, float]:
     """The posture by the names that the joints have in a URDF; here they end alike."""
     return {joint.name(): float(q) for joint, q in zip(robot.uvms.joints, posture, strict=True)}
 
 
-def plain(name: str, robot: Robot, posture: np.ndarray) -> PlainUrdf:
+def plain(name: str, robot: uv.Robot, posture: np.ndarray) -> PlainUrdf:
     """The URDF at a posture; its other joints are where they are fixed."""
     values = joint_values(robot, posture)
     long = {joint: values[joint.rsplit("/", 1)[-1]] for joint in PlainUrdf(
@@ -50,7 +48,7 @@ def plain(name: str, robot: Robot, posture: np.ndarray) -> PlainUrdf:
     return PlainUrdf(FILES / name, long)
 
 
-def drakes_inertia(robot: Robot, posture: np.ndarray) -> np.ndarray:
+def drakes_inertia(robot: uv.Robot, posture: np.ndarray) -> np.ndarray:
     """The 6×6 inertia of the whole robot about the vehicle's origin, by Drake (Fossen's order)."""
     plant = robot.uvms.plant
     context = plant.CreateDefaultContext()
@@ -78,7 +76,7 @@ def test_masses_and_inertias_are_those_of_the_file_in_any_posture(name, robots):
     ("light_rov.urdf", "alpha_tcp", FLIP), ("rounded.urdf", "rov/arm/end_effector", FLIP),
     ("wide_limits.urdf", "tool_link", None)])
 def test_the_tip_is_the_frame_of_the_file_with_x_along_the_tool(name, frame, R_FE, robots):
-    model = UvmsModel(robots[name].uvms)
+    model = uv.UvmsModel(robots[name].uvms)
     posture = np.random.default_rng(2).uniform(-1.0, 1.0, model.num_joints)
     at = model.kinematics(np.concatenate([np.zeros(6), posture]))
     X = plain(name, robots[name], posture).in_frd(URDFS[name], frame)
@@ -145,7 +143,7 @@ def test_a_rounded_matrix_is_made_symmetric_and_turned_to_frd(robots):
 
 def test_nested_models_are_where_their_poses_have_them(robots):
     """The foot is put on the mount: 0.36 + 0.06 + 0.3 + 0.26 + 0.12 m ahead, 0.1 m below."""
-    model = UvmsModel(robots["nested.sdf"].uvms)
+    model = uv.UvmsModel(robots["nested.sdf"].uvms)
     np.testing.assert_allclose(model.task_pose(np.zeros(9))[:6], [1.10, 0.0, 0.1, 0.0, 0.0, 0.0],
                                atol=1e-9)
     q = np.array([0.3, 0.5, -0.4])
@@ -169,13 +167,13 @@ def test_a_urdf_that_is_included_is_the_same_robot(merge, tmp_path, robots):
       <pose degrees="true">1 2 3 10 20 30</pose></include></model>
       <include><uri>model://sun</uri></include></world></sdf>""", encoding="utf-8")
     assert write_robot(file, tmp_path / "around") == 0
-    robot, posture = Robot.load(tmp_path / "around"), np.array([0.3, -0.4, 0.7])
+    robot, posture = uv.Robot.load(tmp_path / "around"), np.array([0.3, -0.4, 0.7])
     np.testing.assert_allclose(drakes_inertia(robot, posture),
                                drakes_inertia(robots["dummy_root.urdf"], posture), atol=1e-7)
     config = np.concatenate([np.zeros(6), posture])
     np.testing.assert_allclose(
-        UvmsModel(robot.uvms).task_pose(config),
-        UvmsModel(robots["dummy_root.urdf"].uvms).task_pose(config), atol=1e-7)
+        uv.UvmsModel(robot.uvms).task_pose(config),
+        uv.UvmsModel(robots["dummy_root.urdf"].uvms).task_pose(config), atol=1e-7)
 
 
 def test_limits_beyond_half_a_turn_are_kept(robots):
@@ -207,29 +205,21 @@ def test_a_closed_surface_has_its_volume_and_its_corners_once(tmp_path):
     np.testing.assert_allclose(bounding_box(file), [[5, 5, 5], [7, 8, 9]])
 
 
-def test_estimates_are_marked_and_neutral(robots):
-    """What the file does not say is asked for by file and key, and the robot floats."""
+def test_a_robot_of_estimates_floats(robots):
     robot = robots["dummy_root.urdf"]
-    asked = " ".join(notes_of("dummy_root.urdf").asked)
-    for key in ("displaced_volume", "added_mass", "drag", "drake:rotor_inertia", "frame tip",
-                "thrusters.yaml"):
-        assert key in asked
     mass = drakes_inertia(robot, np.zeros(3))[0, 0]
     volume = sum(body.displaced_volume for body in robot.uvms.hydrodynamics.bodies.values())
     assert 1000.0 * volume == pytest.approx(1.002 * mass, rel=1e-6)
-    readme = (robot.folder / "README.md").read_text("utf-8")
-    assert readme.endswith(notes_of("dummy_root.urdf").format().replace("robot.sdf",
-                                                                        "dummy_root.sdf"))
 
 
 def test_a_matrix_that_is_no_rounding_is_refused():
     M = np.diag([10.0, 20.0, 30.0, 1.0, 2.0, 3.0])
     M[0, 4], M[4, 0] = 2.0, -2.0
-    with pytest.raises(InvalidParameter, match=r"added_mass\[1\]\[5\] = 2.0: must be that of"):
+    with pytest.raises(uv.InvalidParameter, match=r"added_mass\[1\]\[5\] = 2.0: must be that of"):
         symmetric("added_mass", M, Notes("robot.sdf"))
     M[4, 0] = 2.0
     M[5, 5] = -3.0
-    with pytest.raises(InvalidParameter, match="smallest eigenvalue -3"):
+    with pytest.raises(uv.InvalidParameter, match="smallest eigenvalue -3"):
         symmetric("added_mass", M, Notes("robot.sdf"))
 
 
@@ -258,7 +248,7 @@ def test_a_random_mistake_is_a_line_or_a_robot(name, tmp_path):
         tree.write(tmp_path / "robot_files" / name)
         try:
             import_robot(tmp_path / "robot_files" / name, "robot")
-        except InvalidParameter as error:
+        except uv.InvalidParameter as error:
             refused += 1
             assert "\n" not in str(error)
     assert 0 < refused < 25

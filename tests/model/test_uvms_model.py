@@ -14,26 +14,18 @@ from pydrake.multibody.tree import MultibodyForces
 from support import dh
 from support.tiny_robots import drill, oblique, telescope, turret
 
-from uvms_drake.model.contact_model import ContactModel
+import uvms_drake as uv
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
 )
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import add_uvms
-from uvms_drake.model.uvms_model import (
-    Kinematics,
-    UvmsModel,
-    configuration_rate,
-    configuration_rate_matrix,
-)
+from uvms_drake.model.uvms_model import Kinematics, configuration_rate_matrix
 from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
-FAR_AWAY = check_surface(UnilateralPlane(point=np.array([1e3, 0.0, 0.0])))
+FAR_AWAY = check_surface(uv.UnilateralPlane(point=np.array([1e3, 0.0, 0.0])))
 
 
 def drake_acceleration(eta: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray) -> np.ndarray:
@@ -64,7 +56,7 @@ class Plant:
     """The plant side: f + M⁻¹τ of (𝔮, ζ) by the Diagram that the simulation uses."""
 
     def __init__(self, surface):
-        self.diagram = make_uvms_plant("girona500_arm5e", surface=surface,
+        self.diagram = uv.make_uvms_plant("girona500_arm5e", surface=surface,
                                        disturbance=ConstantDisturbance(bound=0.0))
         self.context = self.diagram.CreateDefaultContext()
         self.uvms = add_uvms(MultibodyPlant(0.0), "girona500_arm5e")
@@ -72,7 +64,7 @@ class Plant:
 
     def zeta_dot(self, state: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Returns ζ̇ (10,) from the derivatives of the plant's continuous state."""
-        set_state(self.diagram, self.context, state)
+        uv.set_state(self.diagram, self.context, state)
         self.diagram.GetInputPort("tau").FixValue(self.context, tau)
         v_dot = self.diagram.EvalTimeDerivatives(self.context).CopyToVector()[-10:]
         start = self.uvms.vehicle.floating_velocities_start_in_v()
@@ -160,7 +152,7 @@ def test_the_configuration_moves_with_zeta(derivative):
             X_WB = dh.vehicle(config[:6]) @ twist
             return np.concatenate([dh.pose_vector(X_WB), config[6:] + s * zeta[6:]])
 
-        rate = configuration_rate(config, zeta)
+        rate = uv.configuration_rate(config, zeta)
         np.testing.assert_allclose(rate, derivative(pose, step=1e-4), atol=1e-8)
         np.testing.assert_allclose(configuration_rate_matrix(config) @ zeta, rate, atol=1e-14)
 
@@ -176,7 +168,7 @@ def test_the_extended_task_determines_the_configuration(model):
 
 def test_without_water_mass_matrix_and_inverse_dynamics_are_drakes(uvms):
     plant = uvms.plant
-    dry = ContactModel(replace(uvms, hydrodynamics=HydrodynamicParameters()), FAR_AWAY)
+    dry = uv.ContactModel(replace(uvms, hydrodynamics=HydrodynamicParameters()), FAR_AWAY)
     context, forces = plant.CreateDefaultContext(), MultibodyForces(plant)
     coordinates = Coordinates(uvms)
     rng = np.random.default_rng(7)
@@ -197,17 +189,17 @@ def test_without_water_mass_matrix_and_inverse_dynamics_are_drakes(uvms):
             rtol=1e-9, atol=1e-9)
 
 
-SPRING = BilateralSpring(
+SPRING = uv.BilateralSpring(
     stiffness=np.diag([1000.0, 400.0, 400.0, 5.0, 5.0, 5.0]) + 3.0 * np.eye(6)[::-1],
     equilibrium=np.array([0.02, 0.1, -0.1, 0.1, 0.2, -0.1]))
 
 
 @pytest.mark.parametrize("where", ["free", "skin", "deep"])
-@pytest.mark.parametrize("surface", [UnilateralPlane(stiffness=1000.0), SPRING],
+@pytest.mark.parametrize("surface", [uv.UnilateralPlane(stiffness=1000.0), SPRING],
                          ids=["plane", "spring"])
 def test_model_and_plant_accelerate_alike(uvms, states, surface, where):
     """ζ̇ = f + M⁻¹τ with all of the water, off, in the skin of and deep in the surface."""
-    plant, model = Plant(surface), ContactModel(uvms, check_surface(surface))
+    plant, model = Plant(surface), uv.ContactModel(uvms, check_surface(surface))
     rng = np.random.default_rng(8)
     for state in states[where]:
         tau = rng.uniform(-1.0, 1.0, size=10) * np.repeat([50.0, 20.0, 5.0], [3, 3, 4])
@@ -220,7 +212,7 @@ def test_model_and_plant_accelerate_alike(uvms, states, surface, where):
         assert np.all(depth > 0.0) == (where != "free"), "the states are where they should be"
 
 
-def check_derivatives(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> None:
+def check_derivatives(model: uv.ContactModel, config: np.ndarray, zeta: np.ndarray) -> None:
     """Compares ∂f/∂𝔮 and ∂f/∂ζ (m, 6+n, 6+n) with complex steps, one column at a time."""
     f, *derivatives = model.drift_derivatives(config, zeta)
     M = model.mass_matrix(model.kinematics(config))
@@ -237,13 +229,13 @@ def check_derivatives(model: ContactModel, config: np.ndarray, zeta: np.ndarray)
             found, expected, rtol=1e-9, atol=1e-10 * max(np.max(np.abs(expected)), 10.0))
 
 
-def tilted(surface) -> ContactModel:
+def tilted(surface) -> uv.ContactModel:
     """Returns the robot where gravity has all three components."""
     plant = MultibodyPlant(time_step=0.1)
     uvms = add_uvms(plant, "girona500_arm5e")
     plant.mutable_gravity_field().set_gravity_vector([2.0, -3.0, 8.0])
     plant.Finalize()
-    return ContactModel(uvms, surface)
+    return uv.ContactModel(uvms, surface)
 
 
 @pytest.mark.parametrize("where", ["free", "skin", "deep"])
@@ -251,7 +243,7 @@ def tilted(surface) -> ContactModel:
 def test_the_derivatives_of_f_are_those_of_complex_steps(uvms, model, states, kind, where):
     if kind != "plane":
         surface = check_surface(SPRING)
-        model = ContactModel(uvms, surface) if kind == "spring" else tilted(surface)
+        model = uv.ContactModel(uvms, surface) if kind == "spring" else tilted(surface)
     check_derivatives(model, *np.split(states[where], 2, axis=1))
 
 
@@ -306,9 +298,9 @@ def test_turning_and_shifting_the_whole_world_about_the_vertical_changes_nothing
     """With the wall carried along, f in body axes does not know north from east."""
     turn, shift = 2.1, np.array([3.0, -5.0, 7.0])
     R = RotationMatrix.MakeZRotation(turn).matrix()
-    wall = UnilateralPlane(stiffness=1000.0, normal=np.array([-0.8, 0.36, 0.48]))
+    wall = uv.UnilateralPlane(stiffness=1000.0, normal=np.array([-0.8, 0.36, 0.48]))
     carried = replace(wall, point=shift, normal=R @ wall.normal)
-    here, there = (ContactModel(uvms, check_surface(each)) for each in (wall, carried))
+    here, there = (uv.ContactModel(uvms, check_surface(each)) for each in (wall, carried))
     for state in [*states["free"], *states["deep"]]:
         config, zeta = np.split(state, 2)
         config = config - np.concatenate([dh.chi(config)[:3] - 0.01 * np.eye(3)[0], np.zeros(7)])
@@ -331,7 +323,7 @@ def test_kinetic_energy_grows_by_the_power_of_the_forces(derivative):
     water = uvms.hydrodynamics
     bodies = {name: BodyHydrodynamics(added_mass=body.added_mass)
               for name, body in water.bodies.items()}
-    model = ContactModel(replace(uvms, hydrodynamics=replace(water, bodies=bodies)), FAR_AWAY)
+    model = uv.ContactModel(replace(uvms, hydrodynamics=replace(water, bodies=bodies)), FAR_AWAY)
     rng = np.random.default_rng(11)
     for config in dh.random_configurations(seed=11, count=10):
         zeta = rng.normal(size=10)
@@ -360,7 +352,7 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
         "bodies: {vehicle: {displaced_volume: 0.04, added_mass: [{matrix: [9, 9, 30, 1, 1, 1]}]}}")
     (folder / "package.xml").write_text(
         '<?xml version="1.0"?><package format="2"><name>bare</name></package>')
-    bare = ContactModel.load(str(folder), check_surface(UnilateralPlane()))
+    bare = uv.ContactModel.load(str(folder), check_surface(uv.UnilateralPlane()))
     config = np.array([-3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     expected = np.array([0.0, 0.0, (50.0 - 40.0) * 9.81 / (50.0 + 30.0), 0.0, 0.0, 0.0])
     np.testing.assert_allclose(bare.drift(config, np.zeros(6)), expected, atol=1e-12)
@@ -377,7 +369,7 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
 def test_a_force_that_is_given_counts_as_that_of_the_surface(uvms, model, states):
     """As a force sensor would: robot and water alone, and 𝔉 as numbers."""
     config, zeta = np.split(states["deep"], 2, axis=1)
-    alone, kinematics = UvmsModel(uvms), model.kinematics(config)
+    alone, kinematics = uv.UvmsModel(uvms), model.kinematics(config)
     chi_dot = np.einsum("kij,kj->ki", kinematics.J_chi, zeta)
     force = model.surface.force(kinematics.chi, chi_dot)
     assert np.min(np.linalg.norm(force, axis=1)) > 5.0

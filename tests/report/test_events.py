@@ -162,9 +162,3 @@ def test_each_kind_of_event_has_its_times_and_numbers(changes, found):
         for start, end, kind, text in found]
     if changes[0] == "force":
         assert of_kind(changed(*changes), "settled") == []
-
-
-def test_the_kinds_that_alarm_are_these():
-    assert {"tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
-            "solver_late", "sample_dropped", "input_limited", "force_lost", "state_lost"} == {
-        *ALARMING}

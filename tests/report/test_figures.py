@@ -158,24 +158,21 @@ def test_a_run_without_contact_tube_and_disturbance_can_be_drawn(record, tmp_pat
     assert all(np.all(np.isfinite(imread(tmp_path / name))) for name in NAMES)
 
 
-def test_the_effective_disturbance_is_shown_where_it_is_another_one(record):
+def test_the_effective_disturbance_is_shown_if_it_is_another_and_components_alike_are_one_line(
+        record):
+    def lines(record, panel):
+        return panels("disturbance.png", record)[panel].series
+
     def effective(record):
-        return [each.y for each in panels("disturbance.png", record)[1].series
-                if each.style.get("color") == ORANGE]
+        return [each.y for each in lines(record, 1) if each.style.get("color") == ORANGE]
 
     assert effective(record) == []
-    other = replace(record, effective_disturbance=1.5 * record.disturbance)
     np.testing.assert_allclose(
-        effective(other), [1.5 * np.linalg.norm(record.disturbance, axis=1)])
-
-
-def test_components_of_a_disturbance_that_are_alike_are_one_line(record):
-    (alike,) = panels("disturbance.png", record)[0].series
-    assert "each of the 10 components" in alike.style["label"]
+        effective(replace(record, effective_disturbance=1.5 * record.disturbance)),
+        [1.5 * np.linalg.norm(record.disturbance, axis=1)])
+    assert len(lines(record, 0)) == 1
     other = record.disturbance * np.linspace(0.5, 1.0, 10)
-    lines = panels("disturbance.png", replace(record, disturbance=other))[0].series
-    assert len(lines) == 10
-    assert lines[-1].style["label"] == "joints"
+    assert len(lines(replace(record, disturbance=other), 0)) == 10
 
 
 def test_a_slack_of_zero_is_said_and_not_scaled(record):

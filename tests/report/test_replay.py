@@ -21,6 +21,7 @@ def test_frames_are_thinned_to_the_rate():
     frames = frame_indices(time, 25.0)
     assert len(frames) == 50
     np.testing.assert_allclose(np.diff(time[frames]), 0.04, atol=2e-3)
+    np.testing.assert_array_equal(frame_indices(np.array([0.0, 0.5, 1.0]), 25.0), [0, 1, 2])
 
 
 def test_a_long_run_is_shown_in_fewer_pictures(monkeypatch, tmp_path):
@@ -29,10 +30,6 @@ def test_a_long_run_is_shown_in_fewer_pictures(monkeypatch, tmp_path):
     monkeypatch.setattr(replay, "MOST_FRAMES", 20)
     write_replay(synthetic_record(2.0), tmp_path / "replay.html")
     assert len(shown) == 21
-
-
-def test_a_slow_log_is_shown_in_full():
-    np.testing.assert_array_equal(frame_indices(np.array([0.0, 0.5, 1.0]), 25.0), [0, 1, 2])
 
 
 def test_the_path_ahead_is_what_the_nominal_robot_then_does():
@@ -50,11 +47,6 @@ def test_it_is_one_html_file_that_loads_nothing(write, tmp_path):
     html = (tmp_path / "replay.html").read_text(encoding="utf-8")
     assert html.lstrip().lower().startswith("<!doctype html>")
     assert not re.search(r'<(script|link|img|iframe)\b[^>]*\b(src|href)="(?!data:)', html)
-
-
-def test_twenty_seconds_are_less_than_six_megabytes(tmp_path):
-    write_replay(synthetic_record(20.0), tmp_path / "replay.html")
-    assert (tmp_path / "replay.html").stat().st_size < 6e6
 
 
 @pytest.mark.parametrize(("record", "there"), [

@@ -45,8 +45,8 @@ def diver(folder: Path, *changes: tuple[str, str, str], **files: str) -> Path:
     return copied(DIVER, folder, *changes, **files)
 
 
-def without_an_arm(folder: Path) -> Path:
-    """Returns a copy of the template whose arm is part of the vehicle: n = 0."""
+def without_an_arm(folder: Path, *changes: tuple[str, str, str]) -> Path:
+    """Returns a copy of the template whose arm is part of the vehicle: n = 0, see `copied`."""
     tip = '<frame name="tip" attached_to="forearm">'
     return altered(folder, (".sdf", tip, tip.replace("forearm", "vehicle")),
-                   (".sdf", 'type="revolute"', 'type="fixed"'))
+                   (".sdf", 'type="revolute"', 'type="fixed"'), *changes)

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from support.meshcat import Canvas
 from support.shapes import SHAPES, turned
 from support.synthetic import synthetic_record
 
@@ -37,11 +36,6 @@ TIP = np.array([0.3, 0.2, -0.4])
 HIDDEN, SEEN = [VANISHED] * 3, [1.0] * 3
 WALL = UnilateralPlane(normal=-NORTH, stiffness=1000.0).checked()
 SCALE = 15.0  # N
-
-
-@pytest.fixture
-def canvas():
-    return Canvas()
 
 
 def estimate(safe, contact, stiffness, force=FORCE):

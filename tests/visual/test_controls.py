@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from support.meshcat import packed_transform, press
@@ -26,11 +25,6 @@ from uvms_drake.visual.controls import (
 from uvms_drake.visual.stage import UNSEEN
 
 FORCE_DES = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-
-
-@pytest.fixture
-def meshcat():
-    return Meshcat(MeshcatParams(host="localhost"))
 
 
 @pytest.mark.parametrize(("name", "overrides"), [

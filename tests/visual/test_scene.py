@@ -7,25 +7,17 @@ import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
-from support.meshcat import Canvas, packed_transform
+from support.meshcat import packed_transform
 from support.synthetic import synthetic_record
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.common.schema import check_values
+import uvms_drake as uv
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.problem import make_ocp
-from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.objects import PLAN, Mark, round_magnification
 from uvms_drake.visual.overlay import ACTIVE, NEAR, TIME, Overlay, Readout
 from uvms_drake.visual.scene import CLOSE, LimitUse, Scene
 from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, VisualConfig, frame_at
-
-
-@pytest.fixture
-def meshcat():
-    return Meshcat(MeshcatParams(host="localhost"))
 
 
 @pytest.mark.parametrize("many", [12, 15, 20])
@@ -43,11 +35,6 @@ def test_no_text_is_on_the_bars(meshcat, many):
 @pytest.fixture(scope="module")
 def record():
     return synthetic_record(4.0)
-
-
-@pytest.fixture
-def canvas():
-    return Canvas()
 
 
 @pytest.mark.parametrize(("places", "given"), [
@@ -135,7 +122,7 @@ def test_a_close_look_is_from_the_same_side(record, monkeypatch):
 
 
 def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
-    scenario = load_scenario("girona500_ideal")
+    scenario = uv.load_scenario("girona500_ideal")
     limits = make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface)
     use = LimitUse(model, limits, tighten(limits, scenario.tube))
     rest, u = np.concatenate([scenario.start.eta, scenario.start.q, np.zeros(10)]), np.zeros(10)
@@ -148,15 +135,7 @@ def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
         assert use(real, u, nominal, u)[0] == pytest.approx(speed)
     assert use(rest, u, fast, u)[0] >= ACTIVE > use(fast, u, rest, u)[0]
     assert use(rest, scenario.limits.u, rest, u)[use.names.index("input u, worst of 10")] == 1.0
-    pressing = np.concatenate([model.configuration(make_ocp(scenario).y_des), np.zeros(10)])
+    pressing = np.concatenate([model.configuration(uv.make_ocp(scenario).y_des), np.zeros(10)])
     for real, nominal, room in ((rest, rest, np.inf), (pressing, rest, 45.0), (rest, pressing, 43)):
         used = use(real, u, nominal, u)[use.names.index("force, at rest  ≤ 45 N")]
         assert used == pytest.approx(20.0 / room)
-
-
-@pytest.mark.parametrize(("config", "message"), [
-    (VisualConfig(rate=0.5), "visual.rate = 0.5: must be from 1 to 100"),
-    (VisualConfig(magnification=0.5), "visual.magnification = 0.5: must be at least 1")])
-def test_what_has_no_meaning_is_refused(config, message):
-    with pytest.raises(InvalidParameter, match=message):
-        check_values(config, "visual")

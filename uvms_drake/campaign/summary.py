@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.report.wall_metrics import LAST_SECONDS
+from uvms_drake.report.metrics import WALL_SECONDS
 
 WORST = 10
 """Number of runs listed with the command to replay them."""
@@ -31,7 +31,7 @@ WALL_MEASURES = {
     "peak": "largest force in motion over the largest allowed",
     "first_touch_s": "first touch [s]",
     "settled_s": "from the first touch to within tolerance [s]",
-    "error": f"force error, mean of the last {LAST_SECONDS:g} s [N]",
+    "error": f"force error, mean of the last {WALL_SECONDS:g} s [N]",
 }
 """Labels of the metrics of unknown walls."""
 SMALL_IS_BAD = "margin"

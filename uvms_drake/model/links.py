@@ -14,12 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, PrismaticJoint, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import Frame, RigidBody
 
-from uvms_drake.model.description.hydrodynamics_file import (
-    BodyHydrodynamics,
-    added_mass_about_origin,
-)
+from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.frames.spatial import cross_force, force_matrix, motion_matrix, skew, times
 from uvms_drake.model.uvms import Uvms, slides
 
@@ -52,7 +49,7 @@ class Links:
     joint_damping: np.ndarray
     """(n,) viscous damping of the joints [N m s/rad, N s/m]."""
     rotor_inertia: np.ndarray
-    """(n,) inertia of the motors, reflected to the joints [kg m², kg]."""
+    """(n,) inertia of the motors at the joints, N² I_rotor [kg m², kg]; 0 without a motor."""
 
     def links_force(self, V: np.ndarray, A: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Returns f (..., n+1, 6) for a motion of the links in still water.
@@ -108,7 +105,7 @@ def read_links(uvms: Uvms) -> Links:
         inertia.append(sum(H.T @ _inertia(uvms, member) @ H for member, H in members))
         weight.append(sum(H.T @ _weight(uvms, member) @ H[:3, :3] for member, H in members))
         for member, H in members:
-            for drag in _water(uvms, member).drag:
+            for drag in uvms.water(member).drag:
                 by_link = np.zeros((6, len(bodies), 6))
                 by_link[:, i] = _velocity_map(RigidTransform(np.asarray(drag.point))) @ H
                 rows += list(by_link)
@@ -117,11 +114,12 @@ def read_links(uvms: Uvms) -> Links:
     nonzero = [k for k, pair in enumerate(coefficients) if any(pair)]
     linear, quadratic = np.array(coefficients).reshape(-1, 2)[nonzero].T
     points = np.array(rows).reshape(-1, len(bodies), 6)[nonzero]
+    step, joint_axis = _joints(uvms, frames)
     return Links(
         X_BV=_pose(plant, uvms.vehicle.body_frame(), frames[0]).GetAsMatrix4(),
-        step=_steps(uvms, frames),
+        step=step,
         slides=np.array([slides(joint) for joint in uvms.joints], dtype=bool),
-        joint_axis=_joint_axes(uvms, frames),
+        joint_axis=joint_axis,
         inertia=np.array(inertia),
         weight=np.array(weight),
         drag_points=points.reshape(len(nonzero), 6 * len(bodies)).T,
@@ -130,7 +128,9 @@ def read_links(uvms: Uvms) -> Links:
         drag_squares=(points[..., None] * points[..., None, :]).reshape(
             len(nonzero), 36 * len(bodies)),
         joint_damping=np.array([joint.default_damping() for joint in uvms.joints]),
-        rotor_inertia=np.array([_reflected_inertia(uvms, joint) for joint in uvms.joints]),
+        rotor_inertia=np.array([
+            motor.default_gear_ratio() ** 2 * motor.default_rotor_inertia()
+            if (motor := uvms.motor(joint)) else 0.0 for joint in uvms.joints]),
     )
 
 
@@ -148,61 +148,38 @@ def _velocity_map(X_AB: RigidTransform) -> np.ndarray:
     return H
 
 
-def _steps(uvms: Uvms, frames: list[Frame]) -> np.ndarray:
-    """Returns `Links.step`: X_LF X_FM(q) X_MC.
+def _joints(uvms: Uvms, frames: list[Frame]) -> tuple[np.ndarray, np.ndarray]:
+    """Returns `Links.step`, X_LF X_FM(q) X_MC, and `Links.joint_axis`.
 
     R_FM = I + sin q S(a) + (1 − cos q) S(a)²; p_FM = q a of a prismatic joint.
     """
-    steps = np.zeros((4, len(uvms.joints), 4, 4))
+    steps, axes = np.zeros((4, len(uvms.joints), 4, 4)), np.zeros((len(uvms.joints), 4, 2))
     for i, joint in enumerate(uvms.joints):
+        axis = joint.translation_axis() if slides(joint) else joint.revolute_axis()
         S, slide = np.zeros((2, 4, 4))
         if slides(joint):
-            slide[:3, 3] = joint.translation_axis()
+            slide[:3, 3] = axis
         else:
-            S[:3, :3] = skew(joint.revolute_axis())
+            S[:3, :3] = skew(axis)
         before = _pose(uvms.plant, frames[i], joint.frame_on_parent()).GetAsMatrix4()
         after = _pose(uvms.plant, joint.frame_on_child(), frames[i + 1]).GetAsMatrix4()
         for k, part in enumerate((np.eye(4) + S @ S, S, -S @ S, slide)):
             steps[k, i] = before @ part @ after
-    return steps
-
-
-def _joint_axes(uvms: Uvms, frames: list[Frame]) -> np.ndarray:
-    """Returns `Links.joint_axis`."""
-    columns = np.zeros((len(uvms.joints), 4, 2))
-    for i, joint in enumerate(uvms.joints):
-        columns[i, :3, 0] = (
-            joint.translation_axis() if slides(joint) else joint.revolute_axis())
-        columns[i, 3, 1] = 1.0
-        columns[i] = _pose(uvms.plant, frames[i], joint.frame_on_parent()
-                           ).GetAsMatrix4() @ columns[i]
-    return columns
-
-
-def _water(uvms: Uvms, body: RigidBody) -> BodyHydrodynamics:
-    return uvms.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
+        axes[i] = before @ np.column_stack([np.append(axis, 0.0), [0.0, 0.0, 0.0, 1.0]])
+    return steps, axes
 
 
 def _inertia(uvms: Uvms, body: RigidBody) -> np.ndarray:
     """Returns M_RB + M_A (6, 6) of a body about its origin in its axes."""
     spatial = body.default_spatial_inertia().CopyToFullMatrix6()  # in the order (ω, v)
     swap = [3, 4, 5, 0, 1, 2]
-    return spatial[np.ix_(swap, swap)] + added_mass_about_origin(_water(uvms, body).added_mass)
+    return spatial[np.ix_(swap, swap)] + added_mass_about_origin(uvms.water(body).added_mass)
 
 
 def _weight(uvms: Uvms, body: RigidBody) -> np.ndarray:
     """Returns weight and buoyancy of a body by gravity (6, 3), about its origin in its axes."""
-    water = _water(uvms, body)
+    water = uvms.water(body)
     displaced = uvms.hydrodynamics.fluid_density * water.displaced_volume
     moment = (body.default_mass() * body.default_com()
               - displaced * np.asarray(water.center_of_buoyancy))
     return np.vstack([(body.default_mass() - displaced) * np.eye(3), skew(moment)])
-
-
-def _reflected_inertia(uvms: Uvms, joint: RevoluteJoint | PrismaticJoint) -> float:
-    """Returns the motor's inertia at the joint, N² I_rotor [kg m², kg]; 0 without an actuator."""
-    for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
-        actuator = uvms.plant.get_joint_actuator(index)
-        if actuator.joint().index() == joint.index():
-            return actuator.default_gear_ratio() ** 2 * actuator.default_rotor_inertia()
-    return 0.0

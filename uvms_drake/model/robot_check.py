@@ -100,11 +100,8 @@ def nothing_pulls(uvms: Uvms) -> Complaints:
 
 def motors_drive_the_joints(uvms: Uvms) -> Complaints:
     """Every joint has an actuator, with which the inertia of its rotor is read."""
-    plant = uvms.plant
-    driven = {plant.get_joint_actuator(index).joint().index()
-              for index in plant.GetJointActuatorIndices(uvms.model_instance)}
     for joint in uvms.joints:
-        if joint.index() not in driven:
+        if uvms.motor(joint) is None:
             yield InvalidParameter(
                 f"joint {joint.name()}: actuator", None, "there, as every joint is driven: of "
                 "SDFormat its effort must not be 0, of URDF it needs a transmission")
@@ -124,13 +121,13 @@ def inertias_are_given(uvms: Uvms) -> Complaints:
     """No inertia is a default of the file format's, and each is one that a body can have."""
     for index in uvms.plant.GetBodyIndices(uvms.model_instance):
         body = uvms.plant.get_body(index)
-        M = body.default_spatial_inertia()
+        M, mass = body.default_spatial_inertia(), body.default_mass()
         if not M.IsPhysicallyValid():
             yield InvalidParameter(
                 f"link {body.name()}: inertial", principal_moments(body),
                 "physically possible: a mass, and principal moments of inertia about its centre "
                 "of mass of which none exceeds the sum of the others [kg m²]")
-        elif (radius := radius_of_gyration(body)) > LARGEST:
+        elif mass > 0.0 and (radius := np.sqrt(principal_moments(body)[-1] / mass)) > LARGEST:
             yield InvalidParameter(
                 f"link {body.name()}: inertial, as a radius of gyration", float(f"{radius:.4g}"),
                 f"{LARGEST:g} m or less: inertias are in kg m², and 1 kg m² is 10⁶ kg mm²")
@@ -180,12 +177,6 @@ def it_is_upright(uvms: Uvms) -> Complaints:
 def links_of(uvms: Uvms) -> list[RigidBody]:
     """Returns the vehicle and the body that each joint moves, from the vehicle outwards."""
     return [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
-
-
-def radius_of_gyration(body: RigidBody) -> float:
-    """Returns √(I/m) [m] of the largest principal moment; 0 of a body without mass."""
-    mass = body.default_mass()
-    return float(np.sqrt(principal_moments(body)[-1] / mass)) if mass > 0.0 else 0.0
 
 
 def principal_moments(body: RigidBody) -> np.ndarray:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import Context
 
-from uvms_drake.model.description.hydrodynamics_file import BodyHydrodynamics
 from uvms_drake.model.uvms import Uvms
 
 
@@ -58,7 +57,7 @@ def trim_of(uvms: Uvms, posture: np.ndarray) -> Trim:
         body = plant.get_body(index)
         X_VB = plant.CalcRelativeTransform(
             context, uvms.vehicle.body_frame(), body.body_frame())
-        water = uvms.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
+        water = uvms.water(body)
         for i, (mass, center) in enumerate((
                 (body.default_mass(), body.default_com()),
                 (uvms.hydrodynamics.fluid_density * water.displaced_volume,

@@ -13,6 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     Frame,
     Joint,
+    JointActuator,
     ModelInstanceIndex,
     PrismaticJoint,
     RevoluteJoint,
@@ -21,7 +22,10 @@ from pydrake.multibody.tree import (
 
 from uvms_drake.common.errors import InvalidFile
 from uvms_drake.common.schema import line_of, suggestion
-from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
+from uvms_drake.model.description.hydrodynamics_file import (
+    BodyHydrodynamics,
+    HydrodynamicParameters,
+)
 from uvms_drake.model.description.robot_files import (
     RobotFiles,
     model_dir,
@@ -47,6 +51,16 @@ class Uvms:
     hydrodynamics: HydrodynamicParameters
     thrusters: ThrusterParameters | None = None
     """None if they are not known."""
+
+    def motor(self, joint: Joint) -> JointActuator | None:
+        """Returns the motor of a joint; None without one."""
+        motors = map(self.plant.get_joint_actuator,
+                     self.plant.GetJointActuatorIndices(self.model_instance))
+        return next((each for each in motors if each.joint().index() == joint.index()), None)
+
+    def water(self, body: RigidBody) -> BodyHydrodynamics:
+        """Returns the parameters of a body's water; a body that is not named feels none."""
+        return self.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
 
 
 def add_uvms(plant: MultibodyPlant, model: str | RobotFiles) -> Uvms:

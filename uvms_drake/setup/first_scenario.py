@@ -19,13 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import RunFailed, require
-from uvms_drake.control.laws.outputs import best_rows
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.report.robot.robot_sheet import largest_wrench
-from uvms_drake.setup.holding import Holding, coordinate, what_helps
+from uvms_drake.report.robot.robot_sheet import dexterities, largest_wrench
+from uvms_drake.setup.holding import Holding, coordinate, unit_of, what_helps
 from uvms_drake.tube.row_gains import input_gain
 
 POSTURES = 3000
@@ -158,7 +157,7 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choi
         chosen.posture, f"within the robot's joint limits, {world.q_lower} to {world.q_upper}")
     posture, dexterity = find_posture(world) if chosen.posture is None else (
         chosen.posture, dexterity_at(world, chosen.posture))
-    tool = _level(world, posture)
+    tool = world.task_pose(_headed(posture, 0.0))
     pitch, heading = _attitude(chosen.into, tool)
     steep = abs(pitch) > STEEP
     frame = np.array([0.0, pitch, heading]) if steep else np.zeros(3)
@@ -169,21 +168,35 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choi
     wrench = np.concatenate([force * into, np.zeros(3)])
     # The input that holds it, and the one that motors and thrusters leave for the disturbance.
     at, rest = model.kinematics(config), np.zeros(model.size)
-    M = model.mass_matrix(at)
-    tau_eq = model.inverse_dynamics(at, rest, rest) + model.task_jacobian(config)[:6].T @ wrench
+    M, J = model.mass_matrix(at), model.task_jacobian(config)[:6]
+    bias, inertia = model.inverse_dynamics(at, rest, rest), np.diag(M)
+    tau_eq = bias + J.T @ wrench
     u_eq = np.abs(np.linalg.solve(M, tau_eq))
     strength = strength_of(uvms)
     wanted = chosen.disturbance if chosen.disturbance is not None else (
-        _disturbance(model, config, np.diag(M), strength))
+        _disturbance(model, config, inertia, strength.force))
     n = model.num_joints
     share = np.repeat(SHARES, [6, n])
-    margin = share * (strength.force - np.abs(tau_eq)) / np.diag(M)
+    margin = share * (strength.force - np.abs(tau_eq)) / inertia
     manoeuvre = np.repeat(MANOEUVRE, [3, 3, n])
     taken = TAKEN * input_gain(1.0, 1.0) * wanted
     shares = (margin - manoeuvre) / taken
     covered = 1.0 if chosen.disturbance is not None else float(min(1.0, np.min(shares)))
     if covered < WEAKEST:
-        raise RunFailed(_too_weak(uvms, model, config, force * into, int(np.argmin(shares))))
+        # The least forces to move with, also of stronger motors, which have more friction.
+        strong = _disturbance(model, config, inertia, np.full(model.size, np.inf))
+        reserve, if_strong = (
+            inertia / share * (manoeuvre + WEAKEST * TAKEN * input_gain(1.0, 1.0) * each)
+            for each in (wanted, strong))
+        holding = Holding(bias, J[:3].T @ into, reserve, if_strong, strength.force)
+        i = int(np.argmin(shares))
+        raise RunFailed(
+            f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "
+            f"{unit_of(i)} along {coordinate(i)}, of which {holding.said(i, force)} at rest, and "
+            f"has to move {inertia[i]:.3g} {'kg' if i < 3 else 'kg m²'}: too little is left "
+            f"against a current of {WEAKEST * CURRENT:.2g} m/s and friction of "
+            f"{WEAKEST * FRICTION:.2g} N m; what would help: "
+            f"{what_helps(uvms, config, holding, force)}")
     needed = covered * taken + SPARE * manoeuvre
     most = np.maximum(needed, np.repeat(MOST, [3, 3, n]))
     # A disturbance that an author declares counts, even if thrusters leave less for it.
@@ -215,35 +228,6 @@ def _attitude(into: np.ndarray | None, tool: np.ndarray) -> tuple[float, float]:
     return inward, float(np.arctan2(into[1], into[0])) if level > 1e-9 else 0.0
 
 
-def _too_weak(uvms: Uvms, model: UvmsModel, config: np.ndarray, force: np.ndarray, i: int) -> str:
-    """Returns why a robot cannot press with a force (3,) at 𝔮 (6+n,), with advice.
-
-    `i` is the coordinate of which least is left.
-    """
-    at, rest, size = model.kinematics(config), np.zeros(model.size), float(np.linalg.norm(force))
-    M, strength = model.mass_matrix(at), strength_of(uvms)
-    unknown = Strength(np.full(model.size, np.inf), strength.names)
-    holding = Holding(
-        weight=model.inverse_dynamics(at, rest, rest),
-        by_newton=model.task_jacobian(config)[:3].T @ force / size,
-        reserve=_least_rest(model, config, strength),
-        reserve_if_strong=_least_rest(model, config, unknown), strength=strength.force)
-    return (f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "
-            f"{_unit(i)} along {coordinate(i)}, of which {holding.said(i, size)} at rest, and has "
-            f"to move {M[i, i]:.3g} {'kg' if i < 3 else 'kg m²'}: too little is left against a "
-            f"current of {WEAKEST * CURRENT:.2g} m/s and friction of {WEAKEST * FRICTION:.2g} N m; "
-            f"what would help: {what_helps(uvms, config, holding, size)}")
-
-
-def _least_rest(model: UvmsModel, config: np.ndarray, strength: Strength) -> np.ndarray:
-    """Returns the forces (6+n,) to move with that a scenario has to have at least [N, N m]."""
-    M, n = np.diag(model.mass_matrix(model.kinematics(config))), model.num_joints
-    taken = TAKEN * input_gain(1.0, 1.0) * _disturbance(model, config, M, strength)
-    least: np.ndarray = M / np.repeat(SHARES, [6, n]) * (
-        np.repeat(MANOEUVRE, [3, 3, n]) + WEAKEST * taken)
-    return least
-
-
 def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     """Returns joint angles (n,) [rad] that are good to press with, and σ_min(J_sq) there.
 
@@ -258,45 +242,32 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     lower, upper = lower + margin, upper - margin
 
     def forward_reach(chi: np.ndarray) -> np.ndarray:
-        out: np.ndarray = chi[:, 0] * np.cos(chi[:, 5]) + chi[:, 1] * np.sin(chi[:, 5])
-        return out
+        return chi[:, 0] * np.cos(chi[:, 5]) + chi[:, 1] * np.sin(chi[:, 5])
 
-    def score(q: np.ndarray, reach: float | None = None) -> np.ndarray:
+    def score(q: np.ndarray) -> np.ndarray:
         chi = model.task_pose(np.concatenate([np.zeros((len(q), 6)), q], axis=1))
-        far = forward_reach(chi)
-        reach = float(np.max(far)) if reach is None else reach
-        short = np.maximum(0.0, FORWARD_SHARE * reach - far) / (0.1 * abs(reach))
-        dexterity = np.log(np.maximum(_dexterities(model, q), 1e-12))
-        out: np.ndarray = (dexterity - (chi[:, 4] / LEVEL) ** 2 - (chi[:, 5] / SIDEWAYS) ** 2
-                           - (chi[:, 3] / ROLLED) ** 2 - short**2)
-        return out
+        short = np.maximum(0.0, FORWARD_SHARE * reach - forward_reach(chi)) / (0.1 * abs(reach))
+        dexterity = np.log(np.maximum(dexterities(model, q), 1e-12))
+        return (dexterity - (chi[:, 4] / LEVEL) ** 2 - (chi[:, 5] / SIDEWAYS) ** 2
+                - (chi[:, 3] / ROLLED) ** 2 - short**2)
 
     # Random postures, then smaller and smaller steps about the best one.
     rng = np.random.default_rng(0)
     tried = rng.uniform(lower, upper, (POSTURES, n))
     chi = model.task_pose(np.concatenate([np.zeros((POSTURES, 6)), tried], axis=1))
     reach = float(np.max(forward_reach(chi)))
-    best = tried[np.argmax(score(tried, reach))]
+    best = tried[np.argmax(score(tried))]
     for size in ROUNDS:
         near = np.clip(best + rng.normal(0.0, size, (POSTURES // 10, n)), lower, upper)
         near[0] = best
-        best = near[np.argmax(score(near, reach))]
+        best = near[np.argmax(score(near))]
     best = np.clip(np.round(best, 2), lower, upper)
     return best, dexterity_at(model, best)
 
 
 def dexterity_at(model: UvmsModel, posture: np.ndarray) -> float:
     """Returns σ_min(J_sq) at joint angles (n,); 1 of a robot without joints."""
-    return float(_dexterities(model, posture[None])[0]) if model.num_joints else 1.0
-
-
-def _dexterities(model: UvmsModel, postures: np.ndarray) -> np.ndarray:
-    """Returns σ_min(J_sq) (m,) at joint angles (m, n) [rad]."""
-    rows = best_rows(model) if model.num_joints > 2 else np.arange(3)
-    config = np.concatenate([np.zeros((len(postures), 6)), postures], axis=1)
-    J = model.task_jacobian(config)[:, rows, 6:]
-    smallest: np.ndarray = np.linalg.svd(J, compute_uv=False)[:, -1]
-    return smallest
+    return float(dexterities(model, posture[None])[0]) if model.num_joints else 1.0
 
 
 def strength_of(uvms: Uvms) -> Strength:
@@ -308,26 +279,20 @@ def strength_of(uvms: Uvms) -> Strength:
         for axis in (axis for axis in range(6) if axis not in thrusters.undriven):
             force[axis] = min(largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0))
             names[axis] = "thrusters.yaml"
-    by_joint = {joint.index(): 6 + i for i, joint in enumerate(uvms.joints)}
-    for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
-        motor = uvms.plant.get_joint_actuator(index)
-        force[by_joint[motor.joint().index()]] = motor.effort_limit()
+    for i, motor in enumerate(map(uvms.motor, uvms.joints)):
+        if motor is not None:
+            force[6 + i] = motor.effort_limit()
     return Strength(force, tuple(names))
 
 
-def _level(model: UvmsModel, posture: np.ndarray) -> np.ndarray:
-    """Returns χ (6,) of the tip, the vehicle level at the origin."""
-    return model.task_pose(_headed(posture, 0.0))[:6]
-
-
 def _headed(posture: np.ndarray, yaw: float) -> np.ndarray:
+    """Returns 𝔮 (6+n,) of a level vehicle at the origin."""
     return np.concatenate([np.zeros(5), [yaw], posture])
 
 
-def _disturbance(model: UvmsModel, config: np.ndarray, inertia: np.ndarray, strength: Strength
+def _disturbance(model: UvmsModel, config: np.ndarray, inertia: np.ndarray, strength: np.ndarray
                  ) -> np.ndarray:
     """Returns semi-axes (6+n,): a current's drag on the hull, friction at the joints, over M."""
-    # The input that holds it, and the one that motors and thrusters leave for the disturbance.
     at, rest = model.kinematics(config), np.zeros(model.size)
     still = model.inverse_dynamics(at, rest, rest)
     linear = []
@@ -336,7 +301,7 @@ def _disturbance(model: UvmsModel, config: np.ndarray, inertia: np.ndarray, stre
         flow[axis] = CURRENT
         linear.append(abs((model.inverse_dynamics(at, flow, rest) - still)[axis]) / inertia[axis])
     hull = max(max(linear), 0.02)
-    friction = np.minimum(FRICTION, 0.2 * strength.force[6:])
+    friction = np.minimum(FRICTION, 0.2 * strength[6:])
     return np.concatenate([np.full(3, hull), np.full(3, TILTING * hull), friction / inertia[6:]])
 
 
@@ -351,10 +316,6 @@ def _lag(uvms: Uvms) -> float:
     if uvms.thrusters is None:
         return 0.0
     return uvms.thrusters.dead_time + max(kind.lag for kind in uvms.thrusters.kinds.values())
-
-
-def _unit(i: int) -> str:
-    return "N" if i < 3 else "N m"
 
 
 def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
@@ -411,8 +372,7 @@ def _number(value: float) -> str:
 
 def _floored(values: np.ndarray) -> np.ndarray:
     """Returns numbers with four decimals that are no larger, but for rounding."""
-    out: np.ndarray = np.floor(1e4 * values + 1e-6) / 1e4
-    return out
+    return np.floor(1e4 * values + 1e-6) / 1e4
 
 
 def _row(values: Iterable[float], digits: int = 4) -> str:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_drake.model.description.hydrodynamics_file import BodyHydrodynamics
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
@@ -39,9 +38,8 @@ class Holding:
 
     def missing(self, force: float) -> np.ndarray:
         """Returns how much stronger each would have to be (6+n,); zero or less is enough."""
-        lacking: np.ndarray = np.abs(self.weight + force * self.by_newton) - (
+        return np.abs(self.weight + force * self.by_newton) - (
             self.strength - self.reserve)
-        return lacking
 
     def forces(self) -> tuple[float, float]:
         """Returns the smallest and the largest F [N] of (1); the first exceeds the last if none."""
@@ -59,12 +57,11 @@ class Holding:
 
     def said(self, i: int, force: float) -> str:
         """Returns the parts of weight and force in coordinate i, in words."""
-        unit = "N" if i < 3 else "N m"
         weight, pressing = self.weight[i], force * self.by_newton[i]
         change = abs(weight + pressing) - abs(weight)
         how = f"take {-change:.3g} off" if change < 0.0 else f"add {change:.3g}"
-        return (f"weight and buoyancy take {abs(weight):.3g} {unit}, and {force:g} N on the wall "
-                f"{how}")
+        return (f"weight and buoyancy take {abs(weight):.3g} {unit_of(i)}, and {force:g} N on the "
+                f"wall {how}")
 
 
 def with_water(uvms: Uvms) -> tuple[Uvms, list[str]]:
@@ -74,7 +71,7 @@ def with_water(uvms: Uvms) -> tuple[Uvms, list[str]]:
     moved = {body.index() for joint in uvms.joints
              for body in plant.GetBodiesWeldedTo(joint.child_body())}
     for body in (plant.get_body(index) for index in moved):
-        known = bodies.get(body.name(), BodyHydrodynamics())
+        known = uvms.water(body)
         if known.displaced_volume == 0.0 and body.default_mass() > 0.0:
             names.append(body.name())
             bodies[body.name()] = replace(
@@ -112,9 +109,14 @@ def what_helps(uvms: Uvms, config: np.ndarray, holding: Holding, force: float) -
     strong = replace(holding, reserve=holding.reserve_if_strong)
     lacking = np.where(holding.missing(force) > 0.0, strong.missing(force), 0.0)
     found.append(" and ".join(
-        f"{_rounded(holding.strength[i] + lacking[i], np.ceil):g} {'N' if i < 3 else 'N m'} along "
+        f"{_rounded(holding.strength[i] + lacking[i], np.ceil):g} {unit_of(i)} along "
         f"{coordinate(i)}" for i in range(len(lacking)) if lacking[i] > 0.0))
     return "; or ".join(found)
+
+
+def unit_of(i: int) -> str:
+    """Returns the unit of the generalised force in coordinate i of ζ."""
+    return "N" if i < 3 else "N m"
 
 
 def coordinate(i: int) -> str:

@@ -216,7 +216,7 @@ class Scene:
 
     def _legend(self, setting: Setting, level: float) -> str:
         """Returns the meaning of colours, bars and lines."""
-        is_wall = self._law.normal is not None or self._law.patch(self._goal, 1.0, 2) is not None
+        is_wall = self._law.patch(self._goal, 1.0, 2) is not None
         walls = ", 0.1 m on the wall" if is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
         estimate = ("green: end of the safe region     yellow frame: estimated surface\n"

@@ -9,7 +9,6 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 from support.tiny_robots import drill
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import (
@@ -144,23 +143,6 @@ def test_a_reading_that_is_none_teaches_nothing():
     assert values(simulator, target, "target")[0][1] > 0.02
 
 
-def test_where_it_presses_can_be_said_while_it_runs():
-    simulator, _, target = pressing()
-    simulator.AdvanceTo(3.0)
-    context = target.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    depth = values(simulator, target, "target")[0][1]
-    for place, expected in (([1.0, 7.0, 2.0], [1.0, depth, 2.0]),
-                            ([np.nan] * 3, [0.03, depth, 0.02])):
-        target.GetInputPort("place").FixValue(context, place)
-        np.testing.assert_allclose(values(simulator, target, "target")[0], expected)
-
-
-def test_readings_of_a_watched_sensor_may_be_older():
-    sensing = EstimatorSettings(force_max=45.0, noise=1.0, period=0.1, window=0.2, repeats=3)
-    assert sensing.watched.window == pytest.approx(0.5)
-    assert sensing.watched.readings == 6
-
-
 def test_a_wall_that_went_away_is_searched_for_again():
     """Touched, left, and not found where it was: the safe region stays, the stiffness does not."""
     gone = partial(force, load=lambda time: wall(time) if time < 3.0 else 0.0)
@@ -242,27 +224,3 @@ def test_a_tip_that_retreats_too_fast_feels_nothing():
         surface, SENSING, HERE, initial_contact_state(SENSING), tip, np.zeros(3))
     assert np.all(np.isnan(known.apex))
     np.testing.assert_array_equal(known.stiffness, NO_ESTIMATE.state)
-
-
-@pytest.mark.parametrize("margin", [-1.0, np.inf])
-def test_a_margin_of_no_meaning_is_refused(margin):
-    with pytest.raises(InvalidParameter, match="margin"):
-        ContactEstimator(drill(), SURFACE, SENSING, margin=margin)
-
-
-@pytest.mark.parametrize("bad", [{"noise": 0.0}, {"period": -1.0}, {"window": -0.1},
-                                 {"force_max": np.inf}, {"memory": np.nan}, {"patience": 0},
-                                 {"repeats": 1}])
-def test_no_sensor_is_like_that(bad):
-    with pytest.raises(InvalidParameter, match=next(iter(bad))):
-        EstimatorSettings(**{"force_max": 45.0, "noise": 1.0, **bad})
-
-
-def test_it_steers_no_deeper_than_the_largest_depth():
-    simulator, _, target = pressing()
-    simulator.AdvanceTo(3.05)
-    context = target.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    (_, depth_then, _), = values(simulator, target, "target")
-    for most, expected in ((-0.2, -0.2), (np.inf, depth_then), (depth_then + 0.1, depth_then)):
-        target.GetInputPort("deepest").FixValue(context, [most])
-        assert values(simulator, target, "target")[0][1] == pytest.approx(expected)

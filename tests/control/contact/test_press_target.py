@@ -1,15 +1,9 @@
 """Tests of `control.contact.press_target`: the law alone, and with safe region and stiffness."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
-from support.pressing import (
-    FORCE_MAX,
-    NOISE,
-    Walls,
-    pressed,
-    random_errors,
-    random_walls_in_line,
-)
 
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.press_target import (
@@ -20,6 +14,15 @@ from uvms_drake.control.contact.press_target import (
     target_depth,
     touch_to_plan,
 )
+from uvms_drake.control.contact.safe_region import apex, dominates, safe_depth
+from uvms_drake.control.contact.stiffness_estimate import (
+    NO_ESTIMATE,
+    StiffnessEstimate,
+    stiffness_used,
+    surface_depth,
+    with_reading,
+)
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 NOWHERE = np.nan
 SENSING = EstimatorSettings(force_max=45.0, noise=4.2, window=0.11)
@@ -54,39 +57,16 @@ def test_a_reading_that_is_too_large_leaves_an_error():
         (1.0 - kappa / estimate) * error + kappa / estimate * n - kappa * off)
 
 
-def test_from_twice_the_estimate_on_it_does_not_shrink():
-    x = 0.001
-    for _ in range(10):
-        x = aimed(4000.0 * x, 2000.0, x=x)
-    assert abs(20.0 - 4000.0 * x) == pytest.approx(20.0 - 4.0)
-
-
-@pytest.mark.parametrize(("ratio", "claimed"), [(1.0, True), (0.5, True), (1.0 / 0.6, False)])
-def test_what_remains_of_noise_and_tube(ratio, claimed):
-    """The worst of both at each step. Where κ̂ is below κ, ν + κE_n is left, and far."""
-    estimate, kappa, nu, E = 1000.0, 1000.0 * ratio, 1.0, 1e-3
-    error, side = 0.0, 1.0
-    for _ in range(400):
-        side = np.sign(1.0 - ratio) * side if ratio != 1.0 else 1.0
-        error = (1.0 - ratio) * error + side * (ratio * nu + kappa * E)
-    bound = (ratio * nu + kappa * E) / (1.0 - abs(1.0 - ratio))
-    assert abs(error) == pytest.approx(bound)
-    assert (bound <= nu + estimate * E + 1e-9) == claimed
-    assert claimed or bound == pytest.approx(5.0 * nu + 3.0 * kappa * E)
-
-
-def test_it_searches_beyond_the_safe_region_until_there_is_a_wall():
-    found = target_depth(20.0, np.array([0.2, 0.0]), False, 2000.0, NOWHERE, 0.25)
-    assert found == pytest.approx(0.25 + SEARCH_DEPTH)
-
-
-def test_off_its_place_it_searches_no_deeper():
-    """After a touch it presses as anywhere else."""
-    for lateral_error, begins, expected in (
-            (0.06, NOWHERE, 0.2), (0.04, NOWHERE, 0.35), (0.06, 0.5, 0.51)):
-        found = target_depth(
-            20.0, np.array([0.2, 0.0]), False, 2000.0, begins, 0.25, lateral_error=lateral_error)
-        assert found == pytest.approx(expected)
+@pytest.mark.parametrize(("tip", "begins", "safe", "lateral", "expected"), [
+    ((0.2, 0.0), NOWHERE, 0.25, 0.0, 0.25 + SEARCH_DEPTH),  # It searches beyond the safe region;
+    ((0.2, 0.0), NOWHERE, 0.25, 0.06, 0.2),  # off its place no deeper;
+    ((0.2, 0.0), NOWHERE, 0.25, 0.04, 0.35),
+    ((0.2, 0.0), 0.5, 0.25, 0.06, 0.51),  # and after a touch it presses as anywhere else.
+    ((0.3, 0.3), 0.5, 0.6, 0.0, 0.51),  # It comes back to a wall that it has left,
+    ((0.505, 0.3), 0.5, 0.6, 0.0, 0.515)])  # and follows one that yields.
+def test_where_it_aims_without_touch(tip, begins, safe, lateral, expected):
+    assert target_depth(20.0, np.array(tip), False, 2000.0, begins, safe,
+                        lateral_error=lateral) == pytest.approx(expected)
 
 
 def test_a_small_force_searches_with_a_limited_lead():
@@ -101,12 +81,6 @@ def test_a_small_force_searches_with_a_limited_lead():
             (0.0, 1e-4, 0.25 + SEARCH_DEPTH)):
         found = target_depth(
             force, np.array([0.2, 0.0]), False, stiffness, NOWHERE, 0.25, search_lead=search_lead)
-        assert found == pytest.approx(expected)
-
-
-def test_it_comes_back_to_a_wall_that_it_has_left_and_follows_one_that_yields():
-    for x, expected in ((0.3, 0.51), (0.505, 0.515)):
-        found = target_depth(20.0, np.array([x, 0.3]), False, 2000.0, 0.5, 0.6)
         assert found == pytest.approx(expected)
 
 
@@ -169,3 +143,134 @@ def test_the_limit_of_the_force_is_reached_by_an_adversary():
         lambda time: -NOISE, duration=15.0, margin=margin)
     assert 0.97 < np.max(result["share"]) <= 1.0 + 1e-9
     assert np.min(result["slack"]) > -1e-9
+
+
+# Simulated presses on many one-dimensional walls at once, with a planner of three lines -----------
+
+
+STEP, ACCELERATION, CRUISE = 0.2, 0.2, 0.3
+"""h [s], a [m/s²], and the largest speed [m/s]."""
+FORCE_MAX, NOISE, MEMORY = 45.0, 0.5, 10.0
+"""F_max, ν and the slope's memory [N]."""
+SLACK = 1.05
+"""Largest final error over ν + κ₊E, above 1 as the slope may be estimated too low."""
+PERIOD = 0.02
+"""Period of the sensor, and of the simulation [s]."""
+ALONG = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass
+class Walls:
+    """Walls at `place` [m]: slope `soft` to the depth `knee` and `stiff` from there on, damped."""
+
+    place: np.ndarray
+    soft: np.ndarray
+    stiff: np.ndarray
+    knee: np.ndarray
+    damping: np.ndarray
+
+    def static(self, x):
+        deep = x - self.place
+        return (self.soft * np.clip(deep, 0.0, self.knee)
+                + self.stiff * np.maximum(deep - self.knee, 0.0))
+
+
+def random_walls_in_line(stiffness, count, rng, furthest, dissipation=2.5):
+    """Half of them straight, half of two slopes; each at 0.1 to 1 times the largest."""
+    share = rng.uniform(0.1, 1.0, (2, count))
+    share[1] = np.where(np.arange(count) % 2, share[1], share[0])
+    soft, stiff = stiffness * share
+    return Walls(rng.uniform(0.02, furthest, count), soft, stiff,
+                 rng.uniform(3.0, 20.0, count) / soft, rng.uniform(0.0, dissipation, count))
+
+
+def stop(speed):
+    """Returns the stopping distance from a speed at a knot: v²/(2a), interpolated between ah."""
+    quanta = np.arange(12) * ACCELERATION * STEP
+    return np.interp(speed, quanta, quanta**2 / (2.0 * ACCELERATION))
+
+
+def end(x, v, w):
+    """Returns the end of a plan with the speeds v and w at its first knots that then stops."""
+    return x + 0.5 * STEP * (v + w) + np.sign(w) * stop(np.abs(w))
+
+
+def next_speed(x, v, bound, cap):
+    """Returns the largest next speed from which a plan ends at the bound, by bisection."""
+    change = ACCELERATION * STEP
+    low, high = v - change, np.clip(cap, v - change, v + change)
+    least = low
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        fits = end(x, v, middle) <= bound
+        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+    return np.where(end(x, v, high) <= bound, high, np.maximum(low, least))
+
+
+def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
+    """Returns the metrics of a press, one entry for each wall.
+
+    Args:
+        stiffness: κ₊ [N/m].
+        walls: The walls.
+        desired: F_des [N].
+        error: Function of the time and of whether the wall was touched yet: e and its rate.
+        noise: Function of the time: error of the reading [N].
+        duration: Of the simulation [s].
+        margin: E [m].
+    """
+    surface = SurfaceClass(ALONG, stiffness, dissipation=2.5)
+    count = len(walls.place)
+    x, v, a, begun = np.zeros((4, count))
+    tip = np.full((count, 3), np.nan)
+    belief = StiffnessEstimate(*(
+        np.broadcast_to(part, (count, *part.shape)) for part in NO_ESTIMATE))
+    first, late, largest = np.full(count, np.nan), np.zeros(count), np.zeros(count)
+    slack, was_touched = np.full(count, np.inf), np.zeros(count, dtype=bool)
+    for time in PERIOD * np.arange(round(duration / PERIOD)):
+        # The world.
+        t = time - begun
+        x_now, v_now = x + v * t + 0.5 * a * t**2, v + a * t
+        e, e_rate = error(time, ~np.isnan(first))
+        real, rate = x_now + e, v_now + e_rate
+        static = walls.static(real)
+        force = static * np.maximum(1.0 + walls.damping * rate, 0.0) + noise(time)
+        # The contact estimator.
+        at, moving = real[:, None, None] * ALONG, rate[:, None, None] * ALONG
+        new = apex(surface, at, moving, force[:, None] * ALONG, FORCE_MAX, NOISE)
+        tip = np.where(dominates(surface, new, tip, np.zeros((2, 2)))[:, None], new, tip)
+        safe = safe_depth(surface, tip, at[:, 0], margin)
+        touched = np.abs(force) > NOISE
+        belief = with_reading(
+            belief, surface, at[:, 0], force, touched, NOISE, MEMORY, PERIOD)
+        kappa = stiffness_used(belief, surface)
+        target = target_depth(desired, np.array([real, force]), touched, kappa,
+                              surface_depth(belief, surface, at[:, 0]), safe)
+        # The plan: at its own instants, and when a wall is touched.
+        again = (t >= STEP - 1e-9) | (touched & ~was_touched) | (time == 0.0)
+        first = np.where(touched & np.isnan(first), time, first)
+        was_touched = touched
+        w = next_speed(x_now, v_now, np.minimum(target, safe), CRUISE)
+        left = safe - end(x_now, v_now, w)
+        slack = np.where(again & (w > 0.0), np.minimum(slack, left), slack)
+        x, v = np.where(again, x_now, x), np.where(again, v_now, v)
+        a, begun = np.where(again, (w - v_now) / STEP, a), np.where(again, time, begun)
+        # The metrics.
+        largest = np.maximum(largest, static)
+        off = np.abs(static - desired) > SLACK * (NOISE + stiffness * margin)
+        late = np.where(off, time, late)
+    return {"share": largest / FORCE_MAX, "slack": slack, "first": first, "settled": late - first,
+            "stiffness_used": kappa}
+
+
+def random_errors(margin, count, rng):
+    """Errors within ± E: sines, and sines cut off hard; of 2 to 20 s."""
+    rate, phase = rng.uniform(0.3, 3.0, count), rng.uniform(0.0, 2.0 * np.pi, count)
+    gain = np.where(rng.random(count) < 0.3, 3.0, 1.0)
+
+    def error(time, touched):
+        wave = gain * np.sin(rate * time + phase)
+        slope = np.where(np.abs(wave) < 1.0, gain * rate * np.cos(rate * time + phase), 0.0)
+        return margin * np.clip(wave, -1.0, 1.0), margin * slope
+
+    return error

@@ -1,9 +1,8 @@
 """Tests of `control.contact.safe_region`: cones that are safe on every wall of a class."""
 
-
 import numpy as np
 import pytest
-from support.safe_cone import free_distance
+from support.shapes import in_ball_of, near, surfaces
 from support.walls import random_direction, random_walls
 
 from uvms_drake.control.contact.safe_region import (
@@ -17,6 +16,15 @@ from uvms_drake.control.contact.safe_region import (
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 FORCE_MAX, NOISE = 45.0, 1.0
+
+
+def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Returns the distance along n from 𝔭 (..., 3) to the end of an apex's cone (...) [m].
+
+    It is −⟨𝔭 − 𝔞⟩, below zero outside; −inf for an apex that is NaN.
+    """
+    distance = -surface.advance(point - at)
+    return np.where(np.isnan(distance), -np.inf, distance)
 
 
 def at_rest(points):
@@ -154,17 +162,6 @@ def test_an_apex_is_replaced_iff_nothing_is_lost_in_a_box_of_places(size):
     assert 20 < taken < 180
 
 
-def test_places_behind_a_sliding_tip_are_lost_and_those_before_it_are_not():
-    """α is gained for each metre that the old apex is left behind by."""
-    surface = SurfaceClass(angle=0.2)
-    old, new = np.zeros(3), surface.axes.T @ [-0.9 * surface.tilt * 0.05, 0.05, 0.0]
-    forward_box, both = np.array([[0.05, 0.0], [0.3, 0.0]]), np.array([[0.0, 0.0], [0.3, 0.0]])
-    assert dominates(surface, new, old, forward_box)
-    assert not dominates(surface, new, old, both)
-    less = new - 0.2 * surface.tilt * 0.05 * surface.direction
-    assert not dominates(surface, less, old, forward_box)
-
-
 def test_any_apex_is_better_than_none_and_none_replaces_any():
     surface, none = straight(), np.full(3, np.nan)
     assert dominates(surface, np.zeros(3), none, np.zeros((2, 2)))
@@ -207,3 +204,37 @@ def test_a_tip_that_slides_on_a_tilted_wall_keeps_contact_and_is_safe():
         p = p + np.array([0.0, 1e-3, 0.0])
         p[0] = 0.005 - p[1] * np.tan(0.15)
     assert 0.7 * FORCE_MAX < worst <= FORCE_MAX
+
+
+# Safe region on hulls, pipes and bumpy walls with friction, for walls of their class --------------
+
+
+SHAPES = surfaces(dissipation=1.7, friction=0.3, creep=0.004)
+REACH, LARGEST, FELT = 0.03, 15.0, 0.5  # m, N, N
+
+
+@pytest.mark.parametrize("surface", SHAPES.values(), ids=SHAPES)
+def test_what_a_reading_makes_safe_is_safe(surface):
+    """Readings of tips that move, slide and feel noise, and every point of their cones in reach."""
+    rng, readings, deepest = np.random.default_rng(0), 0, 0.0
+    for _ in range(6):
+        center = near(surface.geometry, 1, rng, depths=(0.0, 0.005))[0]
+        _, direction = surface.geometry.depth_and_gradient(center)
+        direction = direction / np.linalg.norm(direction) + 0.05 * rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        bounds = surface.membership(direction, center, REACH)
+        walls = SurfaceClass(
+            direction, bounds.stiffness, bounds.angle, bounds.dissipation, bounds.friction)
+        points = in_ball_of(center, REACH, 200, rng)
+        velocities = rng.normal(scale=0.05, size=(200, 3))
+        force = surface.force(*(np.pad(x, ((0, 0), (0, 3))) for x in (points, velocities)))[:, :3]
+        force = force + in_ball_of(np.zeros(3), FELT, 200, rng)
+        at = apex(walls, points[:, None], velocities[:, None], force, LARGEST, FELT)
+        others = in_ball_of(center, REACH, 2000, rng)
+        static = surface.static_force(np.pad(others, ((0, 0), (0, 3))))
+        safe = free_distance(walls, at[:, None], others) >= 0.0
+        assert np.all((static <= LARGEST) | ~safe)
+        readings += np.count_nonzero(np.any(safe, axis=1))
+        deepest = max(deepest, float(np.max(np.where(safe, static, 0.0))))
+    assert readings > 100
+    assert deepest > 3.0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import uvms_drake as uv
 from uvms_drake.control.contact.press_target import target_depth
 from uvms_drake.control.contact.stiffness_estimate import (
     NO_ESTIMATE,
@@ -10,12 +11,15 @@ from uvms_drake.control.contact.stiffness_estimate import (
     StiffnessEstimate,
     initial_estimate,
     predicted,
+    stiffness_std,
     stiffness_used,
     surface_depth,
     tilt,
     with_reading,
 )
 from uvms_drake.model.surface.surface_class import SurfaceClass
+from uvms_drake.sensing.wrist_sensor import quantised
+from uvms_drake.station.contact.bounds import sensed_contact, sensing_of
 
 MOST, NOISE, MEMORY, PERIOD = 1000.0, 4.2, 10.0, 0.01
 SIGMA = 0.25  # N, of a reading; the bound has bias and much else in it
@@ -197,27 +201,6 @@ def test_a_reading_that_may_be_of_another_place_is_of_another_wall_only_beyond_t
         assert np.isnan(after.mean[0]) == forgotten
 
 
-def test_walls_can_be_stacked():
-    rng = np.random.default_rng(5)
-    tips = path(np.cumsum(rng.uniform(0, 3e-3, (30, 4)), axis=0), rng.uniform(0.0, 0.1, (30, 4)))
-    forces, touched = rng.uniform(0, 20, (30, 4)), rng.random((30, 4)) < 0.8
-    together = StiffnessEstimate(*(np.broadcast_to(part, (4, *part.shape)) for part in NO_ESTIMATE))
-    alone = [NO_ESTIMATE] * 4
-    for tip, force, touch in zip(tips, forces, touched, strict=True):
-        together = with_reading(together, WALLS, tip, force, touch, NOISE, MEMORY, PERIOD)
-        alone = [with_reading(alone[i], WALLS, tip[i], force[i], touch[i], NOISE, MEMORY, PERIOD)
-                 for i in range(4)]
-    for i in range(4):
-        np.testing.assert_allclose(together.mean[i], alone[i].mean, rtol=1e-9)
-        np.testing.assert_allclose(together.covariance[i], alone[i].covariance, rtol=1e-9)
-
-
-def test_the_state_has_all_of_it():
-    before = pressed(500.0)
-    for part, other in zip(before, StiffnessEstimate.of(before.state), strict=True):
-        np.testing.assert_array_equal(part, other)
-
-
 @pytest.mark.parametrize("known", [False, True])
 def test_a_slide_leaves_no_force_error_once_the_inclination_is_known(known):
     """A tip that lags its target by T, along a wall that comes nearer; else κ̂Tv tan θ is."""
@@ -234,3 +217,83 @@ def test_a_slide_leaves_no_force_error_once_the_inclination_is_known(known):
         tip = tip + 0.1 / lag * (place + depth * WALLS.direction - tip)
     left = 0.0 if known else kappa * lag * speed * DEG_3
     assert force - desired == pytest.approx(left, abs=0.05)
+
+
+# Estimate of the stiffness after two presses: its mean and its deviation, for drawn walls ---------
+
+
+SCENARIO = uv.load_scenario("girona500_contact")
+WATCHED, DRAWN = sensing_of(SCENARIO).watched, sensed_contact(SCENARIO).walls
+SENSOR, = SCENARIO.sensing
+HOLD, WAY = 200, 20e-3
+"""Readings of a hold, and the way to the wall [m]."""
+FORCES = 10.0, 20.0
+"""Forces of the two presses [N]."""
+WOBBLE = 3e-4
+"""Amplitude of the tip's deviation from its plan, at 0.3 Hz [m]."""
+
+
+def smooth(count):
+    """A motion from 0 to 1 of least jerk, at the readings (count,)."""
+    t = np.linspace(0.0, 1.0, count + 1)[1:]
+    return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+
+
+def presses(kappa, speed, rng):
+    """Depths of the tip in walls of slopes `kappa` (n,), at its readings (m, n) [m].
+
+    As fast as `speed` at most; in a stiff wall the way is shorter, and so is the motion slower.
+    """
+    first, second = (force / kappa for force in FORCES)
+    counts = [int(1.875 * np.max(way) / speed / WATCHED.period) for way in (
+        first + WAY, second - first)]
+    approach, more = (smooth(count)[:, None] for count in counts)
+    hold = np.ones((HOLD, 1))
+    depth = np.concatenate([-WAY + approach * (first + WAY), hold * first,
+                            first + more * (second - first), hold * second])
+    time = WATCHED.period * np.arange(len(depth))[:, None]
+    return depth + WOBBLE * np.sin(2.0 * np.pi * 0.3 * time + rng.uniform(0.0, 6.0, len(kappa)))
+
+
+def readings(kappa, depth, rng):
+    """Forces along n (m, n) [N] by the shipped sensor: lag, tare, bias, drift, noise, rounding."""
+    rate = np.gradient(depth, WATCHED.period, axis=0)
+    force = kappa * np.maximum(depth, 0.0) * np.maximum(1.0 + 0.8 * rate, 0.0)
+    felt = np.zeros_like(force)
+    for i in range(1, len(force)):
+        left = np.exp(-WATCHED.period / SENSOR.lag)
+        felt[i] = force[i - 1] + left * (felt[i - 1] - force[i - 1])
+    tare = SENSOR.tare_samples
+    felt = np.concatenate([np.zeros((tare, len(kappa))), felt])
+    m = SENSOR.noise_multiple
+    noise = SENSOR.noise[0] * np.clip(rng.standard_normal(felt.shape), -m, m)
+    bias, drift = rng.uniform(-1.0, 1.0, (2, len(kappa)))
+    time = WATCHED.period * np.arange(len(felt))[:, None]
+    raw = quantised(felt + SENSOR.bias[0] * bias + SENSOR.drift[0] * drift * time + noise,
+                    SENSOR.resolution[:1])
+    return raw[tare:] - np.mean(raw[:tare], axis=0)
+
+
+def estimates(kappa, speed, seed=0):
+    """Means and deviations (n,) [N/m] of walls of slopes `kappa` (n,) after the two presses."""
+    rng, n = np.random.default_rng(seed), len(kappa)
+    depth = presses(kappa, speed, rng)
+    force, nu = readings(kappa, depth, rng), WATCHED.noise
+    estimate = StiffnessEstimate(*(np.broadcast_to(each, (n, *each.shape)) for each in NO_ESTIMATE))
+    for i, read in enumerate(force):
+        window = depth[i] - depth[max(i + 1 - WATCHED.readings, 0): i + 1]
+        advance = np.where(np.max(-window, axis=0) <= nu / DRAWN.stiffness,
+                           np.max(window, axis=0), np.inf)
+        estimate = with_reading(
+            estimate, DRAWN, depth[i][:, None] * DRAWN.direction, read, np.abs(read) > nu, nu,
+            WATCHED.memory, WATCHED.period, advance)
+    return estimate.mean[:, 1], stiffness_std(estimate)
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.06])
+def test_of_a_hundred_drawn_walls_the_stiffness_is_within_two_deviations(speed):
+    kappa = np.exp(np.random.default_rng(7).uniform(*np.log([100.0, 950.0]), 100))
+    mean, std = estimates(kappa, speed)
+    within = np.mean(np.abs(mean - kappa) <= 2.0 * std)
+    assert within >= 0.95
+    assert np.all(std < 0.3 * kappa), "and it is of use"

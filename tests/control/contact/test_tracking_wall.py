@@ -14,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
+import uvms_drake as uv
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import EstimatorSettings
@@ -21,15 +22,8 @@ from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import FAILED, MPC_REPORT
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
-from uvms_drake.sensing.faults import (
-    ForceFault,
-    FrozenForce,
-    JumpedForce,
-    LostForce,
-)
+from uvms_drake.sensing.faults import ForceFault, FrozenForce, JumpedForce, LostForce
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
 from uvms_drake.sensing.wrist_sensor import cut_noise
 
@@ -43,7 +37,7 @@ H = 0.2  # s
 class FollowsExactly(LeafSystem):
     """𝔮̇ = Γ(𝔮)ζ, ζ̇ = ζ̄̇, and the force of a wall at `place` on the tip."""
 
-    def __init__(self, model: UvmsModel, start: np.ndarray, place: float, stiffness: float):
+    def __init__(self, model: uv.UvmsModel, start: np.ndarray, place: float, stiffness: float):
         super().__init__()
         self._model, self._place, self._stiffness = model, place, stiffness
         self._acceleration_port = self.DeclareVectorInputPort("acceleration", model.size)
@@ -54,7 +48,7 @@ class FollowsExactly(LeafSystem):
     def DoCalcTimeDerivatives(self, context, derivatives):
         config, zeta = np.split(context.get_continuous_state_vector().CopyToVector(), 2)
         derivatives.get_mutable_vector().SetFromVector(np.concatenate([
-            configuration_rate(config, zeta), self._acceleration_port.Eval(context)]))
+            uv.configuration_rate(config, zeta), self._acceleration_port.Eval(context)]))
 
     def _force(self, context: Context, output: BasicVector) -> None:
         """Hunt and Crossley's, along n."""
@@ -98,7 +92,7 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
     builder.Connect(robot.GetOutputPort("force"), sampled.get_input_port())
     given = sampled.get_output_port()
     if fault is not None:
-        given = fault.add_to(builder, ocp.model, given, Signals(), 0)
+        given = fault.add_to(builder, ocp.model, given, uv.Signals(), 0)
     watch = ForceFaultDetector.AddToBuilder(
         builder, ocp.model, sensing.period, repeats=sensing.repeats,
         state=robot.GetOutputPort("state"), force_measured=given)

@@ -1,25 +1,22 @@
 """Tests of `control.convex.correction`: steps of the solver that stay within curved limits."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
-from uvms_drake.control.convex import correction
+import uvms_drake as uv
 from uvms_drake.control.convex.correction import (
     Correction,
     excess_rows,
     excesses,
-    least_norm_solution,
 )
 from uvms_drake.control.convex.staged_solver import solve_staged
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import TrackingPlan
 from uvms_drake.model.surface.surface_class import SurfaceClass
-from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.problem import first_problem
 
 
 @pytest.fixture(scope="module")
@@ -63,10 +60,10 @@ def revalued_is_the_program(ocp, guess) -> None:
 @pytest.mark.parametrize("name", ["girona500_contact", "girona500_ideal",
                                   "paper_dynamic_resolved"])
 def test_another_plan_has_the_values_of_its_own_program(name):
-    scenario = load_scenario(name)
-    model = load_model(scenario)
-    ocp = make_ocp(scenario, model)
-    start = start_state(scenario, ocp)[: ocp.state_size]
+    scenario = uv.load_scenario(name)
+    model = uv.load_model(scenario)
+    ocp = uv.make_ocp(scenario, model)
+    start = uv.start_state(scenario, ocp)[: ocp.state_size]
     if isinstance(ocp, TrackingOcp):
         ocp = first_problem(scenario, ocp, start)
     revalued_is_the_program(ocp, ocp.resting_plan(0.0, start))
@@ -130,28 +127,3 @@ def test_a_sound_plan_takes_the_whole_step_in_one_iteration(ocp, guess):
     assert ocp.is_sound(solution.evaluation)
     before = ocp.evaluate(guess).cost
     assert before - solution.evaluation.cost > 0.9 * (before - whole.cost) > 0.0
-
-
-def test_an_excess_that_no_decision_removes_takes_no_more_rounds(ocp, guess, monkeypatch):
-    """The others are removed as before."""
-    program = ocp.staged_program(guess)
-    step = solve_staged(program)
-    plan = guess.redone(guess.start, guess.decision + step.w)
-    moved, rounds = ocp.staged_program(plan), []
-
-    def watched(F, b):
-        rounds.append(b)
-        return least_norm_solution(F, b)
-
-    monkeypatch.setattr(correction, "least_norm_solution", watched)
-    without = Correction(program, step.regulator, step.w).of(moved)
-    before = len(rounds)
-    # A row that depends on nothing and is off.
-    linear, column = moved.linear, int(np.flatnonzero(np.isfinite(moved.linear.upper[1]))[0])
-    C, value = linear.C.copy(), linear.value.copy()
-    C[1, column], value[1, column] = 0.0, linear.upper[1, column] + 1.0
-    given = replace(moved, linear=linear._replace(C=C, value=value))
-    with_it = Correction(program, step.regulator, step.w).of(given)
-    np.testing.assert_allclose(with_it, without, atol=1e-8)
-    assert 0 < before < 3
-    assert len(rounds) - before < 3

@@ -7,45 +7,44 @@ import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
 
+import uvms_drake as uv
 from uvms_drake.certificate.assumptions import assumed_conditions
-from uvms_drake.control.costs.costs import CostTerm, LevelVehicle
+from uvms_drake.control.costs.costs import OffsetCost
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.control.plan.points import Points, Slopes
-from uvms_drake.station.problem import make_ocp, start_state
-from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
-from uvms_drake.station.simulation import simulate
+from uvms_drake.control.plan.points import Slopes
+from uvms_drake.station.scenario.scenario import dump_scenario
 
 
 @dataclass
-class Power(CostTerm):
+class Power(uv.CostTerm):
     """weight ‖τᵢζᵢ‖²: nonlinear in all that there is, and a script's own."""
 
     about: ClassVar = "input"
 
     weight: float = 1e-3
 
-    def residual(self, at: Points) -> np.ndarray:
+    def residual(self, at: uv.Points) -> np.ndarray:
         return np.sqrt(self.weight) * at.tau * at.zeta
 
 
-class Slow(CostTerm):
+class Slow(uv.CostTerm):
     """‖𝔭̇‖², of the end-effector."""
 
     about: ClassVar = "speed"
 
-    def residual(self, at: Points) -> np.ndarray:
+    def residual(self, at: uv.Points) -> np.ndarray:
         return 3.0 * (at.model.kinematics(at.config).J_chi[..., :3, :] @ at.zeta[..., None])[..., 0]
 
 
-def with_terms(name: str, *terms: CostTerm) -> tuple[Scenario, Ocp, Plan]:
+def with_terms(name: str, *terms: uv.CostTerm) -> tuple[uv.Scenario, Ocp, Plan]:
     """Returns a scenario with a short horizon, its problem, and a first guess."""
-    scenario = load_scenario(name, ["mpc.horizon=5"])
+    scenario = uv.load_scenario(name, ["mpc.horizon=5"])
     scenario = replace(scenario, mpc=replace(scenario.mpc, terms=list(terms)))
-    ocp = make_ocp(scenario)
-    return scenario, ocp, ocp.resting_plan(0.0, start_state(scenario, ocp)[: ocp.state_size])
+    ocp = uv.make_ocp(scenario)
+    return scenario, ocp, ocp.resting_plan(0.0, uv.start_state(scenario, ocp)[: ocp.state_size])
 
 
 def moving(guess: Plan) -> Plan:
@@ -53,7 +52,7 @@ def moving(guess: Plan) -> Plan:
     return guess.redone(guess.start, 0.1 * rng.normal(size=guess.decision.shape))
 
 
-CASES = [("girona500_ideal", LevelVehicle(4000.0)), ("girona500_ideal", Power()),
+CASES = [("girona500_ideal", uv.costs.LevelVehicle(4000.0)), ("girona500_ideal", Power()),
          ("girona500_ideal", Slow())]
 
 
@@ -61,10 +60,10 @@ CASES = [("girona500_ideal", LevelVehicle(4000.0)), ("girona500_ideal", Power())
 def test_a_term_adds_its_squares_to_the_cost(name, term):
     """Summed up interval by interval."""
     _, ocp, guess = with_terms(name, term)
-    plan, bare = moving(guess), make_ocp(load_scenario(name, ["mpc.horizon=5"]))
+    plan, bare = moving(guess), uv.make_ocp(uv.load_scenario(name, ["mpc.horizon=5"]))
     expected = 0.0
     for k, u in enumerate(ocp.inputs(plan)[0]):
-        r = term.residual(Points(ocp.model, plan.config[k], ocp.model.task_pose(plan.config[k]),
+        r = term.residual(uv.Points(ocp.model, plan.config[k], ocp.model.task_pose(plan.config[k]),
                                  plan.zeta[k], u))
         expected += ocp.time_step * (r @ r)
     assert expected > 1e-4
@@ -95,7 +94,7 @@ def test_the_closed_form_of_the_task_is_the_model_of_its_residual():
     ends, *by_z = ocp.linearised_inputs(plan, model, program.A, program.B)
     points, chain = ends.subset(slice(5), ends.u[:5]), [each[:5] for each in by_z]
     for found, expected in zip(
-            CostTerm.quadratic(ocp.task_cost, points, Slopes(*chain), 0.2),
+            uv.CostTerm.quadratic(ocp.task_cost, points, Slopes(*chain), 0.2),
             ocp.task_cost.quadratic(points, Slopes(*chain), 0.2), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
@@ -103,7 +102,7 @@ def test_the_closed_form_of_the_task_is_the_model_of_its_residual():
 @pytest.mark.parametrize(("name", "term"), CASES[:1] + CASES[2:])
 def test_fast_solver_and_reference_agree(name, term):
     _, ocp, guess = with_terms(name, term)
-    bare = make_ocp(load_scenario(name, ["mpc.horizon=5"]))
+    bare = uv.make_ocp(uv.load_scenario(name, ["mpc.horizon=5"]))
     one = SequentialConvexSolver(ocp).solve(guess, 100, 1e-12)
     other = NonlinearSolver(ocp, SnoptSolver()).solve(guess)
     assert other.converged
@@ -113,19 +112,19 @@ def test_fast_solver_and_reference_agree(name, term):
 
 
 def test_with_a_term_of_ones_own_there_is_no_certificate():
-    scenario, *_ = with_terms("girona500_ideal", LevelVehicle(), Power())
+    scenario, *_ = with_terms("girona500_ideal", uv.costs.LevelVehicle(), Power())
     assert [item.name for item in assumed_conditions(scenario) if not item.holds] == [
         "mpc.terms[0], LevelVehicle, which the terminal set leaves out",
         "mpc.terms[1], Power, which the terminal set leaves out"]
 
 
 def test_a_scenario_with_a_term_runs_and_is_the_same_after_yaml(tmp_path):
-    scenario = load_scenario("girona500_ideal", [
+    scenario = uv.load_scenario("girona500_ideal", [
         "duration=0.4", "mpc.terms=[!LevelVehicle {weight: 200}]"])
     path = tmp_path / "again.yaml"
     path.write_text(dump_scenario(scenario))
-    assert load_scenario(str(path)).mpc.terms == [LevelVehicle(200.0)]
-    assert np.all(simulate(scenario).mpc_status == 0.0)
+    assert uv.load_scenario(str(path)).mpc.terms == [uv.costs.LevelVehicle(200.0)]
+    assert np.all(uv.simulate(scenario).mpc_status == 0.0)
 
 
 @pytest.mark.parametrize(("about", "residual", "why"), [
@@ -133,10 +132,40 @@ def test_a_scenario_with_a_term_runs_and_is_the_same_after_yaml(tmp_path):
     ("speed", lambda at: at.zeta[..., 7], r"must be an array \(\.\.\., m\)"),
     ("velocity", lambda at: at.zeta, r"about = 'velocity': must be one of pose, speed, input")])
 def test_a_term_with_a_usual_mistake_says_it(about, residual, why):
-    class Mistaken(CostTerm):
-        def residual(self, at: Points) -> np.ndarray:
+    class Mistaken(uv.CostTerm):
+        def residual(self, at: uv.Points) -> np.ndarray:
             return residual(at)
 
     Mistaken.about = about
     with pytest.raises(TypeError, match=rf"^mpc\.terms\[0\]: .*{why}"):
         with_terms("girona500_ideal", Mistaken())
+
+
+# Offset cost --------------------------------------------------------------------------------------
+
+
+COST = OffsetCost(slope=60.0, width=0.01)
+
+
+def test_the_quadratic_touches_the_cost_and_is_never_below_it(derivative):
+    rng = np.random.default_rng(0)
+    for size in (0.0, 1e-3, 0.1, 3.0):
+        e = size * rng.normal(size=3)
+        H, g = COST.quadratic(e)
+        for b in 0.3 * rng.normal(size=(50, 3)):
+            model = COST.value(e) + g @ b + 0.5 * b @ H @ b
+            assert COST.value(e + b) <= model + 1e-12
+        slopes = [derivative(lambda s, d=d, e=e: COST.value(e + s * d), 1e-5) for d in np.eye(3)]
+        np.testing.assert_allclose(g, slopes, rtol=1e-6, atol=1e-7)
+        assert np.linalg.norm(g) <= COST.slope
+
+
+def test_against_a_gradient_its_minimum_moves_as_derived():
+    """The minimum of V_o(e) − fᵀe, found by its own majorants."""
+    for pull in (6.0, 30.0, 54.0):
+        f, e = pull * np.array([0.6, 0.0, 0.8]), np.zeros(3)
+        for _ in range(2000):
+            H, g = COST.quadratic(e)
+            e = e + np.linalg.solve(H, f - g)
+        assert np.linalg.norm(e) == pytest.approx(
+            COST.width * pull / np.sqrt(COST.slope**2 - pull**2), rel=1e-6)

@@ -2,49 +2,59 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
 from support.laws import SIGMA, K, pairs, resolved_input, transpose_input
 
+import uvms_drake as uv
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback, limited_input
-from uvms_drake.control.laws import Resolved, TipFirst
-from uvms_drake.control.limits import Limits
 from uvms_drake.papers.nikou2018 import Transpose
-from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
 U_LIMIT = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])  # m/s² (3), rad/s² (7)
 
 
-@pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
-def test_the_system_computes_its_law_in_any_diagram(model, states, config):
+both_laws = pytest.mark.parametrize("config", [
+    uv.Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
+
+
+@pytest.fixture
+def signals(model, states) -> dict[str, np.ndarray]:
+    """Inputs of the system, pressing."""
     state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
-    nominal_input = np.linspace(0.0, 1.0, 10)
-    builder = DiagramBuilder()
+    return {"state": state, "nominal_state": nominal, "nominal_acceleration": acceleration,
+            "nominal_input": acceleration - model.drift(nominal[:10], nominal[10:])}
+
+
+def give(feedback, context, **values) -> None:
+    """Sets input ports."""
+    for name, value in values.items():
+        feedback.GetInputPort(name).FixValue(context, value)
+
+
+def read(feedback, context, *names) -> list[np.ndarray]:
+    """Returns what is at output ports."""
+    return [feedback.GetOutputPort(name).Eval(context).copy() for name in names]
+
+
+@both_laws
+def test_the_system_computes_its_law(model, signals, config):
     feedback = AncillaryFeedback(model, config)
-    builder.AddNamedSystem("feedback", feedback)
-    for name, value in (("state", state), ("nominal_state", nominal),
-                        ("nominal_acceleration", acceleration), ("nominal_input", nominal_input)):
-        source = builder.AddNamedSystem(name, ConstantVectorSource(value))
-        builder.Connect(source.get_output_port(), feedback.GetInputPort(name))
-    builder.ExportOutput(feedback.GetOutputPort("u"), "u")
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
+    context = feedback.CreateDefaultContext()
     assert context.num_total_states() == 0
-    if isinstance(config, Resolved):
+    give(feedback, context, **signals)
+    state, nominal, acceleration, nominal_input = signals.values()
+    if isinstance(config, uv.Resolved):
         expected = resolved_input(model, state, nominal, acceleration, K, SIGMA)
     else:
         expected = transpose_input(model, state, nominal, nominal_input, K, SIGMA)
-    np.testing.assert_array_equal(diagram.GetOutputPort("u").Eval(context), expected)
+    np.testing.assert_array_equal(read(feedback, context, "u")[0], expected)
 
 
 @pytest.mark.parametrize("where", ["free", "deep"])
-@pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
+@both_laws
 def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(
         model, plane, states, config, where):
     """ζ̇ = f + u: the full inertia, with added mass and rotors, on both sides."""
-    plant = make_uvms_plant("girona500_arm5e", surface=plane,
-                            disturbance=ConstantDisturbance(bound=0.0))
+    plant = uv.make_uvms_plant("girona500_arm5e", surface=plane,
+                            disturbance=uv.disturbances.ConstantDisturbance(bound=0.0))
     water = plant.GetSubsystemByName("hydrodynamics")
     order = plant.GetSubsystemByName("tau_to_drake_order")
     context = plant.CreateDefaultContext()
@@ -57,145 +67,104 @@ def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(
             water.GetMyContextFromRoot(context)).copy()
 
     for state, nominal, _, _ in pairs(model, states, where):
-        set_state(plant, context, state)
-        for name, value in (("state", state), ("nominal_state", nominal),
-                            ("nominal_acceleration", np.linspace(-0.1, 0.2, 10)),
-                            ("nominal_input", np.linspace(0.3, -0.2, 10))):
-            feedback.GetInputPort(name).FixValue(inputs, value)
-        tau, u = (feedback.GetOutputPort(name).Eval(inputs) for name in ("tau", "u"))
+        uv.set_state(plant, context, state)
+        give(feedback, inputs, state=state, nominal_state=nominal,
+             nominal_acceleration=np.linspace(-0.1, 0.2, 10),
+             nominal_input=np.linspace(0.3, -0.2, 10))
+        tau, u = read(feedback, inputs, "tau", "u")
         gained = accelerate(tau) - accelerate(np.zeros(10))
         accelerate(u)  # The same map takes u into the plant's order.
         expected = order.GetOutputPort("drake_order").Eval(order.GetMyContextFromRoot(context))
         np.testing.assert_allclose(gained, expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
+@both_laws
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_without_a_measurement_the_command_is_the_plans_own(model, states, config, value):
-    state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
-    nominal_input = acceleration - model.drift(nominal[:10], nominal[10:])
+def test_without_a_measurement_the_command_is_the_plans_own(model, signals, config, value):
     feedback = AncillaryFeedback(model, config)
-    context = feedback.CreateDefaultContext()
-    for name, given in (("nominal_state", nominal), ("nominal_acceleration", acceleration),
-                        ("nominal_input", nominal_input)):
-        feedback.GetInputPort(name).FixValue(context, given)
-    M = model.mass_matrix(model.kinematics(nominal[:10]))
+    context, nominal_input = feedback.CreateDefaultContext(), signals["nominal_input"]
+    M = model.mass_matrix(model.kinematics(signals["nominal_state"][:10]))
     for index in (0, 19):
-        feedback.GetInputPort("state").FixValue(context, state)
-        assert feedback.GetOutputPort("lost").Eval(context) == 0.0
-        assert np.max(np.abs(feedback.GetOutputPort("u").Eval(context) - nominal_input)) > 0.1
-        lost = state.copy()
-        lost[index] = value
-        feedback.GetInputPort("state").FixValue(context, lost)
-        assert feedback.GetOutputPort("lost").Eval(context) == 1.0
-        np.testing.assert_allclose(
-            feedback.GetOutputPort("u").Eval(context), nominal_input, atol=1e-9)
-        np.testing.assert_allclose(
-            feedback.GetOutputPort("tau").Eval(context), M @ nominal_input, rtol=1e-9, atol=1e-8)
+        give(feedback, context, **signals)
+        lost, u = read(feedback, context, "lost", "u")
+        assert lost == 0.0 and np.max(np.abs(u - nominal_input)) > 0.1
+        give(feedback, context, state=np.where(np.arange(20) == index, value, signals["state"]))
+        lost, u, tau = read(feedback, context, "lost", "u", "tau")
+        assert lost == 1.0
+        np.testing.assert_allclose(u, nominal_input, atol=1e-9)
+        np.testing.assert_allclose(tau, M @ nominal_input, rtol=1e-9, atol=1e-8)
 
 
-def test_the_measured_force_takes_the_place_of_the_surface_while_it_is_finite(model, states):
-    state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
-    contact = np.array([3.0, -4.0, 5.0, 0.1, 0.2, -0.3])
-    feedback = AncillaryFeedback(model, Resolved(K, SIGMA))
+def test_the_measured_force_takes_the_place_of_the_surface_while_it_is_finite(model, signals):
+    contact, state = np.array([3.0, -4.0, 5.0, 0.1, 0.2, -0.3]), signals["state"]
+    feedback = AncillaryFeedback(model, uv.Resolved(K, SIGMA))
     context = feedback.CreateDefaultContext()
-    for name, value in (("state", state), ("nominal_state", nominal),
-                        ("nominal_acceleration", acceleration)):
-        feedback.GetInputPort(name).FixValue(context, value)
 
-    def tau():
-        return feedback.GetOutputPort("tau").Eval(context).copy()
+    def tau(**values):
+        give(feedback, context, **values)
+        return read(feedback, context, "tau")[0]
 
-    known, measured = tau(), feedback.GetInputPort("force_measured")
-    measured.FixValue(context, contact)
+    known, measured = tau(**signals), tau(force_measured=contact)
     kinematics = model.kinematics(state[:10])
     believed = model.surface.force(kinematics.chi, kinematics.J_chi @ state[10:])
     np.testing.assert_allclose(
-        tau() - known, kinematics.J_chi.T @ (contact - believed), rtol=1e-9, atol=1e-9)
-    assert np.max(np.abs(tau() - known)) > 1.0
-    measured.FixValue(context, np.where(np.arange(6) == 4, np.nan, contact))
-    np.testing.assert_array_equal(tau(), known)
-    lost = np.full(20, np.nan)
-    feedback.GetInputPort("state").FixValue(context, lost)
-    measured.FixValue(context, contact)
-    assert np.all(np.isfinite(tau()))
+        measured - known, kinematics.J_chi.T @ (contact - believed), rtol=1e-9, atol=1e-9)
+    assert np.max(np.abs(measured - known)) > 1.0
+    np.testing.assert_array_equal(
+        tau(force_measured=np.where(np.arange(6) == 4, np.nan, contact)), known)
+    assert np.all(np.isfinite(tau(state=np.full(20, np.nan), force_measured=contact)))
 
 
-def commands(model, states, size: float):
-    """Yields M of the robot and random u up to `size` times the limits, and τ = M u."""
+def test_each_acceleration_and_each_force_is_cut_to_its_limit_and_the_other_follows(
+        model, states):
     rng = np.random.default_rng(30)
     for state in states["free"]:
         M = model.mass_matrix(model.kinematics(state[:10]))
-        u = size * U_LIMIT * rng.uniform(-1.0, 1.0, size=10)
-        yield M, u, M @ u
-
-
-def test_each_acceleration_is_cut_to_its_limit_and_the_force_follows(model, states):
-    for M, u, tau in commands(model, states, 3.0):
-        cut_u, cut_tau, limited = limited_input(u, tau, M, U_LIMIT)
-        beyond = np.abs(u) > U_LIMIT
+        u = 3.0 * U_LIMIT * rng.uniform(-1.0, 1.0, size=10)
+        within = np.clip(u, -U_LIMIT, U_LIMIT)
+        cut_u, cut_tau, limited = limited_input(u, M @ u, M, U_LIMIT)
+        assert limited and 0 < np.count_nonzero(within != u) < 10
+        np.testing.assert_array_equal(cut_u, within)
+        np.testing.assert_allclose(cut_tau, M @ within, rtol=1e-12)
+        tau_limit = np.abs(M @ within) * np.tile([0.5, 2.0], 5)
+        cut_u, cut_tau, limited = limited_input(u, M @ u, M, U_LIMIT, tau_limit)
         assert limited
-        assert 0 < np.count_nonzero(beyond) < 10
-        np.testing.assert_array_equal(cut_u[~beyond], u[~beyond])
-        np.testing.assert_array_equal(cut_u[beyond], (np.sign(u) * U_LIMIT)[beyond])
-        np.testing.assert_allclose(cut_tau, M @ cut_u, rtol=1e-12)
-
-
-def test_each_force_is_cut_to_its_limit_and_the_acceleration_follows(model, states):
-    for M, u, tau in commands(model, states, 3.0):
-        within_u = M @ np.clip(u, -U_LIMIT, U_LIMIT)
-        tau_limit = np.abs(within_u) * np.tile([0.5, 2.0], 5)
-        cut_u, cut_tau, limited = limited_input(u, tau, M, U_LIMIT, tau_limit)
-        assert limited
-        np.testing.assert_allclose(cut_tau, within_u * np.tile([0.5, 1.0], 5), rtol=1e-12)
+        np.testing.assert_allclose(cut_tau, M @ within * np.tile([0.5, 1.0], 5), rtol=1e-12)
         np.testing.assert_allclose(M @ cut_u, cut_tau, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
-def test_the_system_says_whether_a_limit_cuts_its_command(model, states, config):
+@both_laws
+def test_the_system_says_whether_a_limit_cuts_its_command(model, signals, config):
     """With limits on either side of what the law commands, of u and of τ."""
-    state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
-    nominal_input = acceleration - model.drift(nominal[:10], nominal[10:])
-
     def outputs(limits):
         feedback = AncillaryFeedback(model, config, limits)
         context = feedback.CreateDefaultContext()
-        for name, value in (("state", state), ("nominal_state", nominal),
-                            ("nominal_acceleration", acceleration),
-                            ("nominal_input", nominal_input)):
-            feedback.GetInputPort(name).FixValue(context, value)
-        return [feedback.GetOutputPort(name).Eval(context).copy()
-                for name in ("u", "tau", "limited")]
+        give(feedback, context, **signals)
+        return read(feedback, context, "u", "tau", "limited")
 
     u, tau, limited = outputs(None)
     assert limited == 0.0
-    wide, tight = 1.001 * np.abs(u), 0.5 * np.abs(u)
-    for limits in (Limits(u=wide), Limits(u=wide, tau=1.001 * np.abs(tau))):
-        for value, expected in zip(outputs(limits), (u, tau, 0.0), strict=True):
-            np.testing.assert_array_equal(value, expected)
-    cut_u, cut_tau, limited = outputs(Limits(u=tight))
-    assert limited == 1.0
-    np.testing.assert_allclose(cut_u, 0.5 * u, rtol=1e-12)
-    np.testing.assert_allclose(cut_tau, 0.5 * tau, rtol=1e-9)
-    cut_u, cut_tau, limited = outputs(Limits(u=wide, tau=0.5 * np.abs(tau)))
-    assert limited == 1.0
-    np.testing.assert_allclose(cut_u, 0.5 * u, rtol=1e-9)
-    np.testing.assert_allclose(cut_tau, 0.5 * tau, rtol=1e-12)
+    wide = 1.001 * np.abs(u)
+    for u_limit, tau_limit, share in ((wide, None, 1.0), (wide, 1.001 * np.abs(tau), 1.0),
+                                      (0.5 * np.abs(u), None, 0.5), (wide, 0.5 * np.abs(tau), 0.5)):
+        cut_u, cut_tau, limited = outputs(uv.limits.Limits(u=u_limit, tau=tau_limit))
+        np.testing.assert_allclose(cut_u, share * u, rtol=1e-9)
+        np.testing.assert_allclose(cut_tau, share * tau, rtol=1e-9)
+        assert limited == (share < 1.0)
 
 
 def test_where_the_thrusters_say_what_they_give_only_the_joints_are_cut_here(model, states):
     """The vehicle is asked for more than its limits, the joints are not, then they are, too."""
     state, nominal, acceleration, _ = next(pairs(model, states, "free"))
     for joints, cut in ((1e3, False), (1e-2, True)):
-        limits = Limits(u=np.repeat([1e-3, joints], [6, 4]))
-        feedback = AncillaryFeedback(model, TipFirst(), limits)
+        limits = uv.limits.Limits(u=np.repeat([1e-3, joints], [6, 4]))
+        feedback = AncillaryFeedback(model, uv.laws.TipFirst(), limits)
         context = feedback.CreateDefaultContext()
-        for name, value in (("state", state), ("nominal_state", nominal),
-                            ("nominal_acceleration", acceleration)):
-            feedback.GetInputPort(name).FixValue(context, value)
-        assert feedback.GetOutputPort("limited").Eval(context)[0] == 1.0
-        feedback.GetInputPort("vehicle_wrench").FixValue(context, np.zeros(6))
-        assert feedback.GetOutputPort("limited").Eval(context)[0] == cut
-        u = feedback.GetOutputPort("u").Eval(context)
+        give(feedback, context, state=state, nominal_state=nominal,
+             nominal_acceleration=acceleration)
+        assert read(feedback, context, "limited")[0] == 1.0
+        give(feedback, context, vehicle_wrench=np.zeros(6))
+        limited, u = read(feedback, context, "limited", "u")
+        assert limited == cut
         assert np.max(np.abs(u[:6])) > 1e-3
         assert np.max(np.abs(u[6:])) <= joints * (1.0 + 1e-9)

@@ -1,30 +1,26 @@
 """Tests of `control.feedback.feedforward_preview`."""
 
-
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from pydrake.systems.framework import DiagramBuilder
 from support.lagging import CONFIG, Motion, run
 from support.transfer import impulse
 
+import uvms_drake as uv
 from uvms_drake.control.feedback.feedforward_preview import (
     FeedforwardPreview,
     SurfaceReaction,
     previewed_forces,
 )
-from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.mpc.planner import committed_intervals
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
+from uvms_drake.model.signals.command_path import IDEAL_PATH
 from uvms_drake.station.scenario.parts import command_path_of
-from uvms_drake.station.scenario.scenario import load_scenario
 
 H, N = 0.2, 6
 GAINS = (1.5, 0.4)  # k, σ of the vehicle [1/s]
-PATH = CommandPath(delay=0.04, dead_time=0.1, lag=0.16)  # s; 0.3 of the vehicle, 0.04 of the joints
+PATH = uv.CommandPath(delay=0.04, dead_time=0.1, lag=0.16)  # s; vehicle 0.3, joints 0.04
 
 
 def jumping(before: int = 0) -> Plan:
@@ -78,44 +74,28 @@ def test_of_an_unknown_wall_it_is_the_change_of_the_planned_force(model):
 
 
 def test_only_a_law_that_takes_the_wrench_has_a_preview(short_ocp):
-    path = CommandPath(delay=0.02, dead_time=0.08, lag=0.15)
-    assert committed_intervals(TipFirst(), path, H) == 2
-    assert committed_intervals(TipFirst(), path._replace(lag=0.3), H) == 2
-    for law, none in ((Resolved(), path), (TipFirst(), IDEAL_PATH)):
+    path = uv.CommandPath(delay=0.02, dead_time=0.08, lag=0.15)
+    assert committed_intervals(uv.laws.TipFirst(), path, H) == 2
+    assert committed_intervals(uv.laws.TipFirst(), path._replace(lag=0.3), H) == 2
+    for law, none in ((uv.Resolved(), path), (uv.laws.TipFirst(), IDEAL_PATH)):
         assert committed_intervals(law, none, H) == 0
-        assert not make_tube_mpc(short_ocp, law, command_path=none).HasSubsystemNamed(
+        assert not uv.make_tube_mpc(short_ocp, law, command_path=none).HasSubsystemNamed(
             "previewed_forces")
-    controller = make_tube_mpc(short_ocp, TipFirst(), command_path=path)
+    controller = uv.make_tube_mpc(short_ocp, uv.laws.TipFirst(), command_path=path)
     preview, feedback = (controller.GetSubsystemByName(name) for name in (
         "previewed_forces", "ancillary"))
     assert controller.AreConnected(preview.get_output_port(), feedback.GetInputPort("preview"))
 
 
 def test_the_delay_is_the_sum_of_the_parts_of_the_actuation(model):
-    scenario = load_scenario("girona500_ideal", [
+    scenario = uv.load_scenario("girona500_ideal", [
         "actuation=[!SampledCommand {period: 0.02, delay: 0.01}, "
         "!Thrusters {lag: 0.1, dead_time: 0.05, period: 0.01}]"])
     np.testing.assert_allclose(
         command_path_of(scenario.actuation, model).preview, [0.02 + 0.155, 0.02])
-    for actuation in ([], load_scenario("girona500_ideal", [
+    for actuation in ([], uv.load_scenario("girona500_ideal", [
             "actuation=[!SampledCommand {}]"]).actuation):
         assert command_path_of(actuation, model).preview == (0.0, 0.0)
-
-
-def test_as_a_system_it_reads_the_plan_of_now(model):
-    builder = DiagramBuilder()
-    system = builder.AddSystem(FeedforwardPreview(model, PATH))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    own, plan = system.GetMyMutableContextFromRoot(context), jumping()
-    context.SetTime(0.25)
-    config, zeta, zeta_dot = plan.at(0.25)
-    system.GetInputPort("plan").FixValue(own, Value(plan))
-    system.GetInputPort("nominal_state").FixValue(own, np.append(config, zeta))
-    system.GetInputPort("nominal_acceleration").FixValue(own, zeta_dot)
-    np.testing.assert_array_equal(
-        system.get_output_port().Eval(own),
-        previewed_forces(model, plan, 0.25, PATH.preview, plan.at(0.25)))
 
 
 def test_as_a_system_it_reads_the_contact_state(model):
@@ -145,7 +125,7 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
     there is no preview.
     """
     lag, plan = 0.1, jumping(before=1)
-    law = TipFirst(BlockGains(*GAINS), BlockGains(20.0, 10.0))
+    law = uv.laws.TipFirst(BlockGains(*GAINS), BlockGains(20.0, 10.0))
 
     def nominal(time: float) -> tuple[np.ndarray, np.ndarray]:
         config, zeta, zeta_dot = plan.at(time)

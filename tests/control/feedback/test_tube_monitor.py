@@ -9,21 +9,15 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script, report_of, use_fixed_steps
 from support.tube_bounds import resolved_preimage_tube, rise
 
+import uvms_drake as uv
 from uvms_drake.common.alarm import LOGGER
-from uvms_drake.control.feedback.tube_monitor import (
-    ALARMS,
-    FIELDS,
-    SAID,
-    TubeMonitor,
-)
-from uvms_drake.control.laws import Resolved
+from uvms_drake.control.feedback.tube_monitor import ALARMS, FIELDS, SAID, TubeMonitor
 from uvms_drake.control.laws.law import Deviation, pair_of
 from uvms_drake.control.laws.resolved import gains_and_growth
-from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.tube.row_gains import resolved_tube
 
-LAW = Resolved(k=20.0, sigma=5.0)
+LAW = uv.Resolved(k=20.0, sigma=5.0)
 D_BOUND = 0.1
 WEIGHTS = np.array([0.1, 0.05, 0.2, 0.3, 0.1, 0.15, 0.9, 0.8, 0.6, 1.0])
 
@@ -69,7 +63,7 @@ def test_the_errors_are_those_of_the_laws(model, pair):
 def test_mu_bounds_how_fast_the_preimage_grows_by_the_turning_of_j(model, pair):
     real, nominal = pair
     _, mu = gains_and_growth(pair_of(model, real, nominal), np.ones(10))
-    rate = configuration_rate(real[:10], real[10:])
+    rate = uv.configuration_rate(real[:10], real[10:])
     J, forward, backward = (model.task_jacobian(real[:10] + s * rate) for s in (0.0, 1e-5, -1e-5))
     turning = np.linalg.solve(J, forward - backward) / 2e-5
     w = np.random.default_rng(0).normal(size=(1000, 10))
@@ -170,31 +164,3 @@ def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states
         report = report_of(monitor, context)
         assert report["worst_disturbance"] == pytest.approx(ratio)
         assert report["disturbance_exits"] == (ratio > 1.0)
-
-
-def test_samples_at_the_steps_leave_the_steps_as_they_are(model, states):
-    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
-    steps = []
-    for period in (0.0, 1e-3):
-        simulator, *_ = scripted(model, state=lambda t: at_rest, nominal=lambda t: at_rest,
-                                 period=period)
-        simulator.AdvanceTo(0.1)
-        steps.append(simulator.get_num_steps_taken())
-    assert steps[0] == pytest.approx(50, abs=3)
-    assert steps[1] >= 100
-
-
-def test_a_cloned_context_goes_on_identically(model, pair):
-    simulator, monitor, _ = scripted(
-        model, radii={"task": 1e-3}, state=lambda t: pair[0] * np.cos(t),
-        nominal=lambda t: pair[1] * np.cos(t))
-    simulator.AdvanceTo(0.2)
-    twin = Simulator(simulator.get_system(), simulator.get_context().Clone())
-    use_fixed_steps(twin)
-    reports = []
-    for each in (simulator, twin):
-        each.AdvanceTo(0.4)
-        context = monitor.GetMyContextFromRoot(each.get_context())
-        reports.append([*report_of(monitor, context).values(),
-                        *monitor.GetOutputPort("bound").Eval(context)])
-    np.testing.assert_allclose(*reports, rtol=1e-11)

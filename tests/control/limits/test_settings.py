@@ -5,90 +5,64 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.limits import (
-    Limit,
-    Limits,
-    TubeRadii,
-    joint_limits,
-    make_limits,
-    resolved_radii,
-    tighten,
-)
+import uvms_drake as uv
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.plane import UnilateralPlane
 
-LIMITS = Limits(nu1=0.25, nu2=0.2, qdot=0.3, roll=0.33, pitch=0.31, tip_pitch=0.8,
+LIMITS = uv.limits.Limits(nu1=0.25, nu2=0.2, qdot=0.3, roll=0.33, pitch=0.31, tip_pitch=0.8,
                 u=np.array([0.4, 0.3, 0.3, 0.4, 0.4, 0.4, 6.0, 8.0]),
                 tau=np.array([90.0, 80.0, 70.0, 60.0, 50.0, 40.0, 5.0, 4.0]))
-TUBE = TubeRadii(e=0.19, position=0.18, orientation=0.01, joints=0.012, z=0.17, nu1=0.04,
+TUBE = uv.limits.TubeRadii(e=0.19, position=0.18, orientation=0.01, joints=0.012, z=0.17, nu1=0.04,
                  nu2=0.03, qdot=0.05, depth=0.15, depth_speed=0.11, roll=0.06, pitch=0.02,
                  u=np.array([0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 0.5, 0.7]),
                  tau=np.array([9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 0.5, 0.4]))
 """All different: each limit has one radius of its own."""
 Q_LOWER, Q_UPPER = np.array([-0.5, -1.3]), np.array([1.4, 0.7])
-PLANE = check_surface(UnilateralPlane(
+PLANE = check_surface(uv.UnilateralPlane(
     point=np.array([0.3, -0.2, 1.1]), normal=np.array([-0.6, 0.0, 0.8]), stiffness=830.0))
 
 
-def less(limits, tube, q_lower=Q_LOWER, q_upper=Q_UPPER) -> dict[str, Limit]:
+def less(limits, tube, q_lower=Q_LOWER, q_upper=Q_UPPER) -> dict[str, uv.Limit]:
     """Returns the tightened limits."""
-    return tighten(make_limits(limits, q_lower, q_upper, PLANE), tube)
+    return uv.limits.tighten(uv.limits.make_limits(limits, q_lower, q_upper, PLANE), tube)
 
 
 def margins(limits, tube) -> list[tuple[str, float, float]]:
     """Returns label, tightening and available margin of every limit."""
-    tube = resolved_radii(tube)
-    return [available for limit in make_limits(limits, Q_LOWER, Q_UPPER, PLANE).values()
+    tube = uv.limits.resolved_radii(tube)
+    return [available for limit in uv.limits.make_limits(limits, Q_LOWER, Q_UPPER, PLANE).values()
             for available in limit.margins(tube)]
-
-
-def test_every_limit_loses_the_radius_of_its_own_block():
-    remaining = less(LIMITS, TUBE)
-    assert remaining["nu1"].upper[0] == pytest.approx(0.21)
-    assert remaining["nu2"].upper[0] == pytest.approx(0.17)
-    assert remaining["qdot"].upper[0] == pytest.approx(0.25)
-    assert remaining["roll"].upper[0] == pytest.approx(0.27)
-    assert remaining["pitch"].upper[0] == pytest.approx(0.29)
-    assert remaining["tip_pitch"].upper[0] == pytest.approx(0.79)
-    np.testing.assert_allclose(remaining["u"].upper, [0.3, 0.2, 0.2, 0.2, 0.2, 0.2, 5.5, 7.3])
-    np.testing.assert_allclose(
-        remaining["tau"].upper, [81.0, 72.0, 63.0, 54.0, 45.0, 36.0, 4.5, 3.6])
-    np.testing.assert_allclose(remaining["q"].lower, [-0.488, -1.288])
-    np.testing.assert_allclose(remaining["q"].upper, [1.388, 0.688])
 
 
 BLOCKS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2": "z", "qdot": "z"}
 
 
-def test_a_block_without_a_radius_of_its_own_takes_the_total():
-    tube = replace(TUBE, **dict.fromkeys(BLOCKS))
-    resolved = resolved_radii(tube)
-    assert {block: getattr(resolved, block) for block in BLOCKS} == {
-        block: getattr(TUBE, total) for block, total in BLOCKS.items()}
+@pytest.mark.parametrize("blocks", [True, False])
+def test_every_limit_loses_the_radius_of_its_own_block_or_the_total(blocks):
+    tube = TUBE if blocks else replace(TUBE, **dict.fromkeys(BLOCKS))
+    resolved = uv.limits.resolved_radii(tube)
+    radii = {block: getattr(TUBE, block if blocks else total) for block, total in BLOCKS.items()}
+    assert {block: getattr(resolved, block) for block in BLOCKS} == radii
     remaining = less(LIMITS, tube)
-    assert remaining["nu1"].upper[0] == pytest.approx(0.25 - 0.17)
-    assert remaining["nu2"].upper[0] == pytest.approx(0.2 - 0.17)
-    assert remaining["qdot"].upper[0] == pytest.approx(0.3 - 0.17)
-    assert remaining["tip_pitch"].upper[0] == pytest.approx(0.8 - 0.19)
-    np.testing.assert_allclose(remaining["q"].lower, [-0.31, -1.11])
-    np.testing.assert_allclose(remaining["q"].upper, [1.21, 0.51])
-    assert margins(LIMITS, tube) == margins(LIMITS, resolved)
-    assert remaining["roll"].upper[0] == pytest.approx(0.27)
+    for name, radius in {"nu1": radii["nu1"], "nu2": radii["nu2"], "qdot": radii["qdot"],
+                         "roll": 0.06, "pitch": 0.02, "tip_pitch": radii["orientation"],
+                         "u": TUBE.u, "tau": TUBE.tau}.items():
+        np.testing.assert_allclose(remaining[name].upper, getattr(LIMITS, name) - radius)
+    np.testing.assert_allclose(remaining["q"].lower, Q_LOWER + radii["joints"])
+    np.testing.assert_allclose(remaining["q"].upper, Q_UPPER - radii["joints"])
 
 
 # Joints ------------------------------------------------------------------------------------------
 
 
 def test_joint_limits_are_the_robots_or_the_narrower_ones_asked_for():
-    lower, upper = joint_limits(LIMITS, Q_LOWER, Q_UPPER)
+    lower, upper = uv.limits.joint_limits(LIMITS, Q_LOWER, Q_UPPER)
     np.testing.assert_array_equal(lower, Q_LOWER)
     np.testing.assert_array_equal(upper, Q_UPPER)
     asked = replace(LIMITS, q_lower=[-0.4, -1.3])
-    lower, upper = joint_limits(asked, Q_LOWER, Q_UPPER)
+    lower, upper = uv.limits.joint_limits(asked, Q_LOWER, Q_UPPER)
     np.testing.assert_array_equal(lower, [-0.4, -1.3])
     np.testing.assert_array_equal(upper, Q_UPPER)
-    lower, upper = joint_limits(replace(asked, q_upper=[0.1, 0.2]), Q_LOWER, Q_UPPER)
+    lower, upper = uv.limits.joint_limits(replace(asked, q_upper=[0.1, 0.2]), Q_LOWER, Q_UPPER)
     np.testing.assert_array_equal(lower, [-0.4, -1.3])
     np.testing.assert_array_equal(upper, [0.1, 0.2])
 
@@ -100,7 +74,7 @@ def test_a_tube_as_wide_as_a_limit_is_refused_and_a_little_less_is_not(radius, l
     available = getattr(LIMITS, limit)
     remaining = less(LIMITS, replace(TUBE, **{radius: 0.999 * available}))
     assert remaining[limit].upper[0] == pytest.approx(0.001 * available)
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises(uv.InvalidParameter) as caught:
         less(LIMITS, replace(TUBE, **{radius: available}))
     assert caught.value.key == f"limits.{limit}"
     assert caught.value.value == available
@@ -122,7 +96,7 @@ def test_a_tube_as_wide_as_a_limit_is_refused_and_a_little_less_is_not(radius, l
     ({}, {"position": -1e-9}, "tube.position"), ({}, {"orientation": np.inf}, "tube.orientation"),
     ({"tip_pitch": 1.5}, {"orientation": 1.0, "joints": 1.0}, "limits.q1")])
 def test_what_leaves_nothing_or_means_nothing_is_named(limits, tube, key):
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises(uv.InvalidParameter) as caught:
         less(replace(LIMITS, **limits), replace(TUBE, **tube))
     assert caught.value.key == key
 
@@ -130,7 +104,7 @@ def test_what_leaves_nothing_or_means_nothing_is_named(limits, tube, key):
 @pytest.mark.parametrize(("slides", "length"), [
     ([], []), ([False, True], ["q2"]), ([True, True], ["q1", "q2"])])
 def test_what_is_of_a_joint_that_slides_is_in_metres(slides, length):
-    limits = make_limits(LIMITS, Q_LOWER, Q_UPPER, PLANE, slides=slides)
+    limits = uv.limits.make_limits(LIMITS, Q_LOWER, Q_UPPER, PLANE, slides=slides)
     for joint in ("q1", "q2"):
         straight = joint in length
         end = ("m", "m/s²", "N") if straight else ("rad", "rad/s²", "N m")

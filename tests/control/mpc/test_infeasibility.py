@@ -3,18 +3,17 @@
 import numpy as np
 import pytest
 
+import uvms_drake as uv
 from uvms_drake.control.mpc.infeasibility import first_violation, infeasibility_reason
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.ocp import FEASIBLE
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.station.problem import make_ocp, start_state
-from uvms_drake.station.scenario.scenario import load_scenario
 
 
 def first_guess(*overrides):
-    scenario = load_scenario("girona500_ideal", overrides)
-    ocp = make_ocp(scenario)
-    return ocp, ocp.resting_plan(0.0, start_state(scenario, ocp))
+    scenario = uv.load_scenario("girona500_ideal", overrides)
+    ocp = uv.make_ocp(scenario)
+    return ocp, ocp.resting_plan(0.0, uv.start_state(scenario, ocp))
 
 
 @pytest.mark.slow

@@ -9,8 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from support.limits import with_limits
+from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
-from uvms_drake.common.errors import InvalidParameter, RunFailed
+import uvms_drake as uv
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import (
     DROPPED,
@@ -24,7 +25,7 @@ from uvms_drake.control.mpc.planner import (
 )
 from uvms_drake.control.ocp.ocp import FEASIBLE
 from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
-from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 
 H = 0.2  # s
 
@@ -44,39 +45,29 @@ class FailingSolver:
             return Solution(None, None, iterations, converged=False)
         return self._real.solve(guess, iterations)
 
+    def of(self, ocp):
+        """Returns itself: the problems of these tests do not differ."""
+        return self
 
-class ViolatingSolver(FailingSolver):
-    """Says of the plans that it finds that a limit is violated by so much, or finds none."""
 
-    def __init__(self, ocp, violation: float | None):
-        super().__init__(ocp, failures=() if violation is not None else {0})
-        self._violation = violation
+class AlteringSolver(FailingSolver):
+    """Says of the plans that it finds, but for the first ones, what is given."""
+
+    def __init__(self, ocp, exempt: int = 0, **said: float):
+        super().__init__(ocp)
+        self._exempt, self._said = exempt, said
 
     def solve(self, guess, iterations):
         solution = super().solve(guess, iterations)
-        if solution.plan is None:
-            return solution
-        return replace(
-            solution, evaluation=replace(solution.evaluation, violation=self._violation))
-
-
-class MissingSolver(FailingSolver):
-    """Says of every plan but the first that it misses the terminal set by so much."""
-
-    def __init__(self, ocp, slack: float):
-        super().__init__(ocp)
-        self._slack = slack
-
-    def solve(self, guess, iterations):
-        first, solution = self.calls == 0, super().solve(guess, iterations)
-        return solution if first else replace(
-            solution, evaluation=replace(solution.evaluation, terminal_slack=self._slack))
+        return solution if self.calls <= self._exempt else replace(
+            solution, evaluation=replace(solution.evaluation, **self._said))
 
 
 class Setup:
     """A planner alone, with a measured state that does not follow the plan."""
 
-    def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None, committed=0):
+    def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None, committed=0,
+                 **given):
         solver.ocp = copy.copy(solver.ocp)
         solver.ocp.iterations = iterations
         builder = DiagramBuilder()
@@ -87,6 +78,7 @@ class Setup:
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.ocp = solver.ocp
+        self.give(**given)
 
     def go(self, time: float) -> None:
         self.simulator.AdvanceTo(time)
@@ -98,10 +90,11 @@ class Setup:
     def report(self) -> dict[str, float]:
         return dict(zip(MPC_REPORT, self.read("report"), strict=True))
 
-    def give(self, name: str, value) -> None:
-        """Sets an input port from now on."""
+    def give(self, **given) -> None:
+        """Sets input ports from now on."""
         context = self.mpc.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
-        self.mpc.GetInputPort(name).FixValue(context, value)
+        for name, value in given.items():
+            self.mpc.GetInputPort(name).FixValue(context, np.atleast_1d(value))
 
     def jump(self, state: np.ndarray) -> None:
         context = self.source.GetMyMutableContextFromRoot(
@@ -162,34 +155,9 @@ def test_between_samples_the_outputs_are_a_motion_under_the_nominal_input(short_
     f = short_ocp.model.drift(config, zeta)
     np.testing.assert_allclose(f + u, zeta_dot, rtol=1e-9, atol=1e-12)
     rate = (states[2] - states[0]) / 2e-3
-    np.testing.assert_allclose(rate[:10], configuration_rate(config, zeta), atol=1e-6)
+    np.testing.assert_allclose(rate[:10], uv.configuration_rate(config, zeta), atol=1e-6)
     np.testing.assert_allclose(rate[10:], zeta_dot, atol=1e-9)
     assert np.linalg.norm(zeta_dot) > 0.01
-
-
-def test_a_failed_solve_takes_the_continued_plan_and_the_next_one_recovers(short_ocp, start):
-    solver = FailingSolver(short_ocp, failures={2, 3})
-    setup = Setup(solver, start)
-    setup.go(1.5 * H)
-    assert setup.report()["status"] == 0.0
-    plan = setup.read("plan")
-    for k in (2, 3):
-        setup.go((k + 0.5) * H)
-        plan = short_ocp.continued(plan)
-        taken, report = setup.read("plan"), setup.report()
-        for name in ("config", "zeta", "zeta_dot"):
-            np.testing.assert_array_equal(getattr(taken, name), getattr(plan, name))
-        assert report["status"] == 1.0
-        evaluation = short_ocp.evaluate(plan)
-        assert report["cost"] == evaluation.cost
-        assert report["violation"] == evaluation.violation
-        for port in ("nominal_state", "nominal_input", "nominal_acceleration", "report"):
-            assert np.all(np.isfinite(setup.read(port)))
-    setup.go(4.5 * H)
-    assert setup.report()["status"] == 0.0
-    assert solver.calls == 5
-    before = short_ocp.evaluate(short_ocp.continued(plan))
-    assert setup.report()["cost"] <= before.merit
 
 
 @pytest.mark.parametrize(("slack", "status"), [(10.0 * FEASIBLE, KEPT), (0.1 * FEASIBLE, SOLVED)])
@@ -197,7 +165,7 @@ def test_a_plan_that_is_kept_because_it_is_sounder_is_no_failure(
         short_ocp, caplog, slack, status):
     """It is within the terminal set and the new one, which may cost less, is not."""
     at_rest = np.concatenate([short_ocp.model.configuration(short_ocp.y_des), np.zeros(10)])
-    solver = MissingSolver(short_ocp, slack)
+    solver = AlteringSolver(short_ocp, exempt=1, terminal_slack=slack)
     setup = Setup(solver, at_rest)
     setup.simulator.Initialize()
     plan = setup.read("plan")
@@ -215,36 +183,13 @@ def test_a_plan_that_is_kept_because_it_is_sounder_is_no_failure(
     assert not caplog.records
 
 
-@pytest.mark.parametrize("fault", [FAILED, TIMED_OUT])
-def test_a_fault_of_the_solver_takes_the_continued_plan(short_ocp, start, fault):
-    solver = FailingSolver(short_ocp)
-    setup = Setup(solver, start)
-    setup.give("fault", [fault])
-    setup.simulator.Initialize()
-    assert setup.report()["status"] == SOLVED, "the first plan is exempt"
-    plan = setup.read("plan")
-    for k in (1, 2):
-        setup.go((k + 0.5) * H)
-        plan = short_ocp.continued(plan)
-        np.testing.assert_array_equal(setup.read("plan").zeta_dot, plan.zeta_dot)
-        report = setup.report()
-        assert (report["status"], report["iterations"]) == (fault, 0.0)
-        assert report["time"] == pytest.approx(k * H)
-        assert report["cost"] == short_ocp.evaluate(plan).cost
-    assert solver.calls == 1
-    setup.give("fault", [SOLVED])
-    setup.go(3.5 * H)
-    assert setup.report()["status"] == SOLVED
-    assert solver.calls == 2
-
-
 def test_a_dropped_sample_leaves_plan_and_report_and_the_next_one_starts_where_it_went(
         short_ocp, start):
     solver = FailingSolver(short_ocp)
     setup = Setup(solver, start)
     setup.go(1.5 * H)
     plan, report = setup.read("plan"), setup.report()
-    setup.give("fault", [DROPPED])
+    setup.give(fault=DROPPED)
     for k in (2, 3):
         setup.go((k + 0.5) * H)
         assert setup.read("plan").start_time == plan.start_time
@@ -255,48 +200,48 @@ def test_a_dropped_sample_leaves_plan_and_report_and_the_next_one_starts_where_i
         assert (now["status"], now["time"]) == (DROPPED, pytest.approx(k * H))
         assert {**now, "status": 0.0, "time": report["time"]} == report
     assert solver.calls == 2
-    setup.give("fault", [SOLVED])
+    setup.give(fault=SOLVED)
     setup.go(4.5 * H)
     assert (setup.report()["status"], solver.calls) == (SOLVED, 3)
     np.testing.assert_allclose(
         setup.read("plan").start, np.concatenate(plan.at(4 * H)[:2]), atol=1e-12)
 
 
-def test_a_plan_after_its_deadline_is_thrown_away(short_ocp, start):
-    for deadline, status in ((1e-9, TIMED_OUT), (1e6, SOLVED)):
-        ocp = copy.copy(short_ocp)
-        ocp.deadline = deadline
-        solver = FailingSolver(ocp)
-        setup = Setup(solver, start)
-        setup.simulator.Initialize()
-        assert setup.report()["status"] == SOLVED, "the first plan is exempt"
-        plan = setup.read("plan")
-        setup.go(1.5 * H)
-        assert (setup.report()["status"], solver.calls) == (status, 2)
-        kept = np.array_equal(setup.read("plan").zeta_dot, ocp.continued(plan).zeta_dot)
-        assert kept == (status == TIMED_OUT)
-
-
-@pytest.mark.parametrize("fault", [FAILED, TIMED_OUT, "deadline"])
-def test_without_a_new_plan_there_is_no_new_force_either(short_ocp, start, fault):
-    """It is asked for and refused, and accepted when a plan is made again."""
+@pytest.mark.parametrize(("cause", "status", "calls"), [
+    ("solver", FAILED, 5), ("deadline", TIMED_OUT, 3), (FAILED, FAILED, 1),
+    (TIMED_OUT, TIMED_OUT, 1)])
+def test_without_a_new_plan_the_last_one_is_continued_and_no_new_force_accepted(
+        short_ocp, start, cause, status, calls):
+    """The first plan is exempt; the next one that is made recovers, and takes the force."""
     force, other = np.full(6, 20.0), np.full(6, 21.0)
-    ocp = copy.copy(short_ocp)
-    setup = Setup(SequentialConvexSolver(ocp), start, targets=Targets(
-        force, lambda force: copy.copy(short_ocp)))
-    setup.give("desired_force", other)
-    if fault == "deadline":
+    solver = FailingSolver(  # At each sample: to the new force, and to the old one.
+        short_ocp, {1, 2, 3, 4} if cause == "solver" else ())
+    setup = Setup(solver, start, targets=Targets(force, lambda force: copy.copy(short_ocp)),
+                  desired_force=other)
+    if cause == "deadline":
         setup.ocp.deadline = 1e-9
-    else:
-        setup.give("fault", [fault])
-    setup.go(1.5 * H)
-    assert setup.report()["status"] == (TIMED_OUT if fault == "deadline" else fault)
-    assert setup.report()["refused"] == 1.0
-    np.testing.assert_array_equal(setup.read("accepted_force"), force)
+    elif cause != "solver":
+        setup.give(fault=cause)
+    setup.simulator.Initialize()
+    assert setup.report()["status"] == SOLVED
+    plan = setup.read("plan")
+    for k in (1, 2):
+        setup.go((k + 0.5) * H)
+        plan = short_ocp.continued(plan)
+        taken, report, evaluation = setup.read("plan"), setup.report(), short_ocp.evaluate(plan)
+        for name in ("config", "zeta", "zeta_dot"):
+            np.testing.assert_array_equal(getattr(taken, name), getattr(plan, name))
+        assert (report["status"], report["refused"]) == (status, 1.0)
+        assert report["time"] == pytest.approx(k * H)
+        assert (report["cost"], report["violation"]) == (evaluation.cost, evaluation.violation)
+        np.testing.assert_array_equal(setup.read("accepted_force"), force)
+    assert solver.calls == calls
     setup.ocp.deadline = None
-    setup.give("fault", [SOLVED])
-    setup.go(2.5 * H)
-    assert (setup.report()["status"], setup.report()["refused"]) == (SOLVED, 0.0)
+    setup.give(fault=SOLVED)
+    setup.go(3.5 * H)
+    report = setup.report()
+    assert (report["status"], report["refused"]) == (SOLVED, 0.0)
+    assert report["cost"] <= short_ocp.evaluate(short_ocp.continued(plan)).merit
     np.testing.assert_array_equal(setup.read("accepted_force"), other)
 
 
@@ -320,8 +265,9 @@ def test_a_plan_from_the_measured_state_starts_at_the_nominal_one_while_it_is_lo
 @pytest.mark.parametrize("violation", [None, 1.01 * FEASIBLE, 1.0])
 def test_without_a_first_plan_within_the_limits_the_run_fails_with_one_line(
         short_ocp, start, violation):
-    setup = Setup(ViolatingSolver(short_ocp, violation), start)
-    with pytest.raises(RunFailed, match=r"no solution at the start") as caught:
+    setup = Setup(FailingSolver(short_ocp, {0}) if violation is None else AlteringSolver(
+        short_ocp, violation=violation), start)
+    with pytest.raises(uv.RunFailed, match=r"no solution at the start") as caught:
         setup.simulator.Initialize()
     assert "\n" not in str(caught.value)
 
@@ -330,7 +276,7 @@ def test_a_start_from_where_the_limits_cannot_be_kept_is_refused(short_ocp, star
     """The solver returns a plan, for it softens limits; it is not followed."""
     weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
     solver = FailingSolver(weak)
-    with pytest.raises(RunFailed, match=r"at rest, limits\.u\[7\] is exceeded"):
+    with pytest.raises(uv.RunFailed, match=r"at rest, limits\.u\[7\] is exceeded"):
         Setup(solver, start).simulator.Initialize()
     assert solver.calls == 1
 
@@ -360,7 +306,7 @@ def test_previewed_forces_are_those_of_the_later_plan(short_ocp, start):
     setup = Setup(FailingSolver(short_ocp), start, committed=n)
     asked, later, came = [], [], []
     for step in range(36):
-        setup.give("fault", [{2: FAILED, 4: DROPPED}.get((step + 2) // 4, SOLVED)])
+        setup.give(fault={2: FAILED, 4: DROPPED}.get((step + 2) // 4, SOLVED))
         setup.go((0.25 * step + 0.125) * H)
         time, plan = setup.simulator.get_context().get_time(), setup.read("plan")
         assert len(plan.zeta_dot) == n + short_ocp.horizon
@@ -410,13 +356,13 @@ def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, 
     setup.ocp.hover = 2.0 * H - 0.5 * H  # That is from the second sample on.
     setup.go(0.5 * H)
     setup.jump(at_rest + 0.001)
-    setup.give("fault", [FAILED])
+    setup.give(fault=FAILED)
     setup.go(1.5 * H)
     np.testing.assert_array_equal(setup.read("nominal_state"), at_rest)
     np.testing.assert_array_equal(setup.read("nominal_acceleration"), np.zeros(10))
     assert setup.report() == {**dict.fromkeys(MPC_REPORT, 0.0), "time": H, "status": HOVERED}
     assert hovering.calls == 0
-    setup.give("fault", [SOLVED])
+    setup.give(fault=SOLVED)
     setup.go(3.5 * H)
     other = Setup(plain, at_rest)
     other.simulator.get_mutable_context().SetTime(2.0 * H)
@@ -435,30 +381,92 @@ def test_after_hovering_a_problem_that_starts_where_it_is_measured_does_so(short
     np.testing.assert_array_equal(setup.read("plan").start, start)
 
 
-def test_without_a_plan_after_hovering_the_run_fails_and_says_when(short_ocp, start):
-    setup = Setup(ViolatingSolver(short_ocp, None), start * np.repeat([1.0, 0.0], 10))
-    setup.ocp.hover = H
-    setup.go(0.5 * H)
-    with pytest.raises(RunFailed, match=f"no solution at the start, t = {H:g} s: "):
-        setup.go(1.5 * H)
-
-
 def test_it_does_not_start_between_two_sampling_instants(short_ocp, start):
     setup = Setup(SequentialConvexSolver(short_ocp), start)
     setup.simulator.get_mutable_context().SetTime(0.3)
-    with pytest.raises(RunFailed, match=r"starts at t = 0\.3 s: must be a multiple .* 0\.2 s$"):
+    with pytest.raises(uv.RunFailed, match=r"starts at t = 0\.3 s: must be a multiple .* 0\.2 s$"):
         setup.simulator.Initialize()
 
 
 @pytest.mark.parametrize("asked", [99.0, np.nan])
 def test_why_a_force_is_refused_is_said_once(short_ocp, start, caplog, asked):
     def problem(force: np.ndarray):
-        raise InvalidParameter("force", float(force[0]), "smaller")
+        raise uv.InvalidParameter("force", float(force[0]), "smaller")
 
     setup = Setup(SequentialConvexSolver(short_ocp), start, targets=Targets(
         np.full(6, 20.0), problem))
-    setup.give("desired_force", np.full(6, asked))
+    setup.give(desired_force=np.full(6, asked))
     setup.go(3.5 * H)
     assert setup.report()["refused"] == 1.0
     (said,) = [record.getMessage() for record in caplog.records]
     assert said.endswith(f"the desired force is refused: force = {asked}: must be smaller")
+
+
+# A problem whose target is an input ---------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tracking() -> TrackingOcp:
+    return tracking_ocp(overrides=("mpc.horizon=3",))
+
+
+def resting(tracking: TrackingOcp, **given) -> Setup:
+    """Returns a planner with an aim, whose robot stays in its posture."""
+    return Setup(SequentialConvexSolver(tracking), at_rest(tracking, POSITION), **given)
+
+
+def test_without_an_aim_it_stays_at_the_reference(tracking):
+    loop = resting(tracking)
+    loop.go(2.5 * H)
+    assert loop.report()["cost"] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(
+        loop.read("nominal_state"), at_rest(tracking, POSITION), atol=1e-9)
+
+
+def test_every_plan_is_that_of_the_problem_for_what_is_given_at_the_sample(tracking):
+    """From the last plan continued, with the iterations of a sample."""
+    loop = resting(tracking, target=POSITION + 0.1, safe_depth=POSITION[0] + 0.05)
+    loop.simulator.Initialize()
+    plan = loop.read("plan")
+    for k, (target, depth) in enumerate([
+            (POSITION - 0.1, 0.05), (POSITION + 0.3, 0.05), (POSITION + 0.3, 0.1)], start=1):
+        aim = TrackingTarget(target, POSITION[0] + depth)
+        loop.give(target=target, safe_depth=aim.safe_depth)
+        loop.go((k + 0.5) * H)
+        problem = tracking.aimed(aim)
+        expected = SequentialConvexSolver(problem).solve(problem.continued(plan), 2)
+        plan, report = loop.read("plan"), loop.report()
+        np.testing.assert_array_equal(plan.zeta_dot, expected.plan.zeta_dot)
+        np.testing.assert_array_equal(plan.a, expected.plan.a)
+        assert report["status"] == SOLVED
+        assert report["cost"] == expected.evaluation.cost
+        assert max(report["violation"], report["terminal_slack"]) <= 1e-6
+
+
+def test_a_target_that_is_no_number_fails_the_sample_and_nothing_else(tracking):
+    loop = resting(tracking, target=POSITION + 0.1, safe_depth=POSITION[0] + 0.05)
+    loop.go(1.5 * H)
+    plan = loop.read("plan")
+    loop.give(target=np.full(3, np.nan))
+    loop.go(2.5 * H)
+    assert loop.report()["status"] == FAILED
+    np.testing.assert_array_equal(loop.read("plan").zeta_dot, tracking.continued(plan).zeta_dot)
+    np.testing.assert_array_equal(loop.read("plan").a, plan.a)
+    loop.give(target=POSITION)
+    loop.go(3.5 * H)
+    assert loop.report()["status"] == SOLVED
+
+
+def test_a_start_whose_plan_cannot_end_in_the_set_is_refused(tracking):
+    """The proof begins with a plan that does: here the arm is too far from its posture."""
+    start = at_rest(tracking, POSITION)
+    start[6:10] += 0.4 * (tracking.limits["q"].upper - start[6:10])
+    start[3:5] = 0.0
+    with pytest.raises(uv.RunFailed, match=r"at the start, t = 0 s: .*out of the reach"):
+        Setup(SequentialConvexSolver(tracking), start, target=POSITION).simulator.Initialize()
+
+
+def test_a_start_beyond_the_safe_region_is_refused(tracking):
+    with pytest.raises(uv.RunFailed, match=r"at rest, limits\.safe_depth is exceeded by 0\.1"):
+        resting(tracking, target=POSITION,
+                safe_depth=POSITION @ DIRECTION - 0.1).simulator.Initialize()

@@ -1,17 +1,16 @@
 """Tests of `uvms_drake.control.ocp.ocp`: the problem of the ideal scenario."""
 
-
 import numpy as np
 import pytest
 from support import dh
 from support.limits import with_limits
 
+import uvms_drake as uv
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.plan.plan import Plan, advance
-from uvms_drake.station.scenario.scenario import load_scenario
 
 H = 0.2  # s
-MPC = load_scenario("girona500_ideal").mpc
+MPC = uv.load_scenario("girona500_ideal").mpc
 Q = np.concatenate([MPC.weight_y, MPC.weight_zeta])
 R = MPC.weight_u
 
@@ -54,45 +53,28 @@ def forces(ocp, plan) -> np.ndarray:
 # First-order model -------------------------------------------------------------------------------
 
 
-def test_every_derivative_by_y_is_that_of_differences(ocp, plan, derivative):
+def test_every_derivative_is_that_of_differences(ocp, plan, derivative):
+    """Of the next y and of the drift, by y with the 𝔮 that belongs to it, by ζ and by ζ̇."""
     model, linear = ocp.model, ocp.linearise(plan)
-    y = linear.knots.y
-    for j, direction in enumerate(np.eye(10)):
-        def config(s, d=direction):
-            return model.configuration(y + s * d)
+    y, zeta = linear.knots.y, plan.zeta
 
-        def next_y(s, d=direction):
-            start = model.configuration(y[:-1] + s * d)
-            return model.task_pose(advance(start, plan.zeta[:-1], plan.zeta_dot, H))
+    def after(dy=0.0, dzeta=0.0, da=0.0):
+        start = model.configuration(y[:-1] + dy)
+        return model.task_pose(advance(start, zeta[:-1] + dzeta, plan.zeta_dot + da, H))
 
-        np.testing.assert_allclose(linear.dy_dy[..., j], derivative(next_y), atol=1e-8)
-        np.testing.assert_allclose(
-            linear.knots.config_y[..., j], derivative(config), atol=1e-8)
-        np.testing.assert_allclose(
-            linear.f_y[..., j],
-            derivative(lambda s, config=config: model.drift(config(s), plan.zeta), 1e-4),
-            rtol=1e-6, atol=1e-8 * np.max(np.abs(linear.f_y)))
+    def drift(dy=0.0, dzeta=0.0):
+        return model.drift(model.configuration(y + dy), zeta + dzeta)
 
-
-def test_every_derivative_by_velocity_and_acceleration_is_that_of_differences(
-        ocp, plan, derivative):
-    model, linear = ocp.model, ocp.linearise(plan)
-    for j, direction in enumerate(np.eye(10)):
-        def by_velocity(s, d=direction):
-            return model.task_pose(
-                advance(plan.config[:-1], plan.zeta[:-1] + s * d, plan.zeta_dot, H))
-
-        def by_acceleration(s, d=direction):
-            return model.task_pose(
-                advance(plan.config[:-1], plan.zeta[:-1], plan.zeta_dot + s * d, H))
-
-        def drift(s, d=direction):
-            return model.drift(plan.config, plan.zeta + s * d)
-
-        np.testing.assert_allclose(linear.dy_dzeta[..., j], derivative(by_velocity), atol=1e-9)
-        np.testing.assert_allclose(linear.dy_da[..., j], derivative(by_acceleration), atol=1e-9)
-        np.testing.assert_allclose(
-            linear.f_zeta[..., j], derivative(drift, 1e-6), rtol=1e-6, atol=2e-6)
+    for of, argument, found, step in (
+            (after, "dy", linear.dy_dy, 1e-3), (after, "dzeta", linear.dy_dzeta, 1e-3),
+            (after, "da", linear.dy_da, 1e-3), (drift, "dy", linear.f_y, 1e-4),
+            (drift, "dzeta", linear.f_zeta, 1e-6),
+            (lambda dy: model.configuration(y + dy), "dy", linear.knots.config_y, 1e-3)):
+        for j, d in enumerate(np.eye(10)):
+            expected = derivative(lambda s, of=of, key=argument, d=d: of(**{key: s * d}), step)
+            np.testing.assert_allclose(
+                found[..., j], expected, rtol=1e-6, atol=1e-8 * max(1.0, np.max(np.abs(found)))
+                if argument != "dzeta" or of is after else 2e-6)
 
 
 # Objective and limits ----------------------------------------------------------------------------

@@ -7,13 +7,12 @@ import pytest
 from pydrake.solvers import SnoptSolver
 from support.limits import with_limits
 
+import uvms_drake as uv
 from uvms_drake.control.convex.staged_solver import solve_staged
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.station.problem import make_ocp, start_state
-from uvms_drake.station.scenario.scenario import load_scenario
 
 pytestmark = pytest.mark.slow
 
@@ -196,10 +195,10 @@ def test_a_limit_on_the_force_is_kept_at_the_cost_of_the_nonlinear_program(
     if surface == "plane":
         ocp, guess = with_limits(short_ocp, static_force=None), start_plans["on"][0]
     else:
-        scenario = load_scenario(
+        scenario = uv.load_scenario(
             "girona500_bilateral", ["mpc.horizon=5", "limits.static_force=null"])
-        ocp = make_ocp(scenario)
-        guess = ocp.resting_plan(0.0, start_state(scenario, ocp))
+        ocp = uv.make_ocp(scenario)
+        guess = ocp.resting_plan(0.0, uv.start_state(scenario, ocp))
 
     def pressed(plan: Plan) -> float:
         chi = ocp.model.task_pose(plan.config)[1:, :6]

@@ -5,17 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.common.value import Value
 from pydrake.solvers import SnoptSolver
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.costs.costs import LevelVehicle, OffsetCost
-from uvms_drake.control.limits.pose import TipBox
+import uvms_drake as uv
+from uvms_drake.control.costs.costs import OffsetCost
+from uvms_drake.control.mpc.plan_extent import PlanExtent, plan_extent
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import TrackingPlan
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 EXCEEDED = 1e-6
 
@@ -153,38 +155,21 @@ def test_between_knots_the_tip_stays_in_the_safe_region_but_for_its_third_deriva
     assert -2e-3 < deepest <= 2.0 / 81.0 * 0.2**3 * 1.5 * jerk + EXCEEDED
 
 
-def test_a_retarget_costs_a_copy_and_one_program(ocp, monkeypatch):
-    """Nothing is computed anew: neither terminal ingredients nor limits, nor their reach."""
-    one, other = ocp.aimed(AIMS["free"]), ocp.aimed(AIMS["safe_depth"])
-    for key, value in vars(ocp).items():
-        if key not in ("aim", "limits", "_stacked"):
-            assert getattr(one, key) is value
-    assert all(one.limits[name] is limit for name, limit in ocp.limits.items())
-    assert set(other.limits) - set(ocp.limits) == {"safe_depth", "safe_depth_between_knots"}
-    plan = one.continued(SequentialConvexSolver(one).solve(somewhere(ocp, 0), 20).plan)
-    made = []
-    monkeypatch.setattr(TrackingOcp, "staged_program", lambda self, *args, real=(
-        TrackingOcp.staged_program): made.append(self) or real(self, *args))
-    solution = SequentialConvexSolver(other).solve(plan, 1)
-    assert (solution.iterations, made) == (1, [other])
-    assert not np.array_equal(solution.plan.a, plan.a)
-
-
 def test_what_is_not_the_same_everywhere_is_refused(ocp, model):
-    box = TipBox(lower_corner=POSITION - 1.0, upper_corner=POSITION + 1.0)
+    box = uv.limits.TipBox(lower_corner=POSITION - 1.0, upper_corner=POSITION + 1.0)
     mpc = mpc_of(ocp)
-    with pytest.raises(InvalidParameter, match=r"limits\.tip"):
+    with pytest.raises(uv.InvalidParameter, match=r"limits\.tip"):
         TrackingOcp(ocp.model, mpc, ocp.y_des, {**ocp.limits, "tip": box}, DIRECTION)
-    with pytest.raises(InvalidParameter, match="model = 'ContactModel'"):
+    with pytest.raises(uv.InvalidParameter, match="model = 'ContactModel'"):
         TrackingOcp(model, mpc, ocp.y_des, ocp.limits, DIRECTION)
-    with pytest.raises(InvalidParameter, match="direction"):
+    with pytest.raises(uv.InvalidParameter, match="direction"):
         TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, 2.0 * DIRECTION)
-    for key, value in (("terms", [LevelVehicle()]), ("terminal_set", False),
+    for key, value in (("terms", [uv.costs.LevelVehicle()]), ("terminal_set", False),
                        ("terminal_weight", np.ones(20))):
         other = replace(mpc, **{key: value})
-        with pytest.raises(InvalidParameter, match=key):
+        with pytest.raises(uv.InvalidParameter, match=key):
             TrackingOcp(ocp.model, other, ocp.y_des, ocp.limits, DIRECTION)
-    with pytest.raises(InvalidParameter, match="slope"):
+    with pytest.raises(uv.InvalidParameter, match="slope"):
         TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, DIRECTION,
                     offset=OffsetCost(slope=0.0))
 
@@ -199,3 +184,42 @@ def test_a_strict_problem_never_leaves_a_sound_plan_for_another(ocp):
                   for each in (problem, lax))
     assert problem.is_sound(one) and one.merit < problem.evaluate(guess).merit
     assert not problem.is_sound(other)
+
+
+# Where across a plan goes -------------------------------------------------------------------------
+
+
+WALLS = SurfaceClass(DIRECTION, angle=0.1)
+
+
+@pytest.fixture(scope="module")
+def planned():
+    """A plan off to the side, and its problem."""
+    ocp = tracking_ocp(overrides=("mpc.horizon=4",)).aimed(
+        TrackingTarget(POSITION + [0.0, 0.3, -0.2], POSITION[0] + 0.1))
+    guess = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
+    return ocp, SequentialConvexSolver(ocp).solve(guess, 20).plan
+
+
+def test_no_instant_of_the_plan_is_further_across_than_its_places(planned):
+    ocp, plan = planned
+    places = plan_extent(ocp, plan) @ WALLS.axes[1:].T
+    for time in np.linspace(0.0, 4.0 * plan.time_step, 81):
+        tip = WALLS.axes[1:] @ ocp.model.task_pose(plan.at(time)[0])[:3]
+        assert np.all(tip <= places.max(axis=0) + 1e-4)
+        assert np.all(tip >= places.min(axis=0) - 1e-4)
+    assert np.ptp(places, axis=0).max() > 0.01, "it does go somewhere"
+
+
+def test_its_places_are_between_the_ends_that_are_put_out(planned):
+    ocp, plan = planned
+    system = PlanExtent(ocp, WALLS)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("plan").FixValue(context, Value(plan))
+    places = plan_extent(ocp, plan) @ WALLS.axes[1:].T
+    ends = system.get_output_port().Eval(context).reshape(2, 2)
+    np.testing.assert_allclose(ends, [places.min(axis=0), places.max(axis=0)])
+    resting = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
+    system.GetInputPort("plan").FixValue(context, Value(resting))
+    ends = system.get_output_port().Eval(context).reshape(2, 2)
+    np.testing.assert_allclose(ends, np.tile(WALLS.axes[1:] @ POSITION, (2, 1)), atol=1e-9)

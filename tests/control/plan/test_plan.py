@@ -4,13 +4,17 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
+import uvms_drake as uv
+from uvms_drake.control.contact.safe_region import apex
 from uvms_drake.control.plan.plan import (
     Plan,
     advance,
     advance_derivatives,
     advance_one,
+    between_knots,
+    stopping_distance,
 )
-from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 H = 0.2  # s
 SPEEDS = np.repeat([0.21, 0.16, 0.26], [3, 3, 4])  # m/s, rad/s: nominal limits of the scenarios
@@ -90,7 +94,7 @@ def test_between_the_knots_the_plan_is_a_motion():
         config, zeta, zeta_dot = plan.at(time)
         before, after = plan.at(time - step), plan.at(time + step)
         rate = (after[0] - before[0]) / (2.0 * step)
-        np.testing.assert_allclose(rate, configuration_rate(config, zeta), atol=1e-6)
+        np.testing.assert_allclose(rate, uv.configuration_rate(config, zeta), atol=1e-6)
         np.testing.assert_allclose(after[1] - before[1], 2.0 * step * zeta_dot, atol=1e-14)
 
 
@@ -105,14 +109,6 @@ def test_the_shifted_plan_goes_on_where_the_plan_was_and_one_interval_further():
     np.testing.assert_allclose(shifted.zeta[-1], plan.zeta[-1] + H * last, atol=1e-15)
     end = by_small_steps(plan.config[-1], plan.zeta[-1], last, H)
     np.testing.assert_allclose(shifted.config[-1], end, rtol=0.0, atol=1e-7)
-
-
-def test_the_rollout_is_one_step_after_the_other():
-    plan = random_plan(4)
-    for k in range(6):
-        np.testing.assert_allclose(
-            plan.config[k + 1],
-            advance(plan.config[k], plan.zeta[k], plan.zeta_dot[k], H), rtol=0.0, atol=1e-14)
 
 
 def test_one_configuration_in_plain_numbers_advances_as_a_stack_does():
@@ -135,3 +131,38 @@ def test_the_derivatives_of_a_step_are_those_of_differences(derivative):
                 return advance(*changed, H)
 
             np.testing.assert_allclose(by_argument[..., j], derivative(moved), atol=1e-9)
+
+
+# Against random parabolas and a safe region -------------------------------------------------------
+
+
+@pytest.mark.parametrize("jerk", [-3.0, 0.0, 3.0])
+def test_what_an_acceleration_that_changes_adds(jerk):
+    """Between the knots (2/81) h³j, attained by jt²(h − t)/6; of the way of an interval h³j/12."""
+    h = 0.2
+    t = np.linspace(0.0, h, 3001)
+    bulge = jerk * t**2 * (h - t) / 6.0
+    assert np.max(np.abs(bulge)) == pytest.approx(2.0 / 81.0 * h**3 * abs(jerk))
+    for x0, v0, a0 in np.random.default_rng(5).uniform(-1.0, 1.0, (200, 3)):
+        x = x0 + v0 * t + 0.5 * a0 * t**2 + jerk / 6.0 * t**3
+        most = max(x[0], x[-1], between_knots(x0, v0, h)) + 2.0 / 81.0 * h**3 * abs(jerk)
+        assert np.max(x) <= most + 1e-12
+        v = v0 + a0 * h + 0.5 * jerk * h**2
+        assert abs(x[-1] - x0 - 0.5 * h * (v0 + v)) == pytest.approx(h**3 * abs(jerk) / 12.0)
+
+
+def test_where_the_tube_is_thicker_than_what_the_wall_forgives_there_is_no_approach():
+    distance = stopping_distance(45.0, 1.0, 20e3, 2.4e-3)
+    assert distance == pytest.approx(43.0 / 20e3 - 4.8e-3)
+    assert distance < 0.0
+
+
+def test_a_tip_that_swings_back_reduces_the_distance():
+    """After a reading of 0 N + ν of a tip that retreats with 0.1 m/s at c₊ = 2 s/m."""
+    surface = SurfaceClass(np.array([1.0, 0.0, 0.0]), 2000.0, dissipation=2.0)
+    point, velocity = np.zeros((1, 3)), np.array([[-0.1, 0.0, 0.0]])
+    edge = apex(surface, point, velocity, np.array([1.0, 0.0, 0.0]), 45.0, 1.0)[0]
+    distance = stopping_distance(45.0, 1.0, 2000.0, 2.4e-3, retreat=0.2)
+    assert distance == pytest.approx(edge - 2.0 * 2.4e-3)
+    assert distance < stopping_distance(45.0, 1.0, 2000.0, 2.4e-3)
+    assert stopping_distance(45.0, 1.0, 2000.0, 0.0, retreat=1.0) == -np.inf

@@ -21,7 +21,6 @@ from uvms_drake.model.description.hydrodynamics_file import (
 from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
-    load_thrusters,
     thrust_map,
 )
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
@@ -119,17 +118,6 @@ def test_axes_that_no_thruster_drives_have_to_be_named():
             check_values(parameters)
     parameters.undriven = ["heave", "roll", "pitch"]
     check_values(parameters)
-
-
-@pytest.mark.parametrize(("text", "message"), [
-    ("bias: -1.0", r"^\S*thrusters\.yaml: line 1: bias = -1\.0: must be zero or positive$"),
-    ("thrust: 1", r"^\S*thrusters\.yaml: line 1: thrust = 1: must .*mean 'thrusters'\?\)$"),
-])
-def test_a_mistake_in_a_file_is_named_with_the_file(tmp_path, text, message):
-    path = tmp_path / "thrusters.yaml"
-    path.write_text(text)
-    with pytest.raises(InvalidParameter, match=message):
-        load_thrusters(path)
 
 
 def test_the_girona_500_has_five_thrusters_and_no_roll(girona):

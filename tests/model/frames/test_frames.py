@@ -80,15 +80,6 @@ def test_pitch_is_found_at_the_singularity():
         assert angles[1] == pytest.approx(pitch, abs=1e-12)
 
 
-def test_any_leading_shape_gives_the_same_numbers(attitudes):
-    stack = attitudes.reshape(4, 5, 3)
-    for i in range(4):
-        for j in range(5):
-            np.testing.assert_array_equal(
-                rotation_matrix(stack)[i, j], rotation_matrix(stack[i, j]))
-            np.testing.assert_array_equal(rate_matrix(stack)[i, j], rate_matrix(stack[i, j]))
-
-
 def test_rate_matrix_agrees_with_drake(attitudes, rng):
     for rpy in attitudes:
         w_B = rng.normal(size=3)

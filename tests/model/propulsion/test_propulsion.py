@@ -63,17 +63,6 @@ def test_a_voltage_that_no_curve_tells_of_is_refused(kind, voltage, message):
         curve_at(kind, voltage)
 
 
-def test_the_model_of_a_file_has_its_numbers():
-    known = ThrusterModel.of(eight_thrusters())
-    assert known.size == 8 and known.names[:2] == ("across0", "up0") and known.dead_time == 0.11
-    np.testing.assert_array_equal(known.lower, np.full(8, -39.91))
-    np.testing.assert_array_equal(known.upper, np.full(8, 51.48))
-    np.testing.assert_array_equal(known.driven, np.arange(6))
-    assert known.undriven.size == 0
-    forces = np.linspace(-30.0, 40.0, 8)
-    np.testing.assert_allclose(known.forces_of(known.commands_of(forces)), forces)
-
-
 def test_an_error_is_one_for_all_or_one_each():
     known = ThrusterModel.of(eight_thrusters())
     command = known.commands_of(np.full(8, 20.0))

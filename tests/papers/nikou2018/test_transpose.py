@@ -108,8 +108,6 @@ def test_with_corrected_numbers_the_kinematic_tube_is_reached_and_not_left():
     assert max(states) > 0.99 * tubes.corrected
 
 
-
-
 def test_no_trajectory_leaves_the_tube_of_the_comparison_system_and_some_come_close():
     runs = run_transpose(seed=2)
     worst = np.zeros((3, COUNT))

@@ -5,19 +5,12 @@ Added mass and drag coefficients are positive: M_A = −∂(X, Y, ...)/∂ν̇, 
 """
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.constraints import NotNegative, Positive, Vector
-from uvms_drake.common.errors import (
-    InvalidParameter,
-    require,
-    symmetric_matrix,
-    vector,
-)
-from uvms_drake.common.schema import load_file
+from uvms_drake.common.constraints import Constraint, NotNegative, Positive, Vector
+from uvms_drake.common.errors import InvalidParameter, symmetric_matrix
 from uvms_drake.model.frames.spatial import skew
 
 FARTHEST = 10.0
@@ -28,6 +21,11 @@ NEGLIGIBLE = 1e-6
 """The same of entries that are small, over the geometric mean of their two diagonal entries."""
 
 Coefficients = Annotated[np.ndarray, Vector(6), NotNegative]
+NEAR = Constraint(f"within {FARTHEST:g} m of the origin of its body: it is farther away, as a "
+                  "number in millimetres or centimetres may be",
+                  lambda x: np.linalg.norm(x) <= FARTHEST)
+Place = Annotated[np.ndarray, Vector(3), NEAR]
+"""A point of a robot (3,) [m]."""
 
 
 @dataclass
@@ -36,7 +34,7 @@ class AddedMass:
 
     matrix: np.ndarray = field(default_factory=lambda: np.zeros(6))
     """M_A about `point`: symmetric positive semidefinite 6×6, or its diagonal [kg, kg m, kg m²]."""
-    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    point: Place = field(default_factory=lambda: np.zeros(3))
     """Point p_BoP_B about which `matrix` is [m]."""
 
     def check(self) -> None:
@@ -44,7 +42,6 @@ class AddedMass:
         M = np.asarray(self.matrix)
         symmetric_matrix("matrix", np.diag(M) if M.shape == (6,) else _symmetrised(M), 6,
                          definite=False)
-        require_near("point", self.point)
 
 
 @dataclass
@@ -55,12 +52,8 @@ class Drag:
     """Coefficients of linear drag [N s/m (3), N m s/rad (3)]."""
     quadratic: Coefficients = field(default_factory=lambda: np.zeros(6))
     """Coefficients of quadratic drag [N s²/m² (3), N m s²/rad² (3)]."""
-    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    point: Place = field(default_factory=lambda: np.zeros(3))
     """Point p_BoP_B at which the drag acts [m]."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` if it acts far away."""
-        require_near("point", self.point)
 
 
 @dataclass
@@ -69,16 +62,12 @@ class BodyHydrodynamics:
 
     displaced_volume: Annotated[float, NotNegative] = 0.0
     """Displaced volume V [m³]: the buoyancy is ρ V g."""
-    center_of_buoyancy: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    center_of_buoyancy: Place = field(default_factory=lambda: np.zeros(3))
     """Centre of buoyancy p_BoBb_B [m]."""
     added_mass: list[AddedMass] = field(default_factory=list)
     """External added mass and entrained water; they add up."""
     drag: list[Drag] = field(default_factory=list)
     """Drag at stated points; a slender body wants several of them, strip by strip."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` if its centre of buoyancy is far away."""
-        require_near("center_of_buoyancy", self.center_of_buoyancy)
 
 
 @dataclass
@@ -104,13 +93,6 @@ def added_mass_about_origin(added_mass: list[AddedMass]) -> np.ndarray:
         M = np.asarray(item.matrix, dtype=float)
         total += H.T @ (np.diag(M) if M.ndim == 1 else M) @ H
     return 0.5 * (total + total.T)
-
-
-def require_near(key: str, place: object) -> None:
-    """Raises unless a place of a robot (3,) is within `FARTHEST` [m] of the origin of its body."""
-    off = float(np.linalg.norm(vector(key, place, 3)))
-    require(off <= FARTHEST, key, place, f"within {FARTHEST:g} m of the origin of its body: "
-            f"it is {off:.4g} m away, as a number in millimetres or centimetres may be")
 
 
 def _symmetrised(M: np.ndarray) -> np.ndarray:
@@ -143,7 +125,3 @@ def unequal_entries(parameters: HydrodynamicParameters) -> list[str]:
                       if M.shape == (6, 6) and M[i, j] != M[j, i]]
     return found
 
-
-def load_hydrodynamics(path: Path) -> HydrodynamicParameters:
-    """Reads and checks a hydrodynamics YAML file; the key of an error starts with its path."""
-    return load_file(path, HydrodynamicParameters)

@@ -13,15 +13,11 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError, require
 from uvms_drake.common.program import FOLDER
-from uvms_drake.common.schema import read_text
+from uvms_drake.common.schema import load_file, read_text
 from uvms_drake.model.description import thruster_file
-from uvms_drake.model.description.hydrodynamics_file import (
-    HydrodynamicParameters,
-    load_hydrodynamics,
-    unequal_entries,
-)
+from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters, unequal_entries
 from uvms_drake.model.description.plausibility import Findings, check_description, unread_notes
-from uvms_drake.model.description.thruster_file import ThrusterParameters, load_thrusters
+from uvms_drake.model.description.thruster_file import ThrusterParameters
 from uvms_drake.model.description.visuals import Locate, settle_visuals
 from uvms_drake.model.description.xml_tree import Node, read_xml, write_xml
 
@@ -126,25 +122,24 @@ def read_robot_files(folder: Path) -> RobotFiles:
         complaints += reader.complaints
     except InvalidFile as error:
         complaints += error.complaints
-    parameters: list[HydrodynamicParameters | ThrusterParameters | None] = []
-    thrusters = folder / thruster_file.FILE
-    for path, load in ((folder / "hydrodynamics.yaml", load_hydrodynamics),
-                       (thrusters, load_thrusters)):
-        try:
-            parameters.append(load(path) if path != thrusters or thrusters.is_file() else None)
-        except InvalidFile as error:
-            complaints += error.complaints
+    hydrodynamics, thrusters = HydrodynamicParameters(), None
+    try:
+        hydrodynamics = load_file(folder / "hydrodynamics.yaml", HydrodynamicParameters)
+    except InvalidFile as error:
+        complaints += error.complaints
+    try:
+        if (path := folder / thruster_file.FILE).is_file():
+            thrusters = load_file(path, ThrusterParameters)
+    except InvalidFile as error:
+        complaints += error.complaints
     if complaints:
         raise InvalidFile(complaints)
     # Notes: no mistakes, but worth knowing.
-    hydrodynamics, thrust = parameters
-    assert isinstance(hydrodynamics, HydrodynamicParameters)
-    assert thrust is None or isinstance(thrust, ThrusterParameters)
     notes = [*reader.notes,
              *(f"hydrodynamics.yaml: {each}" for each in unequal_entries(hydrodynamics)),
              *(f"{path.name} is not read: the robot's file is {file.name}" for path in unread_files(
                  folder, reader.read_files))]
-    return RobotFiles(folder, file, hydrodynamics, thrust, main, reader.included, notes)
+    return RobotFiles(folder, file, hydrodynamics, thrusters, main, reader.included, notes)
 
 
 class _Reader:

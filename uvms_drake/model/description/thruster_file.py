@@ -5,20 +5,19 @@ command by a table, a first-order lag later and after a dead time.
 """
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.constraints import NotNegative, Positive
+from uvms_drake.common.constraints import Constraint, NotNegative, Positive, Vector
 from uvms_drake.common.errors import require, vector
-from uvms_drake.common.schema import load_file
-from uvms_drake.model.description.hydrodynamics_file import require_near
+from uvms_drake.model.description.hydrodynamics_file import Place
 from uvms_drake.model.frames.spatial import cross
 
 FILE = "thrusters.yaml"
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Names of the components of a wrench on the vehicle in axes of B about its origin."""
+NotZero = Constraint("not zero", lambda x: np.linalg.norm(x) > 0.0)
 MOST = 16
 """Largest number of thrusters: the signs of a bias are found by trying all of them."""
 
@@ -82,16 +81,10 @@ class ThrusterData:
 
     kind: str = ""
     """Its `ThrusterKind`."""
-    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    position: Place = field(default_factory=lambda: np.zeros(3))
     """p_BoT_B [m]."""
-    axis: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    axis: Annotated[np.ndarray, Vector(3), NotZero] = field(default_factory=lambda: np.zeros(3))
     """Direction of a positive force, in B; of any length."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` if it is far away, or has no direction."""
-        require_near("position", self.position)
-        axis = vector("axis", self.axis, 3)
-        require(bool(np.linalg.norm(axis) > 0.0), "axis", axis, "not zero")
 
 
 @dataclass
@@ -160,7 +153,3 @@ def _weakest(B: np.ndarray, count: int) -> list[str]:
     found = np.argsort(-np.linalg.norm(lost, axis=1), kind="stable")[:count]
     return [AXES[i] for i in sorted(found)]
 
-
-def load_thrusters(path: Path) -> ThrusterParameters:
-    """Reads and checks a thrusters YAML file; the key of an error starts with its path."""
-    return load_file(path, ThrusterParameters)

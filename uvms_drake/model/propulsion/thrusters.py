@@ -33,11 +33,6 @@ class ThrustCurve:
         zero = float(np.interp(0.0, self.force, self.command))
         return zero, zero
 
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Smallest and largest force [N]."""
-        return float(self.force[0]), float(self.force[-1])
-
     @cached_property
     def _inverse(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Forces and commands up to the dead band, and from it on."""
@@ -126,12 +121,12 @@ class ThrusterModel:
     @property
     def lower(self) -> np.ndarray:
         """Least forces (m,) [N], zero or negative."""
-        return np.array([curve.ends[0] for curve in self.curves])
+        return np.array([curve.force[0] for curve in self.curves])
 
     @property
     def upper(self) -> np.ndarray:
         """Largest forces (m,) [N]."""
-        return np.array([curve.ends[1] for curve in self.curves])
+        return np.array([curve.force[-1] for curve in self.curves])
 
     def forces_of(self, commands: np.ndarray) -> np.ndarray:
         """Returns the steady forces (m,) [N] for commands (m,)."""

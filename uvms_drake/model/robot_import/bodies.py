@@ -11,10 +11,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.model.description.hydrodynamics_file import AddedMass, Drag
 from uvms_drake.model.robot_import.chain import Chain
-from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.thrust import Thruster
-from uvms_drake.model.robot_import.tree import Joint, Link, Shape, Tree
-from uvms_drake.model.robot_import.water import Water, Waters
+from uvms_drake.model.robot_import.plugins import Thruster, Water, Waters
+from uvms_drake.model.robot_import.tree import Joint, Link, Notes, Shape, Tree
 
 FRD_FROM_FLU = RigidTransform(RotationMatrix(np.diag([1.0, -1.0, -1.0])))
 """Turn from z up to z down: half a turn about x."""
@@ -40,8 +38,8 @@ class Body:
     com: np.ndarray = field(default_factory=lambda: np.zeros(3))
     inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     """About the centre of mass [kg m²]."""
-    visuals: list[tuple[Link, Shape]] = field(default_factory=list)
-    collisions: list[tuple[Link, Shape]] = field(default_factory=list)
+    visuals: list[Shape] = field(default_factory=list)
+    collisions: list[Shape] = field(default_factory=list)
     volume: float | None = None
     center: np.ndarray = field(default_factory=lambda: np.zeros(3))
     added_mass: list[AddedMass] = field(default_factory=list)
@@ -76,17 +74,6 @@ def z_is_up(tree: Tree, chain: Chain, waters: Waters, notes: Notes) -> bool:
     return True
 
 
-def ask_for_forward_axis(bodies: list[Body], notes: Notes) -> None:
-    """Asks whether x is forward, if the arm is not in front of the vehicle's middle."""
-    if len(bodies) < 2:
-        return
-    p = bodies[0].of(bodies[1].links[0]).translation() - bodies[0].com
-    if p[0] < abs(p[1]):
-        notes.asked.append(f"the axes: the arm begins at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m "
-                           "from the vehicle's centre of mass, and x is taken as forward. If "
-                           "another axis is, surge and sway are exchanged or reversed")
-
-
 def lump(tree: Tree, chain: Chain, waters: Waters, notes: Notes, flips: bool) -> list[Body]:
     """Returns the bodies of vehicle and arm.
 
@@ -116,10 +103,18 @@ def lump(tree: Tree, chain: Chain, waters: Waters, notes: Notes, flips: bool) ->
         for link in body.links:
             X = body.of(link)
             for shapes, mine in ((link.visuals, body.visuals), (link.collisions, body.collisions)):
-                mine += [(link, replace(shape, X=X @ shape.X)) for shape in shapes]
+                mine += [replace(shape, X=X @ shape.X) for shape in shapes]
             if link.name in waters.links:
                 _add_water(body, link, waters.links[link.name], notes)
         bodies.append(body)
+    # An arm that is not in front of the vehicle's middle tells that x may not be forward.
+    if len(bodies) > 1:
+        p = bodies[0].of(bodies[1].links[0]).translation() - bodies[0].com
+        if p[0] < abs(p[1]):
+            notes.asked.append(
+                f"the axes: the arm begins at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m from the "
+                "vehicle's centre of mass, and x is taken as forward. If another axis is, surge "
+                "and sway are exchanged or reversed")
     return bodies
 
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.tree import MOVING, Joint, Tree
+from uvms_drake.model.robot_import.tree import MOVING, Joint, Notes, Tree, listed
 
 ROTOR = re.compile(r"thruster|propell|(^|[_/:])props?([_\d]|$)|rotor|(^|[_/:])t[12]00", re.I)
 JAW = re.compile(r"jaw|finger|gripper|claw|grasp|pincer", re.I)
@@ -70,15 +69,12 @@ def choose_chain(tree: Tree, rotors: set[str], notes: Notes) -> Chain:
         if chain.root != root:
             notes.changed.append(f"root '{root}' has no mass: skipped; the vehicle's frame is that "
                                  f"of the heaviest link that is fixed to it, '{chain.root}'")
+    others = [name for name in chain.groups[0] if name != chain.root] or ["nothing else"]
     notes.taken.append(f"vehicle: link '{chain.root}' of {tree.links[chain.root].mass:g} kg, with "
-                       f"these fixed to it: {listed(_others(chain.groups[0], chain.root))}")
+                       f"these fixed to it: {listed(others)}")
     notes.taken.append(f"arm: {len(arm)} joints, {listed([joint.name for joint in arm], 20)}"
                        if arm else "arm: none, for no joint moves; the tool is bolted on")
     return chain
-
-
-def _others(names: list[str], name: str) -> list[str]:
-    return [other for other in names if other != name] or ["nothing else"]
 
 
 def _root(tree: Tree, notes: Notes) -> str:

@@ -10,10 +10,11 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from uvms_drake.model.description.hydrodynamics_file import AddedMass, Drag
+from uvms_drake.model.description.thruster_file import undriven_axes
 from uvms_drake.model.robot_import.bodies import Body
-from uvms_drake.model.robot_import.notes import Notes, listed
+from uvms_drake.model.robot_import.plugins import Thruster, Waters
 from uvms_drake.model.robot_import.shapes import box_of, volume_of
-from uvms_drake.model.robot_import.water import Waters
+from uvms_drake.model.robot_import.tree import Notes, listed
 
 FRESH = 1000.0
 """Density of water that a file does not give [kg/m³]."""
@@ -35,15 +36,59 @@ OF_LARGEST = 0.02
 """Least inertia of a motor, over that of the load of the arm's strongest one."""
 SPEED = 1.0
 """Speed that thrusters of unknown force are to reach [m/s]."""
+LAG = 0.15
+"""Time constant of a thruster that a file does not give [s]."""
 WATER = "hydrodynamics.yaml"
 
 
-def take_collisions(bodies: list[Body], density: float, notes: Notes) -> None:
+def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Notes) -> float:
+    """Fills in all that a file does not give, thrusters apart; returns the water's density [kg/m³].
+
+    Args:
+        bodies: Vehicle and arm, changed.
+        tip: Pose of the tip in the last body.
+        waters: Water of the file.
+        notes: Ask for each number.
+    """
+    density = waters.density or FRESH
+    if waters.shapes_float:
+        _take_collisions(bodies, density, notes)
+    _estimate_water(bodies, tip, waters, notes)
+    # Another volume of the vehicle is asked for if the robot is far from neutral.
+    mass = sum(body.mass for body in bodies)
+    displaced = density * sum(body.volume or 0.0 for body in bodies)
+    if abs(displaced - mass) > 0.02 * mass:
+        volume = (bodies[0].volume or 0.0) + (SPARE * mass - displaced) / density
+        notes.ask(WATER, "bodies.vehicle.displaced_volume",
+                  f"the robot weighs {mass:.4g} kg and displaces {displaced:.4g} kg of water; with "
+                  f"floats or ballast for neutral trim: {volume:.6g} m³")
+    _estimate_motors(bodies, notes)
+    return density
+
+
+def estimate_thrust(vehicle: Body, placed: list[Thruster], notes: Notes) -> tuple[float, list[str]]:
+    """Returns the force [N] of thrusters without a curve, and the axes that no thruster drives."""
+    # The force that pulls the vehicle forward or sideways at `SPEED`.
+    drag = sum((strip.linear + strip.quadratic * SPEED for strip in vehicle.drag), np.zeros(6))
+    limit = float(f"{max(SPEED * drag[:2].max(), 1.0):.2g}")
+    unknown = [thruster.name for thruster in placed if thruster.force.size < 2]
+    if unknown:
+        notes.ask("thrusters.yaml", "kinds.*.curves", f"no limit of {listed(unknown)} in the file. "
+                  f"ESTIMATE: ±{limit:g} N, with which one alone moves the vehicle at 1 m/s")
+    if any(thruster.lag is None for thruster in placed):
+        notes.ask("thrusters.yaml", "kinds.*.lag", f"the file has none. ESTIMATE: {LAG:g} s")
+    axes = undriven_axes([(thruster.position, thruster.axis) for thruster in placed])
+    if axes:
+        notes.taken.append(f"axes that the thrusters do not drive: {', '.join(axes)}")
+    return limit, axes
+
+
+def _take_collisions(bodies: list[Body], density: float, notes: Notes) -> None:
     """Takes volumes from collision shapes, as Gazebo does, if those are of a robot that swims."""
     unknown = [body for body in bodies if body.volume is None]
     found = {}
     for body in unknown:
-        parts = [(volume_of(link, shape), shape.X.translation()) for link, shape in body.collisions]
+        parts = [(volume_of(shape), shape.X.translation()) for shape in body.collisions]
         found[body.name] = sum(volume for volume, _ in parts), sum(
             (volume * center for volume, center in parts), np.zeros(3))
     known = sum(body.volume or 0.0 for body in bodies)
@@ -61,7 +106,7 @@ def take_collisions(bodies: list[Body], density: float, notes: Notes) -> None:
                        f"{listed([body.name for body in unknown], 20)}")
 
 
-def estimate_water(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Notes) -> None:
+def _estimate_water(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Notes) -> None:
     """Fills in volumes, added mass and drag of all bodies that have none."""
     density = waters.density or FRESH
     if waters.density is None:
@@ -92,18 +137,7 @@ def estimate_water(bodies: list[Body], tip: RigidTransform, waters: Waters, note
         notes.ask(WATER, f"bodies.*.{key}", f"of {listed(names, 20)}. ESTIMATE: {reasons[key]}")
 
 
-def ask_for_trim(bodies: list[Body], density: float, notes: Notes) -> None:
-    """Asks for another volume of the vehicle if the robot is far from neutral."""
-    mass = sum(body.mass for body in bodies)
-    displaced = density * sum(body.volume or 0.0 for body in bodies)
-    if abs(displaced - mass) > 0.02 * mass:
-        volume = (bodies[0].volume or 0.0) + (SPARE * mass - displaced) / density
-        notes.ask(WATER, "bodies.vehicle.displaced_volume",
-                  f"the robot weighs {mass:.4g} kg and displaces {displaced:.4g} kg of water; with "
-                  f"floats or ballast for neutral trim: {volume:.6g} m³")
-
-
-def estimate_motors(bodies: list[Body], notes: Notes) -> None:
+def _estimate_motors(bodies: list[Body], notes: Notes) -> None:
     """Gives a motor to each joint that has none, and asks for efforts and limits."""
     motors, efforts, limits, friction = [], [], [], []
     # Inertias that the motors have to move.
@@ -134,12 +168,6 @@ def estimate_motors(bodies: list[Body], notes: Notes) -> None:
     if friction:
         notes.changed.append(f"friction of joints ({listed(friction)}) left out: it is a part of "
                              "the disturbance, or `model_error.joint_friction` of a scenario")
-
-
-def thrust_limit(vehicle: Body) -> float:
-    """Returns the force [N] that pulls the vehicle forward or sideways at `SPEED`."""
-    drag = sum((strip.linear + strip.quadratic * SPEED for strip in vehicle.drag), np.zeros(6))
-    return float(f"{max(SPEED * drag[:2].max(), 1.0):.2g}")
 
 
 def _float(bodies: list[Body], density: float, notes: Notes) -> None:

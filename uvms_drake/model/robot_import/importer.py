@@ -1,40 +1,28 @@
-"""Makes the files of a robot's folder out of a file as it is found."""
+"""Makes the files of a robot's folder out of a file as it is found.
 
+They are SDFormat, water, thrusters, package and notes.
+"""
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from xml.sax.saxutils import escape
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.description.thruster_file import undriven_axes
-from uvms_drake.model.robot_import.bodies import (
-    ask_for_forward_axis,
-    lump,
-    place_thrusters,
-    unique,
-    z_is_up,
-)
+from uvms_drake.model.robot_import.bodies import Body, lump, place_thrusters, unique, z_is_up
 from uvms_drake.model.robot_import.chain import choose_chain
-from uvms_drake.model.robot_import.estimates import (
-    FRESH,
-    ask_for_trim,
-    estimate_motors,
-    estimate_water,
-    take_collisions,
-    thrust_limit,
-)
-from uvms_drake.model.robot_import.notes import Notes, listed
+from uvms_drake.model.robot_import.estimates import LAG, estimate, estimate_thrust
+from uvms_drake.model.robot_import.plugins import Thruster, read_thrusters, read_water, tell_unread
 from uvms_drake.model.robot_import.reading import read_robot
 from uvms_drake.model.robot_import.shapes import drawn
-from uvms_drake.model.robot_import.thrust import Thruster, read_thrusters
 from uvms_drake.model.robot_import.tip import place_tip
-from uvms_drake.model.robot_import.tree import Tree
-from uvms_drake.model.robot_import.water import is_water, read_water
-from uvms_drake.model.robot_import.write import (
-    LAG,
-    format_package,
-    format_sdf,
-    format_thrusters,
-    format_water,
-)
+from uvms_drake.model.robot_import.tree import Notes, Shape, listed
+
+INERTIAS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass
@@ -59,14 +47,13 @@ def import_robot(file: Path, name: str) -> Imported:
     # The file, and its robot: bodies of a vehicle and its arm.
     notes = Notes(f"{name}.sdf")
     tree = read_robot(file, notes)
-    _tell_unread(tree, notes)
+    tell_unread(tree, notes)
     # Plugins speak of links in their own axes, and their rotors are not joints of an arm.
     waters = read_water(tree, notes)
     thrusters, rotors = read_thrusters(tree, notes)
     chain = choose_chain(tree, rotors, notes)
     flips = z_is_up(tree, chain, waters, notes)
     bodies = lump(tree, chain, waters, notes, flips)
-    ask_for_forward_axis(bodies, notes)
     require(sum(body.mass for body in bodies) > 0.0, "--from", str(file),
             "a robot with masses: no link has an <inertial>")
     frames = [link.name for body in bodies for link in body.links if link.mass <= 0.0]
@@ -77,12 +64,7 @@ def import_robot(file: Path, name: str) -> Imported:
             notes.ask(notes.sdf, f"link {body.name}, inertial", "no mass in the file")
     # Missing numbers are guessed from the others.
     tip = place_tip(tree, bodies, notes, flips)
-    density = waters.density or FRESH
-    if waters.shapes_float:
-        take_collisions(bodies, density, notes)
-    estimate_water(bodies, tip, waters, notes)
-    ask_for_trim(bodies, density, notes)
-    estimate_motors(bodies, notes)
+    density = estimate(bodies, tip, waters, notes)
     placed = place_thrusters(bodies[0], thrusters, notes)
     # Pictures are spoken of last: the list begins with physics.
     pictures = drawn(bodies, name, notes)
@@ -92,8 +74,7 @@ def import_robot(file: Path, name: str) -> Imported:
              "hydrodynamics.yaml": format_water(name, density, bodies),
              "package.xml": format_package(name, file.name)}
     if placed:
-        limit = thrust_limit(bodies[0])
-        axes = _undriven(placed, limit, notes)
+        limit, axes = estimate_thrust(bodies[0], placed, notes)
         files["thrusters.yaml"] = format_thrusters(name, placed, axes, limit)
     else:
         notes.ask("thrusters.yaml", "thrusters", "no thruster in the file; without this one the "
@@ -102,24 +83,176 @@ def import_robot(file: Path, name: str) -> Imported:
     return Imported({key: text.encode() for key, text in files.items()} | pictures.files, notes)
 
 
-def _tell_unread(tree: Tree, notes: Notes) -> None:
-    """Says which plugins and elements have no meaning here."""
-    plugins = sorted({plugin.attributes.get("filename", "?") for _, plugin in tree.plugins
-                      if not is_water(plugin) and "thruster" not in (plugin.attributes.get(
-                          "filename", "") + plugin.attributes.get("name", "")).lower()})
-    if plugins:
-        notes.changed.append(f"plugins without a meaning here, left out: {listed(plugins)}")
+def number(value: float) -> str:
+    """Returns a number in ten digits, and no −0."""
+    return f"{value + 0.0:.10g}" if abs(value) > 1e-14 else "0"
 
 
-def _undriven(placed: list[Thruster], limit: float, notes: Notes) -> list[str]:
-    """Returns the axes that no thruster drives, and asks for the unknown numbers of thrusters."""
-    unknown = [thruster.name for thruster in placed if thruster.force.size < 2]
-    if unknown:
-        notes.ask("thrusters.yaml", "kinds.*.curves", f"no limit of {listed(unknown)} in the file. "
-                  f"ESTIMATE: ±{limit:g} N, with which one alone moves the vehicle at 1 m/s")
-    if any(thruster.lag is None for thruster in placed):
-        notes.ask("thrusters.yaml", "kinds.*.lag", f"the file has none. ESTIMATE: {LAG:g} s")
-    axes = undriven_axes([(thruster.position, thruster.axis) for thruster in placed])
-    if axes:
-        notes.taken.append(f"axes that the thrusters do not drive: {', '.join(axes)}")
-    return axes
+def row(values: Iterable[float]) -> str:
+    """Returns numbers with blanks between them, as XML has them."""
+    return " ".join(number(float(value)) for value in values)
+
+
+def listing(values: Iterable[float]) -> str:
+    """Returns numbers as a list of YAML; with a point, as YAML reads 1e-05 as a text."""
+    return "[" + ", ".join(_yaml(float(value)) for value in values) + "]"
+
+
+def _yaml(value: float) -> str:
+    text = number(value)
+    return text if "." in text or "e" not in text else text.replace("e", ".0e")
+
+
+def comment(text: str) -> str:
+    """Returns a text that may stand in a comment of XML."""
+    return text.replace("--", "- -")
+
+
+def format_sdf(name: str, source: str, bodies: list[Body], joints: list[str], tip: RigidTransform,
+               shapes: list[list[Shape]]) -> str:
+    """Returns the SDFormat file.
+
+    Args:
+        name: Of the robot.
+        source: Of the file from which it was made.
+        bodies: Vehicle and arm, in axes of their own.
+        joints: Names of the joints.
+        tip: Pose of the tip in the last body.
+        shapes: Drawn shapes of each body.
+    """
+    lines = ['<?xml version="1.0"?>',
+             f"<!-- {comment(name)}, made of {comment(source)} by `uvms-drake robot` with `from`;",
+             "     README.md lists numbers taken, changed and ESTIMATED. SI units. -->",
+             '<sdf version="1.9" xmlns:drake="http://drake.mit.edu">',
+             f'  <model name="{name}">']
+    for i, body in enumerate(bodies):
+        lines += _link(body, bodies[i - 1] if i else None, shapes[i])
+        if body.joint is not None:
+            lines += _joint(body, bodies[i - 1].name, joints[i - 1])
+    lines += ["", f'    <frame name="tip" attached_to="{bodies[-1].name}">'
+              "  <!-- point of contact, x along the tool -->",
+              f"      <pose>{_pose(tip)}</pose>", "    </frame>", "  </model>", "</sdf>"]
+    return "\n".join(lines) + "\n"
+
+
+def _pose(X: RigidTransform) -> str:
+    return f"{row(X.translation())} {row(RollPitchYaw(X.rotation()).vector())}"
+
+
+def _link(body: Body, before: Body | None, shapes: list[Shape]) -> list[str]:
+    lines = ["", f'    <link name="{body.name}">']
+    names = [link.name for link in body.links]
+    if names != [body.name]:
+        lines.append(f"      <!-- {comment(', '.join(names))} -->")
+    if before is not None:
+        lines.append(f'      <pose relative_to="{before.name}">'
+                     f"{_pose(before.X.inverse() @ body.X)}</pose>")
+    inertia = "".join(f"<{key}>{number(body.inertia[place])}</{key}>"
+                      for key, place in zip(INERTIAS, PLACES, strict=True))
+    lines += ["      <inertial>", f"        <pose>{row(body.com)} 0 0 0</pose>",
+              f"        <mass>{number(body.mass)}</mass>", f"        <inertia>{inertia}</inertia>",
+              "      </inertial>"]
+    for i, shape in enumerate(shapes):
+        lines += [f'      <visual name="visual_{i + 1}">',
+                  f"        <pose>{_pose(shape.X)}</pose>",
+                  f"        <geometry>{_geometry(shape)}</geometry>"]
+        if shape.color is not None:
+            lines.append(f"        <material><diffuse>{row(shape.color)}</diffuse></material>")
+        lines.append("      </visual>")
+    return [*lines, "    </link>"]
+
+
+def _geometry(shape: Shape) -> str:
+    if shape.kind == "mesh":
+        return f"<mesh><uri>{escape(shape.uri)}</uri><scale>{row(shape.size)}</scale></mesh>"
+    keys = {"box": ["size"], "sphere": ["radius"], "ellipsoid": ["radii"]}.get(
+        shape.kind, ["radius", "length"])
+    sizes = [shape.size] if len(keys) == 1 else [shape.size[i:i + 1] for i in range(2)]
+    inner = "".join(f"<{key}>{row(size)}</{key}>" for key, size in zip(keys, sizes, strict=True))
+    return f"<{shape.kind}>{inner}</{shape.kind}>"
+
+
+def _joint(body: Body, parent: str, name: str) -> list[str]:
+    joint = body.joint
+    assert joint is not None and joint.rotor is not None
+    limits = [f"<{key}>{number(value)}</{key}>" for key, value in (
+        ("lower", joint.lower), ("upper", joint.upper)) if np.isfinite(value)]
+    limits += [f"<{key}>{number(value)}</{key}>" for key, value in (
+        ("effort", joint.effort), ("velocity", joint.velocity)) if value]
+    kind = "prismatic" if joint.kind == "prismatic" else "revolute"
+    return ["", f'    <joint name="{name}" type="{kind}">'
+            + (f"  <!-- {comment(joint.name)} -->" if joint.name != name else ""),
+            f"      <parent>{parent}</parent>", f"      <child>{body.name}</child>", "      <axis>",
+            f"        <xyz>{row(joint.axis / np.linalg.norm(joint.axis))}</xyz>",
+            f"        <limit>{''.join(limits)}</limit>",
+            f"        <dynamics><damping>{number(joint.damping)}</damping></dynamics>",
+            "      </axis>",
+            f"      <drake:rotor_inertia>{number(joint.rotor[0])}</drake:rotor_inertia>",
+            f"      <drake:gear_ratio>{number(joint.rotor[1])}</drake:gear_ratio>", "    </joint>"]
+
+
+def format_water(name: str, density: float, bodies: list[Body]) -> str:
+    """Returns hydrodynamics.yaml."""
+    lines = [f"# Water on {name}; README.md lists each ESTIMATE. SI units, axes",
+             f"# and origins of the bodies in {name}.sdf, order (x, y, z, roll, pitch, yaw).",
+             "", f"fluid_density: {_yaml(density)}  # [kg/m³]", "", "bodies:"]
+    for body in bodies:
+        lines += [f"  {body.name}:", f"    displaced_volume: {_yaml(body.volume or 0.0)}  # [m³]",
+                  f"    center_of_buoyancy: {listing(body.center)}  # [m]", "    added_mass:"]
+        for item in body.added_mass:
+            M = np.asarray(item.matrix)
+            off = np.max(np.abs(M - np.diag(np.diag(M))))
+            rows = [listing(np.diag(M))] if off <= 1e-12 * np.max(np.abs(M)) else [
+                "[" + ",\n               ".join(listing(values) for values in M) + "]"]
+            lines += [f"      - matrix: {rows[0]}", f"        point: {listing(item.point)}"]
+        lines.append("    drag:")
+        for strip in body.drag:
+            lines += [f"      - linear: {listing(strip.linear)}",
+                      f"        quadratic: {listing(strip.quadratic)}",
+                      f"        point: {listing(strip.point)}"]
+    return "\n".join(lines) + "\n"
+
+
+def format_thrusters(name: str, placed: list[Thruster],
+                     undriven: list[str], force: float) -> str:
+    """Returns thrusters.yaml; thrusters with the same curve and lag are of one kind.
+
+    Args:
+        name: Of the robot.
+        placed: Thrusters with positions [m] and axes in the vehicle's frame.
+        undriven: Axes that they do not drive.
+        force: Of those whose curve is not known [N].
+    """
+    # Thrusters, each of a kind that is written when it first occurs.
+    kinds: dict[tuple[object, ...], str] = {}
+    lines = [f"# The thrusters of {name}; README.md lists each ESTIMATE. SI units, in",
+             "# the vehicle's frame (FRD). An axis points to where a positive force pushes.", "",
+             f"undriven: [{', '.join(undriven)}]", "", "kinds:"]
+    rows = []
+    for thruster in placed:
+        known = thruster.force.size >= 2
+        command = thruster.command if known else np.array([-force, 0.0, force])
+        values = thruster.force if known else command
+        key = (tuple(command), tuple(values), thruster.lag)
+        if key not in kinds:
+            kinds[key] = f"thruster_{len(kinds) + 1}"
+            lines += [f"  {kinds[key]}:", f"    lag: {_yaml(thruster.lag or LAG)}  # [s]"
+                      + ("" if thruster.lag else " ESTIMATE"),
+                      "    curves:  # command, and the force at it [N]"
+                      + ("" if known else " ESTIMATE"),
+                      f"      - command: {listing(command)}", f"        force: {listing(values)}"]
+        rows.append(f"{{kind: {kinds[key]}, position: {listing(thruster.position)}, "
+                    f"axis: {listing(thruster.axis)}}}")
+    names = [f"thruster_{name}" if name[0].isdigit() else name
+             for name in unique([thruster.name for thruster in placed])]
+    return "\n".join([*lines, "", "thrusters:", *(
+        f"  {each}: {text}" for each, text in zip(names, rows, strict=True))]) + "\n"
+
+
+def format_package(name: str, source: str) -> str:
+    """Returns package.xml."""
+    return ('<?xml version="1.0"?>\n<package format="2">\n'
+            f"  <name>{name}</name>\n  <version>0.1.0</version>\n"
+            f"  <description>Made of {escape(source)}</description>\n"
+            "  <license>that of the file it was made of</license>\n</package>\n")
+

@@ -14,12 +14,20 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidFile, InvalidParameter, require
 from uvms_drake.model.description.elements import SDFORMAT, URDF, Element
-from uvms_drake.model.description.hydrodynamics_file import FARTHEST, require_near
+from uvms_drake.model.description.hydrodynamics_file import FARTHEST, NEAR
 from uvms_drake.model.description.plausibility import check_foreign
 from uvms_drake.model.description.robot_files import INCLUDED, parse
 from uvms_drake.model.description.xml_tree import Node, element, read_xml, write_xml
-from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.tree import MOVING, SIZES, Joint, Link, Shape, Tree
+from uvms_drake.model.robot_import.tree import (
+    MOVING,
+    SIZES,
+    Joint,
+    Link,
+    Notes,
+    Shape,
+    Tree,
+    listed,
+)
 
 KEPT = {"robot": "link joint frame", "sdf": "model", "model": "link joint frame model include pose",
         "link": "inertial pose", "inertial": "origin pose mass inertia",
@@ -273,7 +281,7 @@ def _check_inertial(link: Node, inertial: Node, notes: Notes) -> None:
     (node,) = inertial.all("inertia")
     inertia = np.array([node.number(key) for key in INERTIA]).reshape(3, 3)
     require(mass >= 0.0, f"{place} mass", mass, "zero or positive [kg]")
-    require_near(f"{place} centre of mass", inertial.pose().translation())
+    NEAR.check(f"{place} centre of mass", inertial.pose().translation())
     largest = float(np.max(np.abs(inertia)))
     require(largest <= mass * FARTHEST**2, f"{place} inertia", largest,
             f"that of {mass:g} kg within {FARTHEST:g} m (units are kg m²)")
@@ -312,8 +320,9 @@ def _shape(node: Node, materials: dict[str, Node]) -> Shape | None:
         for item in solid.children:
             kind = item.tag
             if kind == "mesh":
-                return Shape(kind, np.ones(3) * item.numbers("scale", None, 1.0), node.pose(),
-                             item.value("filename") or item.value("uri") or "", color)
+                uri = item.value("filename") or item.value("uri") or ""
+                return Shape(kind, np.ones(3) * item.numbers("scale", None, 1.0), node.pose(), uri,
+                             resolve(uri, item.file), color)
             if kind in SIZES:
                 size = [item.numbers(key, 3 if key in ("size", "radii") else 1)
                         for key in SIZES[kind]]

@@ -1,7 +1,7 @@
 """Shapes of links: the boxes around them, their volumes, and those that can be drawn."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,7 @@ from uvms_drake.model.description.visuals import (
     stl_triangles,
 )
 from uvms_drake.model.robot_import.bodies import Body
-from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.reading import resolve
-from uvms_drake.model.robot_import.tree import Link, Shape
+from uvms_drake.model.robot_import.tree import Notes, Shape, listed
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 REFERENCES = re.compile(r'^(?:mtllib|map_\w+)\s+(.+?)\s*$|"uri"\s*:\s*"(?!data:)([^"]+)"', re.M)
@@ -35,14 +33,13 @@ def edges(shape: Shape) -> np.ndarray:
     return np.array([2.0 * size[0], 2.0 * size[0], size[1] + ends])
 
 
-def volume_of(link: Link, shape: Shape) -> float:
+def volume_of(shape: Shape) -> float:
     """Returns the volume of a shape [m³]; of a mesh, if it is an STL that is there."""
     size = shape.size
     if shape.kind == "mesh":
-        file = resolve(shape.uri, link.node.file)
-        if file is None or file.suffix.lower() != ".stl":
+        if shape.file is None or shape.file.suffix.lower() != ".stl":
             return 0.0
-        return mesh_volume(stl_triangles(file) * shape.size)
+        return mesh_volume(stl_triangles(shape.file) * shape.size)
     if shape.kind == "box":
         return float(np.prod(size))
     if shape.kind in ("sphere", "ellipsoid"):
@@ -51,11 +48,10 @@ def volume_of(link: Link, shape: Shape) -> float:
     return float(np.pi * size[0] ** 2 * size[1] + ball)
 
 
-def corners_of(link: Link, shape: Shape) -> np.ndarray | None:
+def corners_of(shape: Shape) -> np.ndarray | None:
     """Returns points (k, 3) around a shape, in the frame in which it stands; None if unknown."""
     if shape.kind == "mesh":
-        file = resolve(shape.uri, link.node.file)
-        box = None if file is None else bounding_box(file)
+        box = None if shape.file is None else bounding_box(shape.file)
         if box is None:
             return None
         points = (box.mean(axis=0) + CORNERS * np.ptp(box, axis=0)) * shape.size
@@ -66,8 +62,8 @@ def corners_of(link: Link, shape: Shape) -> np.ndarray | None:
 
 def box_of(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
     """Returns the least and the largest corner (3,) [m] of a body's shapes; None without any."""
-    found = [points for link, shape in (*body.collisions, *body.visuals)
-             if (points := corners_of(link, shape)) is not None]
+    found = [points for shape in (*body.collisions, *body.visuals)
+             if (points := corners_of(shape)) is not None]
     if not found:
         return None
     points = np.concatenate(found)
@@ -90,15 +86,9 @@ def drawn(bodies: list[Body], robot: str, notes: Notes) -> Drawn:
     out = Drawn()
     fates: dict[str, list[str]] = {}
     for body in bodies:
-        shapes = []
-        for link, shape in body.visuals:
-            if shape.kind != "mesh":
-                shapes.append(shape)
-                continue
-            found = _mesh(link, shape, robot, out, fates)
-            if found is not None:
-                shapes.append(found)
-        out.shapes.append(shapes)
+        shapes = [shape if shape.kind != "mesh" else _mesh(shape, robot, out, fates)
+                  for shape in body.visuals]
+        out.shapes.append([shape for shape in shapes if shape is not None])
     for fate, names in fates.items():
         (notes.taken if fate == "kept" else notes.changed).append(
             f"meshes {fate}: {listed(sorted(set(names)))}")
@@ -108,11 +98,10 @@ def drawn(bodies: list[Body], robot: str, notes: Notes) -> Drawn:
     return out
 
 
-def _mesh(link: Link, shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]
-          ) -> Shape | None:
+def _mesh(shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]) -> Shape | None:
     """Returns a mesh as it is drawn; None if nothing is known of it."""
     name = shape.uri.rsplit("/", 1)[-1]
-    file = resolve(shape.uri, link.node.file)
+    file = shape.file
     target = "" if file is None else f"{_folder(file, out)}/{name}"
     if file is not None and reason_not_drawn(file) is None:
         for path in (file, *_references(file)):
@@ -132,7 +121,7 @@ def _mesh(link: Link, shape: Shape, robot: str, out: Drawn, fates: dict[str, lis
         low, high = np.sort(box * shape.size, axis=0)
         X = shape.X @ RigidTransform(0.5 * (low + high))
         return Shape("box", np.maximum(high - low, 1e-3), X, color=shape.color)
-    return Shape("mesh", shape.size, shape.X, f"package://{robot}/{target}", shape.color)
+    return replace(shape, uri=f"package://{robot}/{target}")
 
 
 def _folder(file: Path, out: Drawn) -> str:

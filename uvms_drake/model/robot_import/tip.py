@@ -6,9 +6,8 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.model.robot_import.bodies import FRD_FROM_FLU, Body
-from uvms_drake.model.robot_import.notes import Notes
 from uvms_drake.model.robot_import.shapes import box_of
-from uvms_drake.model.robot_import.tree import Tree
+from uvms_drake.model.robot_import.tree import Notes, Tree
 
 NAMES = tuple(re.compile(pattern, re.I) for pattern in (
     r"(^|[_/:])(tip|tcp)([_/:]|$)", r"end_?eff|(^|[_/:])ee([_/:]|$)", r"tool|standard_jaws_tool",

@@ -1,9 +1,11 @@
 """A robot as a file has it: links, joints, frames and plugins, in the file's own axes.
 
-Drake's plant of it has masses, poses and axes; all else is read from the XML.
+Drake's plant of it has masses, poses and axes; all else is read from the XML. `Notes` list values
+taken, changed, and for the owner to give.
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -21,6 +23,9 @@ SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius"
          "capsule": ("radius", "length"), "ellipsoid": ("radii",), "mesh": ()}
 """Solids, and their sizes."""
 
+TITLES = (("taken", "Taken from the file"), ("changed", "Changed"),
+          ("asked", "For you to give (the number in the files until then is an ESTIMATE)"))
+
 
 @dataclass
 class Shape:
@@ -34,6 +39,8 @@ class Shape:
     """Pose in its link; a cylinder is along its z."""
     uri: str = ""
     """URI of a mesh."""
+    file: Path | None = None
+    """File of a mesh, if it is there."""
     color: np.ndarray | None = None
     """RGBA."""
 
@@ -137,10 +144,6 @@ class Tree:
         """Returns the link that a plugin names; None if there is none."""
         return self.links.get(scope + name) or self.links.get(name)
 
-    def find_joint(self, scope: str, name: str) -> Joint | None:
-        """Returns the joint that a plugin names; None if there is none."""
-        return self.joints.get(scope + name) or self.joints.get(name)
-
     def beyond(self, link: str) -> list[str]:
         """Returns a link and all that hangs on it."""
         found = [link]
@@ -172,3 +175,36 @@ class Tree:
         for joint in self.joints.values():
             frame = joint.joint.frame_on_child()
             joint.X = self.links[joint.child].X @ frame.GetFixedPoseInBodyFrame()
+
+
+@dataclass
+class Notes:
+    """Lines that an import has to say, in the order in which they were found."""
+
+    sdf: str
+    """Name of the robot's file."""
+    taken: list[str] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+
+    def ask(self, file: str, key: str, question: str) -> None:
+        """Asks for a number: the file and key to set, and its meaning."""
+        self.asked.append(f"{file}, {key}: {question}")
+
+    def format(self) -> str:
+        """Returns the list, numbered throughout."""
+        lines, number = [], 0
+        for key, title in TITLES:
+            items = getattr(self, key)
+            lines.append(f"{title}:" if items else f"{title}: nothing.")
+            for item in items:
+                number += 1
+                lines.append(f"{number:3}. {item}")
+            lines.append("")
+        return "\n".join(lines)
+
+
+def listed(names: list[str], most: int = 12) -> str:
+    """Returns names in one line; of many, the first ones and how many more."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -85,8 +85,7 @@ class FaultySignal(WiredSystem):
 
     @staticmethod
     def _kept(context: Context) -> np.ndarray:
-        kept: np.ndarray = context.get_discrete_state_vector().value()
-        return kept
+        return context.get_discrete_state_vector().value()
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         signal, time = self._port.Eval(context), context.get_time()

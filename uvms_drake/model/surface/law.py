@@ -18,6 +18,7 @@ import numpy as np
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.schema import checked
 from uvms_drake.model.frames.euler import COMPLEX_STEP
+from uvms_drake.model.surface.geometry import Plane
 
 TRIALS = 32
 """Poses at which `check_surface` compares derivatives; half of them at rest."""
@@ -184,9 +185,10 @@ class Surface(ABC):
         """Returns points (count, count, 3) of the undeformed surface in Σ_I, or None: for pictures.
 
         The grid is a square with sides of at most `size` [m] about the point of the surface next to
-        `center` (3,).
+        `center` (3,). By default it is flat, and none without a `normal`.
         """
-        return None
+        return None if self.normal is None else Plane(self.anchor, self.normal).patch(
+            center, size, count)
 
     def turned(self, chi: np.ndarray) -> np.ndarray:
         """Returns the distance (...) of the attitudes of χ (..., 6) from a jump of 𝔉.

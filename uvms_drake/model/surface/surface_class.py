@@ -55,8 +55,7 @@ class SurfaceClass:
     def lateral(self, motion: np.ndarray) -> np.ndarray:
         """Returns the tangential length ‖P_t m‖ (...) of a vector m (..., 3)."""
         across = motion @ self.tangents
-        length: np.ndarray = np.sqrt((across * across).sum(axis=-1))
-        return length
+        return np.sqrt((across * across).sum(axis=-1))
 
     @cached_property
     def axes(self) -> np.ndarray:
@@ -87,13 +86,11 @@ class SurfaceClass:
 
     def across(self, point: np.ndarray) -> np.ndarray:
         """Returns the tangential coordinates (t₁, t₂)·𝔭 (..., 2) [m] of a point 𝔭 (..., 3)."""
-        places: np.ndarray = point @ self.tangents
-        return places
+        return point @ self.tangents
 
     def around(self, motion: np.ndarray) -> np.ndarray:
         """Returns ‖P_t m‖₁ (...), in t₁ and t₂, of a vector m (..., 3); not less than `lateral`."""
-        length: np.ndarray = np.abs(self.across(motion)).sum(axis=-1)
-        return length
+        return np.abs(self.across(motion)).sum(axis=-1)
 
     def advance(self, motion: np.ndarray) -> np.ndarray:
         """Returns ⟨m⟩ (...), the largest growth of the depth by a motion m (..., 3) [m or m/s].

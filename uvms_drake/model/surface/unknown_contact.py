@@ -162,15 +162,10 @@ class UnknownSurface(Surface):
     exerts_force = False
 
     def __init__(self, contact: UnknownContact):
-        self._contact = contact.checked()
+        self.contact = contact.checked()
 
     def __repr__(self) -> str:
         return f"UnknownSurface({self.contact!r})"
-
-    @property
-    def contact(self) -> UnknownContact:
-        """Specification of the contact."""
-        return self._contact
 
     @property
     def anchor(self) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uvms_drake.model.surface.law import Surface, check_surface
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH, VERMILION
 from uvms_drake.report.robot.render import RobotScene, picture_axes
 from uvms_drake.station.problem import true_surface
@@ -25,7 +25,7 @@ ARROW = 0.4
 def draw_robot(record: Record) -> Figure:
     """Draws the robot at the last sample, the surface, the path of its tip, and the force."""
     scenario, tip, force = record.scenario, record.chi[-1, :3], record.force[-1, :3]
-    wall = wall_points(check_surface(true_surface(scenario)), tip)
+    wall = check_surface(true_surface(scenario)).patch(tip, SIZE, SQUARES + 1)
     squares = [] if wall is None else wall_triangles(wall)
     scene = RobotScene(scenario.model, record.config[-1], squares)
     size = float(np.linalg.norm(force))
@@ -59,19 +59,6 @@ def _arrow(axis: Axes, tail: np.ndarray, vector: np.ndarray, text: str, color: s
     beyond = 1.0 + 0.05 / max(float(np.hypot(dx, dy)), 1e-9)
     axis.text(x + beyond * dx, y + beyond * dy, text, color=color, va="center",
               ha="right" if dx < -abs(dy) else "left" if dx > abs(dy) else "center")
-
-
-def wall_points(surface: Surface, tip: np.ndarray) -> np.ndarray | None:
-    """Returns points (SQUARES+1, SQUARES+1, 3) of a wall next to the tip (3,) [m], if it is one."""
-    if surface.normal is None:
-        return surface.patch(tip, SIZE, SQUARES + 1)
-    along = np.cross(surface.normal, np.eye(3)[np.argmin(np.abs(surface.normal))])
-    along /= np.linalg.norm(along)
-    axes = np.array([along, np.cross(surface.normal, along)])
-    middle = tip - ((tip - surface.anchor) @ surface.normal) * surface.normal
-    sides = [SIZE * np.linspace(-0.5, 0.5, SQUARES + 1)] * 2
-    out: np.ndarray = middle + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1) @ axes
-    return out
 
 
 def wall_triangles(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

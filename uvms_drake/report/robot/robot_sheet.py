@@ -7,10 +7,7 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram, Solve
 
 from uvms_drake.control.laws.outputs import best_rows, row_names
-from uvms_drake.model.description.hydrodynamics_file import (
-    BodyHydrodynamics,
-    added_mass_about_origin,
-)
+from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
@@ -48,7 +45,7 @@ class Swing:
 class Thrust:
     """Largest wrenches of the thrusters, at full voltage."""
 
-    names: tuple[str, ...]
+    count: int
     largest: np.ndarray
     """(6, 2): largest wrench along and against each axis, the other driven ones zero [N, N m]."""
     undriven: tuple[str, ...]
@@ -91,7 +88,7 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
     """Returns the sheet of a robot in a finalized plant, at the joints' q (n,) [rad, m]."""
     model = UvmsModel(uvms)
     config = np.concatenate([np.zeros(6), posture])
-    at = model.kinematics(config)
+    at, rest = model.kinematics(config), np.zeros(model.size)
     M, trim = model.mass_matrix(at), trim_of(uvms, posture)
     rng = np.random.default_rng(0)
     many = np.zeros((POSTURES, model.size))
@@ -107,9 +104,9 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
         units=[SLIDING if slides(joint) else TURNING for joint in uvms.joints],
         reach=_reach(model, many, rng),
         tip=at.chi, rows=tuple(row_names(model.num_joints)[i] for i in rows),
-        dexterity=_dexterity(model, many, config, rows),
+        dexterity=_dexterity(model, many, posture),
         thrust=None if uvms.thrusters is None else thrust_of(
-            ThrusterModel.of(uvms.thrusters), _holding_wrench(model, config)))
+            ThrusterModel.of(uvms.thrusters), model.inverse_dynamics(at, rest, rest)[:6]))
 
 
 def swing(model: UvmsModel, config: np.ndarray, axis: int) -> Swing:
@@ -137,7 +134,7 @@ def thrust_of(thrusters: ThrusterModel, wrench: np.ndarray) -> Thrust:
     forces = allocation.matrix @ wrench + allocation.bias
     limits = np.where(forces > 0.0, thrusters.upper, -thrusters.lower)
     share = np.abs(forces) / np.maximum(limits, NO_FORCE)
-    return Thrust(thrusters.names, largest, tuple(AXES[i] for i in thrusters.undriven),
+    return Thrust(thrusters.size, largest, tuple(AXES[i] for i in thrusters.undriven),
                   float(np.max(share)), thrusters.names[int(np.argmax(share))])
 
 
@@ -154,11 +151,6 @@ def largest_wrench(thrusters: ThrusterModel, axis: int, sign: float) -> float:
         np.column_stack([B, -direction]), np.zeros(len(B)), np.concatenate([f, size]))
     program.AddLinearCost(-size[0])
     return float(Solve(program).GetSolution(size)[0])
-
-
-def _holding_wrench(model: UvmsModel, config: np.ndarray) -> np.ndarray:
-    rest = np.zeros(model.size)
-    return model.inverse_dynamics(model.kinematics(config), rest, rest)[:6]
 
 
 def _reach(model: UvmsModel, many: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -185,20 +177,26 @@ def _reach(model: UvmsModel, many: np.ndarray, rng: np.random.Generator) -> np.n
     return reach
 
 
-def _dexterity(model: UvmsModel, many: np.ndarray, config: np.ndarray, rows: np.ndarray
-               ) -> np.ndarray:
+def _dexterity(model: UvmsModel, many: np.ndarray, posture: np.ndarray) -> np.ndarray:
     if model.num_joints < 3:  # Then the rows are the joints themselves.
         return np.ones(3)
-    J = model.task_jacobian(np.concatenate([many, config[None]]))[:, rows, 6:]
-    smallest = np.linalg.svd(J, compute_uv=False)[:, -1]
+    smallest = dexterities(model, np.concatenate([many[:, 6:], posture[None]]))
     return np.array([smallest[:-1].min(), np.median(smallest[:-1]), smallest[-1]])
+
+
+def dexterities(model: UvmsModel, postures: np.ndarray) -> np.ndarray:
+    """Returns σ_min(J_sq) (m,) at q (m, n), for few joints that of the tip's position."""
+    rows = best_rows(model) if model.num_joints > 2 else np.arange(3)
+    config = np.concatenate([np.zeros((len(postures), 6)), postures], axis=1)
+    return np.linalg.svd(
+        model.task_jacobian(config)[:, rows, 6:], compute_uv=False)[:, -1]
 
 
 def _bodies(uvms: Uvms) -> list[tuple[str, float, float, np.ndarray]]:
     found = []
     for index in uvms.plant.GetBodyIndices(uvms.model_instance):
         body = uvms.plant.get_body(index)
-        water = uvms.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
+        water = uvms.water(body)
         found.append((body.name(), body.default_mass(),
                       uvms.hydrodynamics.fluid_density * water.displaced_volume,
                       np.diag(added_mass_about_origin(water.added_mass))[:3]))
@@ -223,7 +221,7 @@ def _vehicle_lines(sheet: RobotSheet) -> list[str]:
     trim, inertia = sheet.trim, sheet.inertia
     net = STANDARD_GRAVITY * (trim.displaced_mass - trim.mass)
     thrusters = "no thrusters.yaml" if sheet.thrust is None else (
-        f"{len(sheet.thrust.names)} thrusters")
+        f"{sheet.thrust.count} thrusters")
     roll, pitch = np.degrees(sheet.hangs)
     return [
         f"{sheet.name}: {len(sheet.joints)} joints, {thrusters}",

@@ -39,8 +39,7 @@ class Plane(Geometry):
 
     def depth(self, position: np.ndarray) -> np.ndarray:
         """Returns δ (...) [m] at points of Σ_I (..., 3)."""
-        depth: np.ndarray = (self.point - position) @ self.normal
-        return depth
+        return (self.point - position) @ self.normal
 
     def depth_and_gradient(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ (...) [m] and ∇δ (..., 3), which is −`normal`, at points of Σ_I (..., 3)."""

@@ -3,7 +3,6 @@
 import math
 from copy import copy
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -55,13 +54,9 @@ def settled(u_ref: float) -> tuple[np.ndarray, np.ndarray, float, float]:
             float(np.linalg.norm(plan.zeta[0])))
 
 
-def hold_input(fraction: float = 0.0) -> Erratum:
-    """E6: the equilibrium of the loop with a stage cost ‖ū − u_ref‖²_R.
-
-    Args:
-        fraction: u_ref as a fraction of ū_eq; the printed one is zero.
-    """
-    (errors, force, needed, _), (own_errors, own_force, *_) = settled(fraction), settled(1.0)
+def hold_input() -> Erratum:
+    """E6: the equilibrium of the loop with a stage cost ‖ū‖²_R, and with ‖ū − ū_eq‖²_R."""
+    (errors, force, needed, _), (own_errors, own_force, *_) = settled(0.0), settled(1.0)
     tip, own_tip = (float(np.linalg.norm(each[-1, :3])) for each in (errors, own_errors))
     return Erratum(
         "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
@@ -95,39 +90,18 @@ def least_increase(J: np.ndarray) -> float:
     return 0.5 * (1.0 - float(np.linalg.eigvalsh(J @ J.T)[0]))
 
 
-def terminal_penalty(J_min: float = paper.J_MIN) -> Erratum:
+def terminal_penalty() -> Erratum:
     """E7: the smallest J̲ for which P = ½I₆ is a terminal penalty, and λ_min(J Jᵀ) at χ_des."""
-    low, high = 1e-6, 2.0
-    while high - low > 1e-12:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if decrease_gains(middle) else (middle, high)
     best, q = paper.best_posture()
     left = least_increase(robot().kinematics(configuration(paper.CHI_DES, q)).J_chi)
     return Erratum(
         "E7", "P = ½I₆ is no terminal penalty", "sec:simulation_results, eq:terminal_set_F",
-        f"P = Q = ½I₆ and R = ½I₁₀, with J̲ = {J_min:.4g}",
-        f"ζ_loc = −cJ⁺e needs c ≥ ½ + ½c²/J̲, so J̲ ≥ {high:.3f}; the best posture at χ_des has "
+        f"P = Q = ½I₆ and R = ½I₁₀, with J̲ = {paper.J_MIN:.4g}",
+        f"ζ_loc = −cJ⁺e needs c ≥ ½ + ½c²/J̲, so J̲ ≥ 1; the best posture at χ_des has "
         f"λ_min(J Jᵀ) = {best:.3f} (estimated), where there are e for which no ζ whatsoever makes "
         f"V̇ + ℓ less than {left:.3f}‖e‖²",
         "The optimal cost need not fall from sample to sample; P has to be computed, and checked.",
-        wrong=decrease_gains(J_min) is None and left > 0.0)
-
-
-class TubeNumbers(NamedTuple):
-    """Numbers of the tube in (sec:simulation_results)."""
-
-    amplitude: float = paper.AMPLITUDE
-    """Amplitude of each component of w."""
-    w_bound: float = paper.W_BOUND
-    """Bound w̃ of ‖w‖₂."""
-    sigma: float = paper.SIGMA
-    """Gain σ."""
-    J_min: float = paper.J_MIN
-    """J̲, smallest eigenvalue of J Jᵀ."""
-    L_c: float = paper.L_C
-    """L_𝔠, the Lipschitz constant of 𝔠."""
-    radius: float = paper.TUBE
-    """Radius of the set Ω."""
+        wrong=decrease_gains(paper.J_MIN) is None and left > 0.0)
 
 
 def norm_at_tip_pitch(tip_pitch: float) -> float:
@@ -137,34 +111,33 @@ def norm_at_tip_pitch(tip_pitch: float) -> float:
     return float(np.linalg.norm(robot().kinematics(config).J_chi, 2))
 
 
-def simulation_numbers(p: TubeNumbers | None = None) -> Erratum:
+def simulation_numbers() -> Erratum:
     """E8: the printed numbers, put into the printed conditions."""
-    p = p or TubeNumbers()
-    w = p.amplitude * float(np.linalg.norm(np.ones(6)))
-    tubes = kinematic_tubes(p.J_min, p.L_c, p.sigma, p.w_bound)
+    w = paper.AMPLITUDE * float(np.linalg.norm(np.ones(6)))
+    tubes = kinematic_tubes(paper.J_MIN, paper.L_C, paper.SIGMA, paper.W_BOUND)
     found = paper.estimated_J_min()
     pitches = (-1.4, -1.56)
     steep = [norm_at_tip_pitch(pitch) for pitch in pitches]
     corrected = f"{tubes.corrected:.3g}" if tubes.condition.holds else "infinite"
     return Erratum(
         "E8", "The numbers of the simulation do not fit its conditions", "sec:simulation_results",
-        f"‖w‖ ≤ {p.w_bound:g}, σ = {p.sigma:g}, J̲ = {p.J_min:g}, L_𝔠 = {p.L_c:.3f}, and a tube "
-        f"of radius w̃/(σJ̲ + L_𝔠) = {p.radius:g}",
-        f"‖w‖ reaches {w:.2f}; σJ̲ > L_𝔠 needs σ > {p.L_c / p.J_min:.2f}; the printed formula "
-        f"gives {tubes.printed:.4f}; its sign must be −L_𝔠, which makes the tube {corrected}; J̲ "
-        f"is at most {found:.3f} (estimated, the infimum may be lower); there is no J̄: "
-        f"‖J‖ = {steep[0]:.1f} and {steep[1]:.0f} at an end-effector pitch of "
+        f"‖w‖ ≤ {paper.W_BOUND:g}, σ = {paper.SIGMA:g}, J̲ = {paper.J_MIN:g}, "
+        f"L_𝔠 = {paper.L_C:.3f}, and a tube of radius w̃/(σJ̲ + L_𝔠) = {paper.TUBE:g}",
+        f"‖w‖ reaches {w:.2f}; σJ̲ > L_𝔠 needs σ > {paper.L_C / paper.J_MIN:.2f}; the printed "
+        f"formula gives {tubes.printed:.4f}; its sign must be −L_𝔠, which makes the tube "
+        f"{corrected}; J̲ is at most {found:.3f} (estimated, the infimum may be lower); there "
+        f"is no J̄: ‖J‖ = {steep[0]:.1f} and {steep[1]:.0f} at an end-effector pitch of "
         f"{number(pitches[0])} and {number(pitches[1])}",
         "The simulation has no certified tube; the end-effector's pitch has to be limited too.",
-        wrong=(w > p.w_bound * (1.0 + 1e-9) or not tubes.condition.holds or found < p.J_min
-               or abs(tubes.corrected - p.radius) > 0.01 * p.radius))
+        wrong=(w > paper.W_BOUND * (1.0 + 1e-9) or not tubes.condition.holds or found < paper.J_MIN
+               or abs(tubes.corrected - paper.TUBE) > 0.01 * paper.TUBE))
 
 
-def initial_configuration(q_a: np.ndarray = paper.Q_START,
-                          q_b: np.ndarray = paper.Q_START_OTHER) -> Erratum:
+def initial_configuration() -> Erratum:
     """E10: configurations with the printed χ(0), and the end-effector's pitch at 𝔮 = 0."""
     model = robot()
     pitch = float(model.kinematics(np.zeros(model.size)).chi[4])
+    q_a, q_b = paper.Q_START, paper.Q_START_OTHER
     config = configuration(paper.CHI_START, np.array([q_a, q_b]))
     off = max(float(np.max(np.abs(pose_difference(chi, paper.CHI_START))))
               for chi in model.kinematics(config).chi)
@@ -224,13 +197,9 @@ def hold(measured: bool) -> tuple[float, float]:
     return jump, float(np.linalg.norm(pose_difference(y[:6], paper.CHI_DES)))
 
 
-def initial_state(measured: bool = True) -> Erratum:
-    """E9: the nominal trajectory jumps, and the tube is left, if a solve starts at the real state.
-
-    Args:
-        measured: Whether a solve starts at the measured state, as printed.
-    """
-    (jump, off), (own_jump, own_off) = hold(measured), hold(False)
+def initial_state() -> Erratum:
+    """E9: the nominal trajectory jumps, and the tube is left, if solves start at the real state."""
+    (jump, off), (own_jump, own_off) = hold(True), hold(False)
     radius = paper.W_BOUND / paper.SIGMA
     smallest = math.sqrt(paper.WEIGHT) * (off - radius)
     return Erratum(
@@ -261,9 +230,9 @@ def reach(q: np.ndarray, stage_weight: float) -> tuple[float, float, float]:
             mpc.value(plan).violation)
 
 
-def first_horizon(q_a: np.ndarray = paper.Q_START, q_b: np.ndarray = paper.Q_START_OTHER
-                  ) -> Erratum:
+def first_horizon() -> Erratum:
     """E11: the smallest ε that the first horizon reaches, from two 𝔮(0) with the printed χ(0)."""
+    q_a, q_b = paper.Q_START, paper.Q_START_OTHER
     (a, _, over_a), (b, speed, over_b), (printed, *_) = (
         reach(q_a, TINY), reach(q_b, TINY), reach(q_a, paper.WEIGHT))
     distance = float(np.linalg.norm(paper.CHI_START[:3] - paper.CHI_DES[:3]))

@@ -1,4 +1,6 @@
-"""Tests of `model.signals.sample_and_hold`: samples and their instants, by the definition."""
+"""Tests of `model.signals`: samples and their instants by definition, delays of a command."""
+
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -6,6 +8,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
+from uvms_drake.actuation import IdealWrench, SampledCommand, Thrusters
+from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 
 TIMES = np.sqrt(np.linspace(2e-4, 0.98, 171))
@@ -127,3 +131,27 @@ def test_a_cloned_context_goes_on_alike():
         for each in (simulator, clone):
             each.AdvanceTo(time)
         np.testing.assert_array_equal(hold(simulator, system), hold(clone, system))
+
+
+CLOCKED = SampledCommand(0.02, 0.01)
+
+
+def through(model, *parts) -> CommandPath:
+    """Returns the path through parts."""
+    return reduce(CommandPath.then, (part.command_path(model) for part in parts), IDEAL_PATH)
+
+
+def test_a_plan_is_commanded_earlier_by_the_mean_delays_behind_thrusters_alone(model):
+    """δ + h/2 for the joints, and h_t/2 + D + T more for the wrench."""
+    thrusters = Thrusters(period=0.01, lag=0.1, dead_time=0.05)
+    path = through(model, CLOCKED, thrusters)
+    assert path.preview == path.mean_delays == (pytest.approx(0.02 + 0.155), 0.02)
+    assert through(model, thrusters).mean_delays == (pytest.approx(0.155), 0.0)
+    assert through(model, CLOCKED).mean_delays == (0.02, 0.02)
+    assert through(model, CLOCKED).preview == (0.0, 0.0)
+
+
+def test_an_ideal_part_before_or_behind_changes_nothing(model):
+    assert through(model, IdealWrench(undriven=["roll"])) == IDEAL_PATH
+    path = through(model, CLOCKED, Thrusters())
+    assert path.then(IDEAL_PATH) == IDEAL_PATH.then(path) == path

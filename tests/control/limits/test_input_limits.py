@@ -1,12 +1,18 @@
 """Tests of `control.limits.input_in_contact`, against forces drawn at random and on a grid."""
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from support.thrusters import eight_thrusters
 
+import uvms_drake as uv
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
-from uvms_drake.control.limits.inputs import Accelerations, Forces
-from uvms_drake.control.limits.radii import TubeRadii
-from uvms_drake.control.plan.points import Points, check_slopes, slopes
+from uvms_drake.control.limits.inputs import Accelerations, Forces, ThrusterForces
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 CONE = ForceCone(np.array([0.6, 0.0, 0.8]), 25.0, 0.4)
@@ -18,11 +24,11 @@ def across(normal: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def points(model, states) -> Points:
+def points(model, states) -> uv.Points:
     """Four states, with an input."""
     config, zeta = np.split(states["free"][:4], 2, axis=1)
     u = np.random.default_rng(1).uniform(-0.3, 0.3, config.shape)
-    return Points(model, config, model.task_pose(config), zeta, u)
+    return uv.Points(model, config, model.task_pose(config), zeta, u)
 
 
 @pytest.fixture(params=[Accelerations, Forces])
@@ -64,26 +70,6 @@ def test_values_are_the_extremes_over_all_forces_of_the_cone(limit, points):
     assert np.all(reached >= np.min(values, axis=0) - 1e-9)
 
 
-def test_slopes_are_those_of_complex_steps_and_of_differences(limit, points):
-    found, expected = limit.slopes(points), slopes(limit.values, points, "input")
-    np.testing.assert_allclose(found.y, expected.y, atol=1e-9 * np.max(np.abs(expected.y)))
-    np.testing.assert_allclose(
-        np.broadcast_to(found.u, expected.u.shape), expected.u, atol=1e-9)
-    at = points.subset(slice(0, 1), points.u[:1])
-    one = Points(at.model, at.config[0], at.y[0], at.zeta[0], at.u[0])
-    check_slopes("limit", limit.values, one, "input")
-
-
-def test_some_of_the_points_twice_with_other_inputs_are_as_alone(limit, points):
-    """As both ends of an interval are, which share the geometry of the knots."""
-    some = points.subset(np.array([0, 2, 2, 3]), np.linspace(-0.3, 0.3, 40).reshape(4, 10))
-    alone = Points(some.model, some.config, some.y, some.zeta, some.u)
-    np.testing.assert_allclose(limit.values(some), limit.values(alone), atol=1e-9)
-    found, expected = limit.slopes(some), limit.slopes(alone)
-    np.testing.assert_allclose(found.y, expected.y, atol=1e-9 * np.max(np.abs(expected.y)))
-    np.testing.assert_allclose(np.broadcast_to(found.u, expected.u.shape), expected.u, atol=1e-9)
-
-
 def test_without_a_spread_the_slopes_are_finite(points):
     """Then the two values at the other end are the same, and the norm has a kink."""
     limit = UnderContact(Accelerations(np.ones(10)), ForceCone(CONE.direction, 25.0))
@@ -93,7 +79,7 @@ def test_without_a_spread_the_slopes_are_finite(points):
 
 
 def test_bounds_are_the_limits_own_less_what_the_tube_took_before(points):
-    tube = TubeRadii(u=np.full(10, 0.25))
+    tube = uv.limits.TubeRadii(u=np.full(10, 0.25))
     limit = UnderContact(Accelerations(np.ones(10)).tightened(tube), CONE)
     np.testing.assert_array_equal(limit.upper, np.full(30, 0.75))
     np.testing.assert_array_equal(limit.lower, np.full(30, -0.75))
@@ -122,3 +108,89 @@ def test_the_cone_of_a_surface_is_the_smallest_that_has_all_its_forces(tilt, fri
     angle = np.arctan2(np.linalg.norm(forces - along[:, None] * CONE.direction, axis=1), along)
     assert cone.largest * 0.98 < np.max(along) <= cone.largest * (1.0 + 1e-12)
     assert cone.spread * 0.95 < np.max(angle) <= cone.spread + 1e-9
+
+
+# Rows of τ by the allocation, and plans -----------------------------------------------------------
+
+
+@pytest.fixture
+def five(girona) -> ThrusterForces:
+    """Of the Girona 500, without roll."""
+    return ThrusterForces.of(girona.thrusters, np.array([20.0]), 10)
+
+
+def test_the_values_are_the_forces_of_the_allocation_and_what_it_does_not_give(
+        girona, five, points):
+    eight = ThrusterForces.of(eight_thrusters(bias=3.0), np.zeros(0), 10)
+    small = replace(points, u=0.02 * points.u)
+    for limit, parameters in ((five, girona.thrusters), (eight, eight_thrusters(bias=3.0))):
+        allocation = Allocation.to(ThrusterModel.of(parameters))
+        for values, tau in zip(limit.values(small), small.tau, strict=True):
+            undone = allocation.shortfall(tau[:6])[allocation.thrusters.undriven]
+            np.testing.assert_allclose(
+                values, np.append(allocation.forces(tau[:6]), undone), atol=1e-10)
+        assert np.all(limit.excess(small) < 0.0)
+
+
+def test_bounds_are_those_of_the_curves_and_the_allowance(five):
+    np.testing.assert_array_equal(five.lower, [*[-95.122] * 5, -20.0])
+    np.testing.assert_array_equal(five.upper, [*[104.659] * 5, 20.0])
+    units = {label: five.unit_of(f"{label}_max") for label in five.labels}
+    assert units["thrusters.surge_port"] == "N" and units["thrusters.roll"] == "N m"
+
+
+def test_a_contact_force_comes_to_them_as_to_the_forces(five, points):
+    force = np.array([3.0, -2.0, 1.0])
+    pressed = replace(points, forces=points.tau + Forces(np.ones(10)).by_force(points) @ force)
+    np.testing.assert_allclose(five.values(pressed) - five.values(points),
+                               five.by_force(points) @ force, atol=1e-10)
+
+
+def test_the_tube_takes_what_its_radii_of_forces_make_at_most(five, points):
+    """No τ within the radii changes a value more, and one sign of each does."""
+    tube = uv.limits.TubeRadii(u=np.zeros(10), tau=np.linspace(1.0, 10.0, 10))
+    taken = five.tube_takes(tube)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (500, 10))
+    before = replace(points.subset(slice(0, 1), points.u[:1]), whole=None)
+    changes = np.array([five.values(replace(before, forces=before.tau + sign * tube.tau))
+                        for sign in signs])[:, 0] - five.values(before)
+    largest = np.max(np.abs(changes), axis=0)
+    assert np.all(largest <= taken + 1e-9) and np.all(largest > 0.999 * taken)
+    assert five.tube_takes(uv.limits.TubeRadii()) is None
+    np.testing.assert_allclose(five.tightened(tube).upper, five.upper - taken)
+
+
+def test_a_plan_keeps_every_thruster_within_its_limits(short_ocp, start_plans, five):
+    """With 4/5 of the forces that the plan without such limits takes."""
+    def asked(plan):
+        at = np.concatenate([plan.config[:-1], plan.config[1:]])
+        points = uv.Points(short_ocp.model, at, short_ocp.model.task_pose(at),
+                        u=np.concatenate(short_ocp.inputs(plan)))
+        return np.max(np.abs(five.values(points)), axis=0)
+
+    guess = start_plans["off"][2]
+    free = SequentialConvexSolver(short_ocp).solve(guess, 30, 1e-8)
+    bound = 0.8 * asked(free.plan)
+    limited = copy.copy(short_ocp)
+    limited.limits = short_ocp.limits | {"thrusters": replace(five, bound=bound, lowest=-bound)}
+    found = SequentialConvexSolver(limited).solve(guess, 60, 1e-8)
+    used = asked(found.plan) / bound
+    assert np.max(used) < 1.0 + 1e-4 and np.sum(used > 0.99) >= 3
+    assert found.evaluation.cost > 1.005 * free.evaluation.cost
+
+
+class Free:
+    """A surface of which nothing is limited."""
+
+    contact = None
+
+
+def test_the_tube_needs_the_radii_of_the_forces(girona):
+    limits = uv.limits.make_limits(
+        uv.limits.Limits(u=np.ones(10), thrusters=np.array([5.0])), np.full(4, -1.0), np.ones(4),
+        Free(), thrusters=girona.thrusters)
+    with pytest.raises(uv.InvalidParameter, match=r"^limits\.thrusters = .* unless tube\.tau has"):
+        uv.limits.tighten(limits, uv.limits.TubeRadii(u=np.zeros(10)))
+    much = uv.limits.TubeRadii(u=np.zeros(10), tau=np.array([0, 0, 0, 0, 0, 60.0, 0, 0, 0, 0]))
+    with pytest.raises(uv.InvalidParameter, match=r"^limits\.thrusters\.surge_port = 99\.\d*: "):
+        uv.limits.tighten(limits, much)

@@ -1,14 +1,14 @@
-"""`report.robot.robot_sheet`: against closed forms, and against the model let go."""
+"""Sheet and stills of a robot: closed forms, the model let go, and where things are drawn."""
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.robots import TEMPLATE, altered
+from support.robot_files import FILES
+from support.robots import without_an_arm
+from support.synthetic import synthetic_record
 
-from uvms_drake.control.laws.outputs import POSE
-from uvms_drake.model.description.robot_files import model_dir
+from uvms_drake.command.robot import write_robot
 from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
@@ -16,23 +16,21 @@ from uvms_drake.model.description.thruster_file import (
     ThrusterParameters,
 )
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.robot import Robot
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
-from uvms_drake.plant.model_check import complaints_about
+from uvms_drake.report.robot.render import RobotScene, picture_axes
+from uvms_drake.report.robot.robot_figure import SIZE, SQUARES, draw_robot, wall_triangles
 from uvms_drake.report.robot.robot_sheet import (
     Thrust,
-    format_sheet,
     largest_wrench,
     notes_of,
     sheet_of,
     swing,
     thrust_of,
 )
-
-TIP = '<frame name="tip" attached_to="forearm">'
-BARE = [(".sdf", TIP, TIP.replace("forearm", "vehicle")),
-        (".sdf", 'type="revolute"', 'type="fixed"')]
+from uvms_drake.station.problem import true_surface
+from uvms_drake.station.scenario.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +42,7 @@ def sheets():
 
 def test_a_pendulum_swings_with_the_period_that_it_is_said_to(tmp_path):
     """Let go at a small roll, without drag; the vehicle is free in sway meanwhile."""
-    robot = altered(tmp_path, *BARE, (".yaml", "linear: [20.0, 30.0, 30.0, 5.0, 5.0, 5.0]",
+    robot = without_an_arm(tmp_path, (".yaml", "linear: [20.0, 30.0, 30.0, 5.0, 5.0, 5.0]",
                                       "linear: [0, 0, 0, 0, 0, 0]"))
     uvms = read_uvms(str(robot))
     model = UvmsModel(uvms)
@@ -135,39 +133,72 @@ def test_what_is_no_mistake_is_noted(sheets):
         "dry, as hydrodynamics.yaml does not name it"]
 
 
-def test_a_vehicle_without_an_arm_has_a_sheet(tmp_path):
-    bare = read_uvms(str(altered(tmp_path, *BARE)))
-    text = format_sheet(sheet_of(bare, "bare", np.zeros(0)))
-    assert text.startswith("bare: 0 joints, no thrusters.yaml\n")
-    assert "reach" not in text
+def covered(scene: RobotScene, middle: np.ndarray, eye: list[float]) -> np.ndarray:
+    """Where a picture of 2 m × 2 m about a point in Σ_I, 100 pixels each way, is not white."""
+    R = picture_axes(np.array(eye))
+    center = R[:2] @ middle
+    return np.any(scene.picture(R, center - 1.0, center + 1.0, 100) < 0.99, axis=-1)
 
 
-@pytest.mark.parametrize("n", [3, 6, 7])
-def test_arms_of_any_length_are_sound_and_have_a_sheet(n, tmp_path):
-    """The forearm again and again, each turned by a third more about the one before."""
-    robot = tmp_path / TEMPLATE
-    shutil.copytree(model_dir(TEMPLATE), robot)
-    file = robot / f"{TEMPLATE}.sdf"
-    file.write_text(with_joints(file.read_text(encoding="utf-8"), n), encoding="utf-8")
-    loaded = Robot.load(robot)
-    uvms = loaded.uvms
-    assert len(uvms.joints) == n
-    assert complaints_about(loaded) == []
-    sheet = sheet_of(uvms, "arm", middle_posture(uvms))
-    assert len(sheet.rows) == n
-    assert sheet.rows[:6] == (POSE[:3] if n == 3 else POSE)
-    assert format_sheet(sheet).startswith(f"arm: {n} joints")
-    (dry,) = (note for note in notes_of(sheet) if note.startswith("dry, as hydrodynamics.yaml"))
-    assert dry.endswith(f"link{n}")
+def test_a_square_is_where_and_as_large_as_it_is_whatever_its_distance():
+    """0.6 m × 0.3 m, 3 m above the robot and 4 m ahead, from above."""
+    middle = np.array([4.0, 0.5, -3.0])
+    corners = middle + np.array([[x, y, 0.0] for x in (-0.3, 0.3) for y in (-0.15, 0.15)])
+    square = corners[[[0, 1, 3], [0, 3, 2]]]
+    scene = RobotScene("box_uvms", np.zeros(8), [(square, np.array([0.8, 0.1, 0.1]))])
+    rows, columns = np.nonzero(covered(scene, middle, [0.0, 1e-6, -1.0]))
+    assert (np.min(columns), np.max(columns), np.min(rows), np.max(rows)) == pytest.approx(
+        (35, 64, 42, 57), abs=1)
+    assert not np.any(covered(scene, middle + [0.0, 0.0, -2.0], [0.0, 1.0, 0.0]))
 
 
-def with_joints(sdf: str, n: int) -> str:
-    """Returns the template with n joints; links beyond the second are like it, and dry."""
-    start, end = sdf.index('<link name="forearm">'), sdf.index('<frame name="tip"')
-    second, more, last = sdf[start:end], "", "forearm"
-    for i in range(3, n + 1):
-        link = second.replace("forearm", f"link{i}").replace("elbow", f"joint{i}")
-        link = link.replace('"upper_arm">0.3 0 0 0 0 0', f'"{last}">0.3 0 0 1.05 0 0')
-        more += link.replace(">upper_arm<", f">{last}<")
-        last = f"link{i}"
-    return sdf[:end] + more + sdf[end:].replace('"forearm"', f'"{last}"')
+def test_the_robot_is_drawn_where_its_tip_is(model):
+    record = synthetic_record(1.0)
+    config = record.config[-1]
+    scene, tip = RobotScene(record.scenario.model, config), model.task_pose(config)[:3]
+    seen = covered(scene, tip, [0.0, 1.0, 0.0])
+    assert np.any(seen[46:54, 46:54])
+    assert not np.any(seen[:, 54:]), "nothing is ahead of it"
+    assert np.min(np.linalg.norm(scene.corners - tip, axis=1)) < 0.05
+
+
+def test_a_mesh_without_normals_is_drawn(tmp_path, capsys):
+    """As one that was converted from STL: its hull, in the middle of the vehicle."""
+    write_robot(FILES / "heavy_rov.urdf", tmp_path / "heavy")
+    assert "converted from STL" in capsys.readouterr().out
+    scene = RobotScene(str(tmp_path / "heavy"), np.zeros(12))
+    assert np.all(covered(scene, np.zeros(3), [1.0, 0.0, 0.0])[45:55, 45:55])
+
+
+def test_a_wall_is_a_square_metre_about_its_middle():
+    middle, normal = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, -0.8])
+    plane = UnilateralPlane(point=middle - 0.3 * np.array([0.8, 0.0, 0.6]), normal=normal,
+                            stiffness=1e3, dissipation=0.0)
+    light, dark = (t for t, _ in wall_triangles(
+        plane.patch(middle + 0.2 * normal, SIZE, SQUARES + 1)))
+    corners = np.concatenate([light, dark])
+    area = 0.5 * np.sum(np.linalg.norm(np.cross(
+        corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
+    assert area == pytest.approx(1.0)
+    assert len(light) == len(dark)
+    np.testing.assert_allclose((corners - middle) @ normal, 0.0, atol=1e-12)
+    np.testing.assert_allclose(corners.mean(axis=(0, 1)), middle, atol=1e-12)
+
+
+def test_the_wall_that_is_drawn_is_the_real_one_whatever_the_controller_is_told():
+    """The leg of a jacket, told as a direction only; its squares are on it, next to the tip."""
+    wall = true_surface(load_scenario("jacket_inspection"))
+    tip = np.array([-0.1, 0.05, 0.2])
+    corners = np.concatenate([t for t, _ in wall_triangles(
+        wall.patch(tip, SIZE, SQUARES + 1))]).reshape(-1, 3)
+    np.testing.assert_allclose(wall.geometry.depth(corners), 0.0, atol=1e-6)
+    assert np.min(np.linalg.norm(corners - tip, axis=1)) < 0.2
+    assert np.ptp(corners, axis=0)[2] == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["girona500_ideal", "girona500_bilateral"])
+def test_the_force_is_written_where_there_is_one(name):
+    record = replace(synthetic_record(4.0), scenario=load_scenario(name))
+    texts = [text.get_text() for text in draw_robot(record).axes[0].texts]
+    assert "18.9 N" in texts
+    assert {"$x$", "$y$", "$z$", "0.25 m"} <= set(texts)
