@@ -13,7 +13,10 @@ are in namespaces: `uv.laws`, `uv.limits`, `uv.costs`, `uv.surfaces`, `uv.sensor
 `uv.disturbances`; the steps of a mission in `uv.mission`, and tubes of laws in `uv.tubes`.
 """
 
+import re
 from importlib import import_module
+from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from uvms_drake.common.attribute_docs import describe_attributes
@@ -72,6 +75,7 @@ if TYPE_CHECKING:
     from uvms_drake.station.diagram import read_logs as read_logs
     from uvms_drake.station.plant import make_plant as make_plant
     from uvms_drake.station.problem import load_model as load_model
+    from uvms_drake.station.problem import make_ocp as make_ocp
     from uvms_drake.station.problem import start_state as start_state
     from uvms_drake.station.record import Record as Record
     from uvms_drake.station.record import load_record as load_record
@@ -86,92 +90,20 @@ if TYPE_CHECKING:
 
 __version__ = VERSION
 
-_HOME = {
-    "Actuator": "actuation",
-    "AncillaryLaw": "control.laws.law",
-    "BilateralSpring": "model.surface.spring",
-    "Certificate": "certificate.certificate",
-    "certify": "certificate.certify",
-    "Command": "control.laws.law",
-    "CommandPath": "model.signals.command_path",
-    "configuration_rate": "model.uvms_model",
-    "Contact": "station.scenario.contact",
-    "ContactModel": "model.contact_model",
-    "CostTerm": "control.costs.costs",
-    "DirectedDisturbance": "plant.disturbance",
-    "Disturbance": "plant.disturbance",
-    "InvalidParameter": "common.errors",
-    "Limit": "control.limits.limit",
-    "load_model": "station.problem",
-    "load_record": "station.record",
-    "load_scenario": "station.scenario.scenario",
-    "make_controller": "station.controller",
-    "make_figures": "report.figures",
-    "make_ocp": "station.problem",
-    "make_plant": "station.plant",
-    "make_scenario": "setup.make_scenario",
-    "make_solver": "control.ocp.solvers",
-    "make_station": "station.diagram",
-    "make_tube_mpc": "control.tube_mpc",
-    "make_uvms_plant": "plant.uvms_plant",
-    "OcpProgram": "control.ocp.ocp_program",
-    "open_meshcat": "visual.stage",
-    "OpenLoopDisturbance": "plant.disturbance",
-    "Pair": "control.laws.law",
-    "Part": "model.signals.sensor_actuator",
-    "Points": "control.plan.points",
-    "pose_difference": "model.frames.euler",
-    "read_logs": "station.diagram",
-    "read_uvms": "model.uvms_model",
-    "Record": "station.record",
-    "register": "common.kinds",
-    "Resolved": "control.laws.resolved",
-    "Robot": "model.robot",
-    "RunFailed": "common.errors",
-    "Scenario": "station.scenario.scenario",
-    "SensedContact": "station.scenario.contact",
-    "Sensor": "sensing",
-    "set_state": "plant.uvms_plant",
-    "ShapedSurface": "model.surface.shaped_surface",
-    "Signals": "model.signals.sensor_actuator",
-    "simulate": "station.simulation",
-    "SinusoidalDisturbance": "plant.disturbance",
-    "start_state": "station.problem",
-    "summarise": "report.summary",
-    "Surface": "model.surface.law",
-    "UnilateralPlane": "model.surface.plane",
-    "UvmsModel": "model.uvms_model",
-    "with_step": "station.step_size",
-}
-"""Module of each name below this package."""
+_OFFERED = {alias: (module, name) for module, name, alias in re.findall(
+    r"^    from (\S+) import (\w+) as (\w+)", Path(__file__).read_text(encoding="utf-8"), re.M)}
+"""Module and name there of each name that is offered: the imports above, made at first use."""
 
-_NAMESPACES = {
-    "actuators": "actuation",
-    "costs": "control.costs",
-    "disturbances": "plant.disturbance",
-    "laws": "control.laws",
-    "limits": "control.limits",
-    "mission": "mission",
-    "sensors": "sensing",
-    "surfaces": "model.surface",
-    "tubes": "tube.laws",
-}
-"""Module of each namespace: the kinds of the package, and the bases of those of one's own."""
-
-__all__ = sorted([*_HOME, *_NAMESPACES], key=str.lower)
+__all__ = sorted(_OFFERED, key=str.lower)
 
 
 def __getattr__(name: str) -> Any:
     """Returns a name of `__all__`, from the module that owns it, with `help` on its attributes."""
-    if name in _NAMESPACES:
-        value = import_module(f"uvms_drake.{_NAMESPACES[name]}")
-        offered = list(vars(value).values())
-    elif name in _HOME:
-        value = getattr(import_module(f"uvms_drake.{_HOME[name]}"), name)
-        offered = [value]
-    else:
+    if name not in _OFFERED:
         raise AttributeError(f"module 'uvms_drake' has no attribute {name!r}")
-    for each in offered:
+    module, own = _OFFERED[name]
+    value = vars(import_module(module)).get(own) or import_module(f"{module}.{own}")
+    for each in list(vars(value).values()) if isinstance(value, ModuleType) else [value]:
         if isinstance(each, type):
             describe_attributes(each)
     globals()[name] = value

@@ -1,8 +1,9 @@
-"""Certificates: their file comes back whole, what has changed is found, and their words."""
+"""Certificates: their file, what has changed, their words, and the bound of a probability."""
 
 import json
-import re
 from dataclasses import fields, replace
+from fractions import Fraction
+from math import comb
 
 import numpy as np
 import pytest
@@ -24,20 +25,20 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.certificate.claims import TerminalResult
 from uvms_drake.certificate.declared_unknowns import UnknownEffect
+from uvms_drake.certificate.in_probability import binomial_tail, failure_bound, percent_above
 from uvms_drake.certificate.text import (
     HELP,
     format_overview,
     format_probability,
     help_for,
     largest_force,
-    sentences,
     tightest_limit,
 )
 from uvms_drake.command.certificates import sound
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.tube.conditions import Condition, assumption
-from uvms_drake.tube.constants import QUANTITIES, Constant
+from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.contact.tip_motion import JERK
 from uvms_drake.tube.estimates import Estimate
 from uvms_drake.tube.law_tube import WEIGHTED
@@ -254,24 +255,6 @@ def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
     assert str(failing()).count("DOES NOT HOLD") == 4
 
 
-def test_the_force_is_said_with_both_bands_where_there_are_two(contact):
-    said = "the force is off by less than 16.8 N once the plan is at the task"
-    assert HOLDS.force_sentence == said
-    assert full(contact).force_sentence == (
-        f"{said}, and by less than 6.12 N in a hold, from 1.3 s after the plan stands")
-    assert replace(HOLDS, bounds={}).force_sentence == ""
-
-
-@pytest.mark.parametrize(("override", "line"), [
-    ("faults=[!StuckJoint {}]", "not certified: faults, which the proofs do not cover; what would "
-                                "help: no faults but those of the solver"),
-    ("surface_error.stiffness=1.25", "not certified: surface_error, which the controller does not "
-                                     "know: 0.25 <= 0 does not hold by 0.25; what would help: ")])
-def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
-    given_up = uv.load_scenario("girona500_ideal", [override])
-    assert replace(HOLDS, conditions=tuple(assumed_conditions(given_up))).verdict.startswith(line)
-
-
 def test_every_topic_of_a_condition_has_its_advice():
     for topic, advice in HELP.items():
         assert help_for(Condition("...", 1.0, "<", 0.0, theorem="t", topic=topic)).endswith(advice)
@@ -282,27 +265,67 @@ def test_every_topic_of_a_condition_has_its_advice():
                 "axes that the robot's thrusters do not drive", "contact.tangential_lag")
 
 
-def test_every_constant_and_radius_has_a_unit(contact):
-    constants = tuple(Constant(name, 1.5, "estimated", 9, 1.25)
-                      for name in (*QUANTITIES, *WEIGHTED.values()))
-    text = str(replace(full(contact), constants=constants))
-    for name, unit in (("J_max", "-"), ("Jx_W_max", "-"), ("J_dot_max", "1/s")):
-        assert re.search(rf"^  {name} +1[.]5 {unit} +estimated, 9 samples", text, re.MULTILINE)
-    for name, unit in (("e", "m, rad"), ("nu2", "rad/s"), ("roll", "rad"), ("z", "m/s, rad/s")):
-        assert re.search(rf"^  {name} +2[.]5 {unit}$", text, re.MULTILINE)
+@pytest.mark.parametrize(("runs", "confidence", "bound"), [
+    (60, 0.95, 0.0487), (300, 0.95, 0.00994), (59, 0.95, 0.0495), (1, 0.95, 0.95),
+    (459, 0.99, 0.00998)])
+def test_without_a_failure_it_is_the_closed_form(runs, confidence, bound):
+    """59 runs for 5 % at 95 % and 459 for 1 % at 99 % are Wilks's numbers."""
+    found = failure_bound(runs, 0, confidence)
+    assert found == pytest.approx(1.0 - (1.0 - confidence)**(1.0 / runs), rel=1e-12)
+    assert found == pytest.approx(bound, rel=2e-3)
 
 
-def test_every_part_in_probability_is_one_sentence_and_no_word_claims_more():
-    assert made().verdict == (
-        "certified in probability: at most 4.87 % per run at 95 % confidence, for the declared "
-        "distribution")
-    assert made(mission="approach").verdict.endswith("distribution of the mission approach")
-    for certificate in (made(), made((2, 7, 9), p=0.123)):
-        text = format_probability(certificate)
-        assert "proven" not in text
-        assert text.count("certified") == text.count("certified in probability") == 1
-        for sentence in sentences(certificate):
-            assert sentence.endswith(".") and sentence.count(". ") == 0
-    count, bound, *_ = sentences(made((2, 7, 9), p=0.123))
-    assert count == "3 of 60 runs failed (2, 7, 9): 3 left the declared tube."
-    assert "at most 12.3 %, unless these 60 runs were an event of probability 5 % or less" in bound
+@pytest.mark.parametrize(("failures", "runs", "bound"), [
+    (1, 10, 0.3942), (2, 20, 0.2826), (5, 100, 0.1023), (1, 60, 0.0766), (9, 10, 0.9949)])
+def test_with_failures_it_is_that_of_clopper_and_pearson(failures, runs, bound):
+    """Tables of the one-sided limit at 95 %."""
+    assert failure_bound(runs, failures, 0.95) == pytest.approx(bound, abs=6e-5)
+
+
+@pytest.mark.parametrize(("failures", "runs"), [(1, 7), (3, 60), (40, 60), (299, 300), (12, 5000)])
+@pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])
+def test_as_few_failures_have_the_remaining_probability(failures, runs, confidence):
+    """The tail in exact arithmetic, at the bound and just below it."""
+    p = failure_bound(runs, failures, confidence)
+    tails = []
+    for exact in (Fraction(p), Fraction(p * (1.0 - 1e-9))):
+        small = exact.limit_denominator(10**12)
+        tails.append(float(sum(comb(runs, i) * small**i * (1 - small)**(runs - i)
+                               for i in range(failures + 1))) if runs < 100 else
+                     binomial_tail(runs, failures, float(exact)))
+    assert tails[0] == pytest.approx(1.0 - confidence, rel=1e-6)
+    assert tails[1] > tails[0]
+
+
+@pytest.mark.parametrize("true", [0.01, 0.1, 0.4])
+def test_the_bound_of_simulated_runs_is_right_as_often_as_its_confidence(true):
+    rng = np.random.Generator(np.random.Philox(4))
+    counts = rng.binomial(40, true, 20_000)
+    bounds = np.array([failure_bound(40, k, 0.9) for k in range(41)])
+    right = np.mean(bounds[counts] >= true)
+    assert right >= 0.9 - 3.0 * np.sqrt(0.9 * 0.1 / len(counts))
+    assert right < 1.0 or failure_bound(40, 0, 0.9) > true
+
+
+@pytest.mark.parametrize(("args", "key"), [
+    ((0, 0, 0.95), "runs"), ((5, 6, 0.95), "failures"), ((5, -1, 0.95), "failures"),
+    ((5, 0, 1.0), "confidence"), ((5, 0, 0.0), "confidence")])
+def test_an_argument_out_of_its_range_is_refused(args, key):
+    with pytest.raises(uv.InvalidParameter, match=f"^{key} = "):
+        failure_bound(*args)
+
+
+@pytest.mark.parametrize(("p", "text"), [
+    (0.0487029, "4.88 %"), (0.0099361, "0.994 %"), (0.05, "5 %"), (0.63161, "63.2 %"),
+    (1.0, "100 %"), (0.99999, "100 %"), (1.234e-4, "0.0124 %")])
+def test_a_percentage_is_rounded_up(p, text):
+    assert percent_above(p) == text
+    assert float(text[:-2]) >= 100.0 * p - 1e-12
+
+
+def test_the_force_is_said_with_both_bands_where_there_are_two(contact):
+    said = "the force is off by less than 16.8 N once the plan is at the task"
+    assert HOLDS.force_sentence == said
+    assert full(contact).force_sentence == (
+        f"{said}, and by less than 6.12 N in a hold, from 1.3 s after the plan stands")
+    assert replace(HOLDS, bounds={}).force_sentence == ""

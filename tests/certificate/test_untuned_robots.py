@@ -2,7 +2,6 @@
 
 import copy
 import re
-import time
 
 import numpy as np
 import pytest
@@ -11,14 +10,7 @@ from support.arms import write_arm, write_press
 from support.quick import FEW, search_less
 
 import uvms_drake as uv
-from uvms_drake.certificate.certify import (
-    between_knots,
-    certify,
-    first_plan,
-    longer,
-    roomier,
-    safer,
-)
+from uvms_drake.certificate.certify import between_knots, certify, longer, roomier, safer
 from uvms_drake.command.main import main
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.uvms import slides
@@ -35,31 +27,14 @@ def test_the_made_up_robots_are_sound(n, telescope, tmp_path):
     assert complaints_about(loaded) == []
 
 
-def step_time(scenario: uv.Scenario) -> float:
-    """Returns the processor time of an iteration of the MPC at the first plan [s], the median."""
-    ocp = uv.make_ocp(scenario, uv.load_model(scenario))
-    plan, _ = first_plan(ocp, uv.start_state(scenario, ocp))
-    solver, seconds = SequentialConvexSolver(ocp), []
-    for _ in range(20):
-        start = time.process_time()
-        solver.solve(plan, 1)
-        seconds.append(time.process_time() - start)
-    return float(np.median(seconds))
-
-
 @pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize(("n", "telescope"), [
     (3, False), (4, False), (4, True), (6, False), (7, False)])
 def test_an_arm_of_other_numbers_of_joints_is_certified_at_once(n, telescope, tmp_path):
     scenario = uv.load_scenario(str(write_press(tmp_path, n, telescope=telescope)))
-    start = time.process_time()
     certificate = certify(scenario)
-    certifying = time.process_time() - start
     assert certificate.certified, [each for each in certificate.conditions if not each.holds]
-    name = f"{n}, the last one slides" if telescope else n
-    print(f"\n| {name} | {len(certificate.conditions)} | {certifying:.0f} s | "
-          f"{1e3 * step_time(scenario):.0f} ms | {certificate.bounds['force']:.2g} N |")
 
 
 IDEAL = "girona500_ideal"
@@ -144,7 +119,6 @@ def test_who_follows_the_advice_arrives_at_a_certificate(robot, spoilt, tmp_path
     for _ in range(STEPS + 1):
         certificate = certify(uv.load_scenario(str(file), [*FEW, *spoilt]))
         said.append(certificate.verdict)
-        print(said[-1])
         if certificate.certified:
             break
         advised = overrides(certificate.failed.advice)

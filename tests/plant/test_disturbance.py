@@ -8,17 +8,13 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Integrator, LinearSystem
 
+from uvms_drake.plant import disturbance
 from uvms_drake.plant.adversary import KINDS, PREVIEW_TIME, ROWS, AdversarialDisturbance, Adversary
-from uvms_drake.plant.disturbance import (
-    ConstantDisturbance,
-    RandomDisturbance,
-    SinusoidalDisturbance,
-    ball_sample,
-)
 
 SIZE, BOUND = 7, 0.3
-IN_TIME = [ConstantDisturbance(BOUND), SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4),
-         RandomDisturbance(BOUND, bandwidth=3.0)]
+IN_TIME = [disturbance.ConstantDisturbance(BOUND),
+           disturbance.SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4),
+           disturbance.RandomDisturbance(BOUND, bandwidth=3.0)]
 WEIGHTS = np.array([0.1, 0.3, 0.05, 0.7, 1.0, 0.9, 0.2])
 """Weights of the ellipsoid with the semi-axes BOUND times these."""
 
@@ -37,37 +33,28 @@ def record(config, times, seed=0, size=SIZE):
 
 
 @pytest.mark.parametrize("config", IN_TIME)
-def test_the_bound_holds_at_twenty_thousand_times(config):
+def test_the_bound_holds_at_ten_thousand_times_in_an_ellipsoid_too(config):
     """Exactly, so rounding must not exceed it either."""
-    values = record(config, np.linspace(0.0, 500.0, 20_000))
-    norms = np.linalg.norm(values, axis=1)
-    assert np.max(norms) <= BOUND
-    assert np.max(norms) > 0.8 * BOUND
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("config", IN_TIME)
-def test_so_does_that_of_an_ellipsoid_and_of_each_component(config):
-    weighted = replace(config, weights=WEIGHTS)
-    values = record(weighted, np.linspace(0.0, 500.0, 20_000))
+    times, weighted = np.linspace(0.0, 250.0, 10_000), replace(config, weights=WEIGHTS)
+    values, plain = record(weighted, times), record(config, times)
     norms = np.linalg.norm(values / WEIGHTS, axis=1)
     assert 0.8 * BOUND < np.max(norms) <= BOUND
+    assert np.max(np.linalg.norm(plain, axis=1)) <= BOUND
     np.testing.assert_allclose(weighted.norm(values), norms, rtol=1e-12)
     assert np.all(np.max(np.abs(values), axis=0) <= BOUND * WEIGHTS)
-    np.testing.assert_allclose(
-        values, WEIGHTS * record(config, np.linspace(0.0, 500.0, 20_000)), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(values, WEIGHTS * plain, rtol=1e-12, atol=1e-15)
 
 
 def test_the_sinusoid_is_the_papers_with_the_two_norm_as_its_bound():
     times = np.linspace(0.0, 9.0, 50)
-    values = record(SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4), times)
+    values = record(disturbance.SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4), times)
     expected = np.outer(BOUND * np.sin(1.7 * times + 0.4), np.ones(SIZE) / np.sqrt(SIZE))
     np.testing.assert_allclose(values, expected, rtol=1e-13)
 
 
 def test_samples_fill_the_ball_uniformly():
     """For uniform samples ‖x‖ⁿ is uniform on [0, 1] and the mean is zero."""
-    samples = np.array([ball_sample(3, 5, i) for i in range(4000)])
+    samples = np.array([disturbance.ball_sample(3, 5, i) for i in range(4000)])
     radii = np.sort(np.linalg.norm(samples, axis=1)) ** 3
     np.testing.assert_allclose(radii, np.linspace(0.0, 1.0, 4000), atol=0.03)
     np.testing.assert_allclose(np.mean(samples, axis=0), 0.0, atol=0.03)
@@ -77,9 +64,9 @@ def test_a_random_disturbance_passes_through_its_samples_with_zero_slope():
     bandwidth, h = 2.0, 1e-5
     knots = np.arange(1, 9) / (2.0 * bandwidth)
     times = np.sort(np.concatenate([knots - h, knots, knots + h]))
-    before, at, after = record(RandomDisturbance(BOUND, bandwidth), times, 4).reshape(
+    before, at, after = record(disturbance.RandomDisturbance(BOUND, bandwidth), times, 4).reshape(
         8, 3, SIZE).swapaxes(0, 1)
-    samples = BOUND * np.array([ball_sample(SIZE, 4, i) for i in range(1, 9)])
+    samples = BOUND * np.array([disturbance.ball_sample(SIZE, 4, i) for i in range(1, 9)])
     np.testing.assert_allclose(at, samples, atol=1e-15)
     np.testing.assert_allclose((at - before) / h, 0.0, atol=1e-3)
     np.testing.assert_allclose((after - at) / h, 0.0, atol=1e-3)
@@ -87,7 +74,7 @@ def test_a_random_disturbance_passes_through_its_samples_with_zero_slope():
 
 def test_most_of_the_power_of_a_random_disturbance_is_below_the_bandwidth():
     bandwidth, step = 1.5, 0.02
-    values = record(RandomDisturbance(BOUND, bandwidth), np.arange(0.0, 400.0, step))
+    values = record(disturbance.RandomDisturbance(BOUND, bandwidth), np.arange(0.0, 400.0, step))
     power = np.sum(np.abs(np.fft.rfft(values, axis=0)) ** 2, axis=1)
     frequency = np.fft.rfftfreq(len(values), step)
     assert np.sum(power[frequency <= bandwidth]) > 0.9 * np.sum(power)
@@ -95,24 +82,10 @@ def test_most_of_the_power_of_a_random_disturbance_is_below_the_bandwidth():
 
 
 def test_a_simulation_may_start_at_any_time():
-    config = RandomDisturbance(BOUND, 2.0)
+    config = disturbance.RandomDisturbance(BOUND, 2.0)
     late = np.linspace(3.1, 5.0, 20)
     np.testing.assert_allclose(
         record(config, late), record(config, np.concatenate([[0.0], late]))[1:], atol=1e-14)
-
-
-def test_a_cloned_context_continues_identically():
-    system = RandomDisturbance(BOUND, 2.0).system(SIZE, 9)
-    port = system.GetOutputPort("disturbance")
-    simulator = Simulator(system)
-    simulator.AdvanceTo(3.3)
-    twin = Simulator(system, simulator.get_context().Clone())
-    for time in (3.3, 3.4, 3.5, 4.1, 7.0):
-        values = []
-        for each in (simulator, twin):
-            each.AdvanceTo(time)
-            values.append(port.Eval(each.get_context()).copy())
-        np.testing.assert_array_equal(*values)
 
 
 DIRECTION = np.arange(1.0, 11.0)
@@ -210,19 +183,15 @@ def test_in_the_cascade_it_reaches_the_radius_of_the_weighted_tube(model, states
 
 
 @pytest.mark.parametrize("rows", ROWS)
-def test_leading_is_what_j_amplifies_most_with_a_sign_that_stays(model, states, rows):
+def test_the_sign_of_the_leading_one_stays(model, states, rows):
     adversary = Adversary(
         model, AdversarialDisturbance(BOUND, "leading", rows, direction=DIRECTION))
     context = adversary.CreateDefaultContext()
     for state in states["free"]:
         fixed_inputs(adversary, context, state)
-        d = value(adversary, context)
-        J_b = model.task_jacobian(state[:10])[ROWS[rows]]
-        assert np.linalg.norm(J_b @ d) == pytest.approx(BOUND * np.linalg.norm(J_b, 2))
-        assert d @ DIRECTION >= 0.0
-        before = d
-        state = state + 1e-4
-        fixed_inputs(adversary, context, state)
+        before = value(adversary, context)
+        assert before @ DIRECTION >= 0.0
+        fixed_inputs(adversary, context, state + 1e-4)
         if rows in ("position", "all"):  # the others' leading direction is not unique
             np.testing.assert_allclose(value(adversary, context), before, atol=1e-2 * BOUND)
 
@@ -247,16 +216,18 @@ def test_a_step_of_the_integration_ends_where_the_sign_changes(model, kind):
     np.testing.assert_allclose(final, BOUND * expected * base, atol=1e-5)
 
 
-def test_a_square_wave_may_start_at_any_time_and_a_cloned_context_goes_on(model):
-    adversary = Adversary(model, AdversarialDisturbance(BOUND, "bang_bang", period=0.8))
-    simulator = Simulator(adversary)
-    simulator.get_mutable_context().SetTime(0.5)  # the second half of the period
+@pytest.mark.parametrize(("kind", "start"), [("random", 2.9), ("bang_bang", 0.5)])
+def test_it_may_start_at_any_time_and_a_cloned_context_goes_on(model, kind, start):
+    system = (disturbance.RandomDisturbance(BOUND, 2.0).system(SIZE, 9) if kind == "random" else
+              Adversary(model, AdversarialDisturbance(BOUND, "bang_bang", period=0.8)))
+    simulator = Simulator(system)
+    simulator.get_mutable_context().SetTime(start)  # The second half of the period.
     simulator.Initialize()
-    assert value(adversary, simulator.get_context())[0] < 0.0
-    simulator.AdvanceTo(0.9)
-    twin = Simulator(adversary, simulator.get_context().Clone())
-    for time in (0.9, 1.1, 1.3, 1.7):
+    assert kind == "random" or value(system, simulator.get_context())[0] < 0.0
+    simulator.AdvanceTo(start + 0.4)
+    twin = Simulator(system, simulator.get_context().Clone())
+    for later in (0.4, 0.5, 0.6, 0.8, 1.2, 4.1):
         for each in (simulator, twin):
-            each.AdvanceTo(time)
-        np.testing.assert_array_equal(value(adversary, simulator.get_context()),
-                                      value(adversary, twin.get_context()))
+            each.AdvanceTo(start + later)
+        np.testing.assert_array_equal(value(system, simulator.get_context()),
+                                      value(system, twin.get_context()))

@@ -32,9 +32,6 @@ def gripper(kind: str) -> tuple[str, str, str]:
 
 
 BROKEN = {
-    "tip on the vehicle": ([(".sdf", TIP, TIP.replace("forearm", "vehicle"))],
-                           "sdf: frame tip = 'vehicle': must be attached to 'forearm', which the "
-                           "last joint, 'elbow', moves"),
     "tip on a middle link": ([(".sdf", TIP, TIP.replace("forearm", "upper_arm"))],
                              "sdf: frame tip = 'upper_arm': must be attached to 'forearm'"),
     "a gripper that opens": ([gripper("revolute")],
@@ -58,10 +55,6 @@ BROKEN = {
                   "sdf: force element = 'LinearBushingRollPitchYaw': must be left out"),
     "moments of no body": ([(".sdf", "<ixx>2.05</ixx>", "<ixx>20.5</ixx>")],
                            "sdf = 'an inertia that Drake replaces': must be one that a body can"),
-    "a negative moment": ([(".sdf", "<ixx>2.05</ixx>", "<ixx>-2.05</ixx>")],
-                          "sdf = 'an inertia that Drake replaces': must be one that a body can"),
-    "no mass": ([(".sdf", "<mass>1.5</mass>", "<mass>0</mass>")],
-                "sdf = 'an inertia that Drake replaces': must be one that a body can"),
     "no inertial": ([(".sdf", END, '<link name="hook"/><joint name="fix" type="fixed"><parent>'
                       f"forearm</parent><child>hook</child></joint>{END}")],
                     "sdf: link hook: inertial = '1 kg, 1 kg m²': must be given"),
@@ -72,8 +65,6 @@ BROKEN = {
     "volumes in litres": ([(".yaml", "61.6e-3", "61.6")],
                           "yaml: displaced_volume of all bodies, as mass of water over that of the "
                           "robot = 977.8: must be between 0.8 and 1.25 (volumes are in m³"),
-    "a density in g/cm³": ([(".yaml", "fluid_density: 1000.0", "fluid_density: 1.0")],
-                           "of the robot = 0.001005: must be between 0.8 and 1.25"),
     "numbers with z up": ([(".yaml", "[0.014, 0.0, -0.03]", "[0.014, 0.0, 0.03]"),
                            (".sdf", "<pose>0 0 0.02 0 0 0</pose>", "<pose>0 0 -0.02 0 0 0</pose>")],
                           "yaml: center_of_buoyancy of all bodies, above the centre of mass by = "
@@ -93,22 +84,11 @@ BROKEN = {
     "a vehicle that is held": ([(".sdf", END, '<joint name="held" type="fixed"><parent>world'
                                  f"</parent><child>vehicle</child></joint>{END}")],
                                "link vehicle: joint held of type 'weld' fixes it to 'world': it "),
-    "two arms": ([link("left", '<joint name="second" type="revolute"><parent>vehicle</parent>'
-                               "<child>left</child><axis><xyz>0 0 1</xyz></axis></joint>")],
-                 "sdf: joint second: must be of type fixed, as 'left' is not in the "
-                 "chain vehicle → shoulder → elbow → tip on forearm"),
     "a ball joint": ([(".sdf", ELBOW, ELBOW.replace("revolute", "ball"))],
                      "sdf: line 92: joint elbow: type = 'ball': must be one of revolute, "
                      "continuous, prismatic, fixed"),
     "a joint without a motor": ([(".sdf", "<effort>30", "<effort>0")],
                                 "sdf: joint shoulder: actuator = None: must be there"),
-    "a loop": ([(".sdf", END, """<drake:ball_constraint name="loop">
-        <drake:ball_constraint_body_A>vehicle</drake:ball_constraint_body_A>
-        <drake:ball_constraint_body_B>forearm</drake:ball_constraint_body_B>
-        <drake:ball_constraint_p_AP>0 0 0</drake:ball_constraint_p_AP>
-        <drake:ball_constraint_p_BQ>0 0 0</drake:ball_constraint_p_BQ>
-        </drake:ball_constraint></model>""")],
-               "sdf: constraints = 1: must be 0: the arm is a chain, without loops"),
 }
 
 
@@ -126,19 +106,6 @@ def test_every_shipped_robot_is_sound():
     assert TEMPLATE in folders
     for name in folders:
         assert complaints_about(uv.Robot.load(name)) == []
-
-
-LEGAL = {
-    "axes that are skew": [(".sdf", "<xyz>0 1 0</xyz>", "<xyz>0.6 0.48 0.64</xyz>")],
-    "a tool that is turned": [(".sdf", "<pose>0.3 0 0 0 0 0</pose>",
-                               "<pose>0.2 -0.1 0.05 0.3 -0.4 1.1</pose>")],
-    "a gripper that is fixed": [gripper("fixed")],
-    "no limits": [(".sdf", "<lower>-1.5</lower> <upper>0.5</upper> <!-- [rad] -->", ""),
-                  (".sdf", "<lower>0.1</lower> <upper>2.2</upper>", "")],
-    "an arm that slides": [(".sdf", ELBOW, ELBOW.replace("revolute", "prismatic"))],
-    "a vehicle's slide": [(".sdf", SHOULDER, SHOULDER.replace("revolute", "prismatic"))],
-    "no gears": [(".sdf", "<drake:gear_ratio>100", "<drake:gear_ratio>1")],
-}
 
 
 def test_the_robot_is_checked_wherever_a_scenario_is_run_or_certified(tmp_path):

@@ -1,9 +1,8 @@
-"""The assembled plant: it moves as its parts say, and by forces of Drake's own systems."""
-
+"""The assembled plant: its order, its parts, and forces of Drake's own systems."""
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce,
@@ -14,15 +13,85 @@ from pydrake.multibody.plant import (
 )
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
+from support import tank
 from support.surfaces import Sphere
+from support.tank import plant_of
 
 import uvms_drake as uv
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.uvms import add_uvms
+from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
+from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.plant.applied_forces import generalized_force
 from uvms_drake.plant.disturbance import ConstantDisturbance, SinusoidalDisturbance
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
+from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
+
+
+@pytest.fixture
+def robot():
+    """Returns the Coordinates of the robot, its plant and the plant's builder."""
+    builder = DiagramBuilder()
+    plant = plant_of(tank.robot(), builder)
+    coordinates = Coordinates(Uvms(
+        plant, plant.GetModelInstanceByName("robot"), plant.GetBodyByName("vehicle"),
+        (plant.GetJointByName("shoulder"), plant.GetJointByName("elbow")),
+        plant.GetFrameByName("tip"), HydrodynamicParameters()))
+    return coordinates, plant, builder
+
+
+def converted(robot, kind, output, **inputs):
+    """Returns a plant state, a Context with it, and what a converter makes of it and of inputs."""
+    coordinates, plant, builder = robot
+    x = np.random.default_rng(0).normal(size=plant.num_multibody_states())
+    x[:4] = RollPitchYaw(0.7, -0.4, 2.1).ToQuaternion().wxyz()
+    plant_context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(plant_context, x)
+    system = kind.AddToBuilder(builder, coordinates, name="order", plant_state=plant.get_state_output_port())
+    context = system.CreateDefaultContext()
+    for name, value in {"plant_state": x, **inputs}.items():
+        system.GetInputPort(name).FixValue(context, value)
+    return x, plant_context, system.GetOutputPort(output).Eval(context)
+
+
+def test_the_state_is_pose_and_body_velocity(robot):
+    plant = robot[1]
+    _, plant_context, state = converted(robot, ToPaperOrder, "state")
+    vehicle = plant.GetBodyByName("vehicle")
+    X_WB = vehicle.EvalPoseInWorld(plant_context)
+    V_WB = vehicle.EvalSpatialVelocityInWorld(plant_context)
+    R_WB = X_WB.rotation().matrix()
+    joints = [plant.GetJointByName(name) for name in ("shoulder", "elbow")]
+    np.testing.assert_allclose(state, np.concatenate([
+        X_WB.translation(), RollPitchYaw(X_WB.rotation()).vector(),
+        [joint.get_angle(plant_context) for joint in joints],
+        R_WB.T @ V_WB.translational(), R_WB.T @ V_WB.rotational(),
+        [joint.get_angular_rate(plant_context) for joint in joints]]), atol=1e-14)
+
+
+def test_a_force_keeps_its_power(robot):
+    coordinates, plant, _ = robot
+    tau = np.random.default_rng(1).normal(size=8)
+    x, plant_context, tau_drake = converted(
+        robot, ToDrakeOrder, "drake_order", paper_order=tau)
+    zeta = coordinates.from_drake(x)[8:]
+    assert tau_drake @ plant.GetVelocities(plant_context) == pytest.approx(tau @ zeta, rel=1e-12)
+
+
+def test_an_acceleration_of_the_vehicle_is_that_of_its_body_less_the_turning_of_its_axes(robot):
+    coordinates, plant, _ = robot
+    v_dot = np.random.default_rng(2).normal(size=8)
+    x, plant_context, zeta_dot = converted(robot, ToPaperOrder, "acceleration", v_dot=v_dot)
+    vehicle = plant.GetBodyByName("vehicle")
+    A_WB = plant.CalcSpatialAccelerationsFromVdot(plant_context, v_dot)[int(vehicle.index())]
+    R_WB = vehicle.EvalPoseInWorld(plant_context).rotation().matrix()
+    nu = coordinates.from_drake(x)[8:14]
+    np.testing.assert_allclose(
+        zeta_dot[:3] + np.cross(nu[3:], nu[:3]), R_WB.T @ A_WB.translational(), atol=1e-13)
+    np.testing.assert_allclose(zeta_dot[3:6], R_WB.T @ A_WB.rotational(), atol=1e-13)
+    joints = [plant.GetJointByName(name).velocity_start() for name in ("shoulder", "elbow")]
+    np.testing.assert_array_equal(zeta_dot[6:], v_dot[joints])
+
 
 MODEL = "girona500_arm5e"
 FAR_AWAY = uv.UnilateralPlane(point=np.array([100.0, 0.0, 0.0]))
@@ -285,17 +354,12 @@ def test_a_generalized_force_in_the_plants_order_adds_to_tau():
     np.testing.assert_allclose(rates[1], rates[0], rtol=1e-12, atol=1e-12)
 
 
-def submerged(builder):
-    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
-    uvms = add_uvms(plant, MODEL)
-    plant.Finalize()
-    return plant, uvms
-
-
 @pytest.mark.parametrize("name", ["applied_spatial_force", "actuation"])
 def test_a_force_that_came_before_the_water_is_refused(name):
     builder = DiagramBuilder()
-    plant, uvms = submerged(builder)
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
+    uvms = add_uvms(plant, MODEL)
+    plant.Finalize()
     builder.ExportInput(plant.GetInputPort(name))
     with pytest.raises(uv.InvalidParameter, match=rf"^plant\.{name} = .*: must be free"):
         Hydrodynamics.AddToBuilder(builder, plant, uvms.hydrodynamics)

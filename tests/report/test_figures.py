@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.report.figures` and `drawing`: what the figures of a run show."""
+"""Tests of the figures of a run: how a drawing is drawn, and what each figure shows."""
 
 from dataclasses import replace
 
@@ -8,13 +8,19 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from support.drawings import bands, levels, panels_of, shown
-from support.synthetic import synthetic_record
+from support.synthetic import desiring, synthetic_record, synthetic_sensed_record
 
 from uvms_drake.actuation import Thrusters
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.control.limits.radii import HoldRadii
+from uvms_drake.plant.surface import SurfaceError
+from uvms_drake.report.contact_figures import contact_drawing, depths_of, marks_of
 from uvms_drake.report.drawing import Drawing, Instant, Panel, band, draw, line
 from uvms_drake.report.figure_style import COLUMN_WIDTH, ORANGE, STYLE, tube_label
 from uvms_drake.report.figures import FIGURES, UNCERTIFIED, figures_of, make_figures
+from uvms_drake.report.html import format_report
+from uvms_drake.station.contact.bounds import safe_depth_margin
+from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
 TIMED = {"task_error.png", "force.png", "velocities.png", "joints.png", "inputs.png",
          "disturbance.png", "mpc.png", "deviation.png"}
@@ -196,3 +202,168 @@ def test_thrusters_have_force_command_and_limits(record):
         np.testing.assert_array_equal(shown(panel, "real")[0], force[:, 0])
         assert levels(panel, "limit") == [-95.122, 104.659]
         assert len(shown(panel, "commanded")) == len(bands(panel, "dead band")) == 1
+
+
+PANELS = ["force along $n$ [N]", "depth [mm]", "stiffness [N/m]", "", "depth [mm]"]
+
+
+@pytest.fixture(scope="module")
+def sensed():
+    return synthetic_sensed_record()
+
+
+def contact_panels(sensed, **how):
+    return panels_of(contact_drawing(sensed, **how))
+
+
+def value(panel, label):
+    (found,) = shown(panel, label)
+    return found
+
+
+def test_depths_are_counted_from_where_the_wall_is_first_touched(sensed):
+    depths = depths_of(sensed)
+    safe = 1e3 * (sensed.chi_nominal[:, 0] + 0.025 + safe_depth_margin(sensed.scenario))
+    np.testing.assert_allclose(depths["wall"], 0.0, atol=1e-5)
+    np.testing.assert_allclose(depths["tip"], 1e3 * sensed.chi[:, 0], atol=1e-5)
+    np.testing.assert_allclose(depths["planned"], 1e3 * sensed.chi_nominal[:, 0], atol=1e-5)
+    np.testing.assert_allclose(depths["explored"], safe, atol=1e-5)
+    estimated = depths["estimated"][sensed.time > 2.11]
+    np.testing.assert_allclose(estimated, 3.0, atol=1e-5)
+    assert np.all(np.isnan(depths["estimated"][sensed.time < 2.09]))
+
+
+def test_without_a_touch_depths_are_counted_from_the_start(sensed):
+    never = replace(sensed, penetration=np.zeros_like(sensed.penetration))
+    depths = depths_of(never)
+    assert depths["tip"][0] == 0.0
+    np.testing.assert_allclose(depths["wall"], -1e3 * sensed.chi[0, 0], atol=1e-5)
+    assert [panel.label for panel in contact_panels(never)] == PANELS[:4]
+
+
+def test_its_panels_show_the_logs(sensed):
+    found = contact_panels(sensed)
+    assert [panel.label for panel in found] == PANELS
+    np.testing.assert_array_equal(
+        value(found[0], "measured"), sensed.signals["force_last_valid"][:, 0])
+    np.testing.assert_array_equal(value(found[0], "real"), sensed.force[:, 0])
+    assert set(value(found[0], "desired")) == {20.0}
+    assert levels(found[0], "limit of the static force") == [45.0]
+    for label, name in ((r"estimated, $\pm\,2\sigma$", "estimate"),
+                        ("used by the controller", "used")):
+        np.testing.assert_array_equal(
+            value(found[2], label), sensed.signals[f"stiffness_{name}"][:, 0])
+    assert levels(found[2], r"declared, $\kappa_+$") == [1000.0]
+    assert bands(found[2], "") == [(pytest.approx(210.0), pytest.approx(1200.0))]
+    for panel in (found[1], found[4]):
+        for label, name in (("tip", "tip"), ("planned tip", "planned"), ("wall", "wall"),
+                            ("explored up to", "explored"), ("estimated wall", "estimated")):
+            np.testing.assert_array_equal(value(panel, label), depths_of(sensed)[name])
+
+
+def test_the_enlarged_panel_has_the_wall_and_the_front_in_view(sensed):
+    close = contact_panels(sensed)[4]
+    assert close.limits[0] < 0.0 < np.max(depths_of(sensed)["explored"]) < close.limits[1]
+    assert close.window == pytest.approx((2.02 - 1.5, 4.0))
+
+
+def test_what_happened_is_marked_and_named(sensed):
+    assert marks_of(sensed) == {"first touch": [pytest.approx(2.02)], "contact lost": [],
+                                "retargeted": [], "last plan kept": [], "sensor lost": []}
+    status, depth, desired = (getattr(sensed, name).copy() for name in (
+        "mpc_status", "penetration", "desired_force"))
+    status[[3, 8]], depth[150:], desired[120:, 0] = 4.0, 0.0, 25.0
+    missing = np.where(abs(sensed.time - 3.5) < 0.19, 1.0, 0.0)[:, None]
+    eventful = replace(sensed, mpc_status=status, penetration=depth, desired_force=desired,
+                       signals={**sensed.signals, "force_lost": missing,
+                                "force_status": 3.0 * missing})
+    marks = marks_of(eventful)
+    assert {name: np.round(times, 6).tolist() for name, times in marks.items()} == {
+        "first touch": [2.02], "contact lost": [3.0], "retargeted": [2.4],
+        "last plan kept": [0.6, 1.6], "sensor lost": [3.32]}
+    strip = contact_panels(eventful)[3]
+    assert list(strip.rows) == list(marks)
+    for points, times, row in zip(strip.series, marks.values(), range(5), strict=True):
+        np.testing.assert_array_equal(points.x, times)
+        assert set(points.y) == {-row}
+
+
+def test_both_certified_bands_are_about_the_force_along_n(sensed):
+    """The plan is at its target, stands from 2 s on, and touches from 1 s on."""
+    hold = HoldRadii(time=0.5, depth=3e-4, position=4e-4, advance=0.01, standing=0.0025,
+                     reading=1.5, age=0.03)
+    nominal = sensed.nominal_state.copy()
+    nominal[:, 10:] = np.where(sensed.time[:, None] < 2.0, 0.05, 0.0)
+    held = replace(
+        sensed, nominal_state=nominal,
+        scenario=replace(sensed.scenario, tube=replace(sensed.scenario.tube, hold=hold)),
+        signals=sensed.signals | {"target": sensed.chi_nominal[:, :3],
+                                  "touched": (sensed.time >= 1.0)[:, None].astype(float)})
+    force = contact_panels(held, certified=3.5)[0]
+    for name, bound, start in (
+        ("in motion", held.scenario.contact.band(20.0, tip_errors(held.scenario.tube)), 1.0),
+        ("in a hold, from 0.5 s on", hold_band(held.scenario.contact, 20.0, hold), 2.5)):
+        assert bands(force, name) == [(pytest.approx(20.0 - bound), pytest.approx(20.0 + bound))]
+        (found,) = (each for each in force.series if name in each.style.get("label", ""))
+        assert sensed.time[np.isfinite(found.y)][0] == pytest.approx(start, abs=0.03)
+        assert f"{bound:.3g} N" in found.style["label"]
+
+
+def test_it_is_the_file_of_the_force_with_a_caption_of_its_own(sensed, tmp_path):
+    paths = make_figures(sensed, tmp_path)
+    (path,) = [path for path in paths if path.name == "force.png"]
+    assert imread(path).shape[1] == COLUMN_WIDTH * STYLE["savefig.dpi"]
+    page = format_report(sensed, [path], None)
+    assert "safe region" in page[page.index("<figcaption>"):page.index("</figcaption>")]
+
+
+# A surface that is known.
+
+
+def test_how_deep_it_may_go_is_shown_in_a_plane_that_is_known(record):
+    panel = contact_panels(record)[1]
+    assert levels(panel, "limit") == pytest.approx([46.0])
+    assert levels(panel, "tightened") == pytest.approx([41.0])  # 5 mm of tube
+    base = record.scenario
+    for other in (replace(base, surface_error=SurfaceError(stiffness=1.1)),
+                  replace(base, limits=replace(base.limits, static_force=None))):
+        panel = contact_panels(replace(record, scenario=other))[1]
+        assert levels(panel, "limit") == levels(panel, "tightened") == []
+
+
+def test_a_torque_and_an_approach_have_panels_if_there_are_any(record):
+    force = record.force.copy()
+    force[:, 4] = 0.5
+    labels = ["force [N]", "penetration [mm]", "force [N]"]
+    for sensed, expected in (
+            (record, labels),
+            (replace(record, force=force), [labels[0], "torque [N m]", *labels[1:]]),
+            (replace(record, penetration=record.penetration + 0.01), labels[:2])):
+        assert [panel.label for panel in contact_panels(sensed)] == expected
+
+
+@pytest.mark.parametrize(("wrench", "force", "torque"), [
+    ([20, 0, 0, 0, 0, 0], [(18, 22)], []), ([-20, 0, 0, 0, 0, 0], [(-22, -18)], []),
+    ([0, 0, 0, 0, 5, 0], [], [(3, 7)]), ([0, 20, 0, 5, 7, 0], [(18, 22)], [(3, 7), (5, 9)])])
+def test_the_tolerance_is_about_what_is_desired(record, wrench, force, torque):
+    found = contact_panels(desiring(wrench, record))
+    assert bands(found[0], "counts as settled") == force
+    assert bands(found[1], "counts as settled") == torque
+
+
+def test_the_certified_band_begins_when_the_plan_is_at_the_task(record):
+    at_task = np.all(np.abs(record.chi_nominal - record.chi_des) < 2e-4, axis=1)
+    plan = np.where(at_task[:, None], record.chi_des, record.chi_nominal)
+    panel = contact_panels(replace(record, chi_nominal=plan), certified=1.5)[0]
+    assert bands(panel, "certified") == [(18.5, 21.5)]
+    (found,) = (each for each in panel.series if "certified" in each.style.get("label", ""))
+    error = np.linalg.norm(plan - record.chi_des, axis=1)
+    assert found.x[0] == record.time[np.flatnonzero(error > 1e-3)[-1] + 1]
+    assert bands(contact_panels(record)[0], "certified") == []
+
+
+def test_contact_and_settling_are_marked(record):
+    contact, settled = contact_panels(record)[0].instants
+    assert (contact.text, settled.text) == ("contact", "settled")
+    touched = record.time[np.flatnonzero(record.penetration > 0.0)[0]]
+    assert contact.time == touched < settled.time < record.time[-1]

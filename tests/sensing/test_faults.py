@@ -8,14 +8,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Integrator
 from support.scripts import Script, use_fixed_steps
 
 from uvms_drake.model.signals.sensor_actuator import Signals
-from uvms_drake.sensing.faults import (
-    FrozenForce,
-    FrozenState,
-    JumpedForce,
-    LostForce,
-    LostState,
-    SaturatedForce,
-)
+from uvms_drake.sensing import faults
 from uvms_drake.sensing.measurements import HoldLastValue
 
 
@@ -28,10 +21,10 @@ def bench(fault):
 
 
 @pytest.mark.parametrize(("fault", "during"), [
-    (LostState(1.0, 0.5), [np.nan, np.nan]), (FrozenState(1.0, 0.5), [1.0, -1.0]),
-    (LostForce(1.0, 0.5), [np.nan, np.nan]), (FrozenForce(1.0, 0.5), [1.0, -1.0]),
-    (SaturatedForce(1.0, 0.5, largest=0.75), [0.75, -0.75]),
-    (JumpedForce(1.0, 0.5, jump=np.array([3.0, -1.0])), [4.25, -2.25])])
+    (faults.LostState(1.0, 0.5), [np.nan, np.nan]), (faults.FrozenState(1.0, 0.5), [1.0, -1.0]),
+    (faults.LostForce(1.0, 0.5), [np.nan, np.nan]), (faults.FrozenForce(1.0, 0.5), [1.0, -1.0]),
+    (faults.SaturatedForce(1.0, 0.5, largest=0.75), [0.75, -0.75]),
+    (faults.JumpedForce(1.0, 0.5, jump=np.array([3.0, -1.0])), [4.25, -2.25])])
 def test_a_sensor_measures_something_else_during_its_fault(fault, during):
     """A step that ends at the start is before it."""
     diagram = bench(fault)
@@ -46,7 +39,7 @@ def test_a_sensor_measures_something_else_during_its_fault(fault, during):
 @pytest.mark.parametrize(("start", "begins"), [(0.0, 0.0), (1.0, 0.0), (1.0, 3.0)])
 def test_a_frozen_sensor_holds_what_it_measured_at_the_start(start, begins):
     """Or where a simulation begins later, also before its initialization and in a clone."""
-    diagram, first = bench(FrozenState(start, 5.0)), max(start, begins)
+    diagram, first = bench(faults.FrozenState(start, 5.0)), max(start, begins)
     measured = diagram.get_output_port().Eval
     context = diagram.CreateDefaultContext()
     context.SetTime(begins)

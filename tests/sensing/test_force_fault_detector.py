@@ -11,14 +11,7 @@ from support.tiny_robots import drill
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.sensing.force_fault_detector import (
-    ForceFaultDetector,
-    ForceStatus,
-    RepeatCount,
-    counted,
-    repeat_probability,
-    run_of_frozen,
-)
+from uvms_drake.sensing import force_fault_detector as detector
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.wrist_sensor import quantised
 
@@ -39,26 +32,26 @@ def passed(force, state=turning, until=3.0, model=None, start=0.0, **options):
     """Returns instants and values of a reader with the period of the detector."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=force, state=state))
-    watch = ForceFaultDetector.AddToBuilder(
-        builder, model or drill(), T, **options, state=script.GetOutputPort("state"),
-        force_measured=script.GetOutputPort("force"))
+    watch = detector.ForceFaultDetector.AddToBuilder(
+        builder, model or drill(), T, **options, name="detector",
+        state=script.GetOutputPort("state"), force_measured=script.GetOutputPort("force"))
     logs = [LogVectorOutput(watch.get_output_port(i), builder, T) for i in range(2)]
     simulator = Simulator(builder.Build())
     simulator.get_mutable_context().SetTime(start)
     simulator.AdvanceTo(start + until)
     found, reason = (log.FindLog(simulator.get_context()) for log in logs)
-    valid = reason.data()[0] == ForceStatus.VALID
+    valid = reason.data()[0] == detector.ForceStatus.VALID
     np.testing.assert_array_equal(valid, np.all(np.isfinite(found.data()), axis=0))
     return found.sample_times(), found.data().T, reason.data()[0]
 
 
 def test_it_counts_how_often_in_a_row_all_components_are_the_same():
     """In each of the two frames; one component that differs is another reading."""
-    looks = RepeatCount(np.full((2, 2), np.nan), np.zeros(2))
+    looks = detector.RepeatCount(np.full((2, 2), np.nan), np.zeros(2))
     for wrench, times in (([[1, 2], [3, 4]], [1, 1]), ([[1, 2], [3, 5]], [2, 1]),
                           ([[np.nan, 2], [3, 5]], [2, 1]), ([[1, 2], [3, 5]], [3, 2]),
                           ([[1, 9], [4, 5]], [1, 1])):
-        looks = counted(looks, np.array(wrench, dtype=float))
+        looks = detector.counted(looks, np.array(wrench, dtype=float))
         np.testing.assert_array_equal(looks.times, times)
     np.testing.assert_array_equal(looks.last, [[1, 9], [4, 5]])
 
@@ -74,7 +67,7 @@ def test_readings_that_repeat_one_component_or_five_are_readings(axes, component
             return wrench if axes == "world" else force_of_tip(turning(time)[:6], wrench)
 
         _, _, reason = passed(repeated)
-        assert np.all(reason == ForceStatus.VALID)
+        assert np.all(reason == detector.ForceStatus.VALID)
 
 
 def frozen_in(axes):
@@ -94,7 +87,7 @@ def frozen_in(axes):
 def test_of_a_sensor_that_froze_as_many_readings_pass_as_is_said(axes, repeats):
     """m, at 1 s to 1 s + (m − 1)T; and when it works again, one period later it is valid."""
     times, found, reason = passed(frozen_in(axes), repeats=repeats)
-    none = reason == ForceStatus.FROZEN
+    none = reason == detector.ForceStatus.FROZEN
     assert not np.any(np.isnan(found[~none]))
     np.testing.assert_array_equal(
         none, (times > 1.0 + (repeats - 0.5) * T) & (times < 2.0 + 0.5 * T))
@@ -121,7 +114,7 @@ def test_a_force_at_the_declared_end_is_none_at_once_whatever_its_axes():
 
     times, _, reason = passed(rising, largest=60.0)
     too_large = np.linalg.norm([rising(time)[:3] for time in times], axis=1) >= 60.0
-    np.testing.assert_array_equal(reason == ForceStatus.SATURATED, too_large)
+    np.testing.assert_array_equal(reason == detector.ForceStatus.SATURATED, too_large)
     assert 10 < np.count_nonzero(too_large) < 20
 
 
@@ -138,7 +131,7 @@ def test_zeros_during_the_tare_are_readings_and_later_ones_are_not(start):
 def test_a_clone_goes_on_as_the_run_does():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=frozen_in("world"), state=turning))
-    watch = ForceFaultDetector.AddToBuilder(
+    watch = detector.ForceFaultDetector.AddToBuilder(
         builder, drill(), T, state=script.GetOutputPort("state"),
         force_measured=script.GetOutputPort("force"))
     diagram = builder.Build()
@@ -169,7 +162,7 @@ def repeats(sigma, multiple, resolution, force, count=20_000):
 def test_no_force_makes_drawn_readings_repeat_more_often_than_computed(multiple, step, share):
     """Wherever the force is between two steps; σ and r of three components are as given."""
     r = step * SIGMA
-    bound = repeat_probability(SIGMA, multiple, r)
+    bound = detector.repeat_probability(SIGMA, multiple, r)
     found = np.mean(repeats(SIGMA, multiple, r, share * r))
     assert found <= bound + 4.0 * np.sqrt(bound / 20_000)
 
@@ -178,7 +171,7 @@ def test_no_force_makes_drawn_readings_repeat_more_often_than_computed(multiple,
 def test_no_run_of_a_working_sensor_is_that_of_a_frozen_one(force_step):
     """Of the shipped noise, and steps of the torque alike: the longest drawn run is shorter."""
     r = force_step / 0.25 * SIGMA
-    frozen = run_of_frozen(repeat_probability(SIGMA, 3.0, r))
+    frozen = detector.run_of_frozen(detector.repeat_probability(SIGMA, 3.0, r))
     same = repeats(SIGMA, 3.0, r, 0.5 * r)
     ends = np.flatnonzero(np.append(~same, True))
     longest = np.max(np.diff(ends, prepend=-1))
@@ -187,9 +180,9 @@ def test_no_run_of_a_working_sensor_is_that_of_a_frozen_one(force_step):
 
 def test_a_sensor_that_is_as_quiet_as_a_frozen_one_has_no_such_run():
     """Without noise, or with a resolution that hides all of it; one noisy component is enough."""
-    assert run_of_frozen(repeat_probability(np.zeros(6), 3.0, np.zeros(6))) == 0
-    assert run_of_frozen(repeat_probability(SIGMA, 3.0, 6.0 * SIGMA)) == 0
+    assert detector.run_of_frozen(detector.repeat_probability(np.zeros(6), 3.0, np.zeros(6))) == 0
+    assert detector.run_of_frozen(detector.repeat_probability(SIGMA, 3.0, 6.0 * SIGMA)) == 0
     one = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.005])
-    assert run_of_frozen(repeat_probability(one, 3.0, np.zeros(6))) == 5
+    assert detector.run_of_frozen(detector.repeat_probability(one, 3.0, np.zeros(6))) == 5
     quiet = ForceSensor(noise=np.zeros(6)).reading(30.0, 0.5)
     assert quiet.repeated == 1.0

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from support.runs import simulated
 from support.scripts import Script
 
 import uvms_drake as uv
@@ -132,9 +133,7 @@ def test_the_velocity_goes_on_from_the_last_fix_with_the_accelerometers_bias(mod
 
 def test_the_loop_begins_at_the_measured_state():
     """The first plan starts at the measured state; the run continues with the measurements."""
-    scenario = uv.load_scenario("girona500_ideal", [
-        "duration=0.4", "sensing=[!Navigation {position: {noise: 0.001}}]"])
-    record = uv.simulate(scenario)
+    record = simulated("girona500_ideal", 0.4, "sensing=[!Navigation {position: {noise: 0.001}}]")
     measured = record.signals["measured_state"]
     np.testing.assert_array_equal(record.nominal_state[0], measured[0])
     off = np.max(np.abs(measured - record.state), axis=0)

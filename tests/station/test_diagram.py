@@ -183,7 +183,7 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
         return make_tube_mpc(ocp, ancillary, targets, solver=solver)
 
     limited = logs_of(scenario, 2.0)
-    monkeypatch.setattr("uvms_drake.station.tube_control.make_tube_mpc", without_limits)
+    monkeypatch.setattr("uvms_drake.station.controller.make_tube_mpc", without_limits)
     assert_identical(limited, logs_of(scenario, 2.0))
     assert told == [scenario.limits] * 2  # Of the station, and of that which its step is from.
     assert np.all(limited["input_limited"] == 0.0)

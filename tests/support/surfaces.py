@@ -43,17 +43,6 @@ def moving(law, rate):
     return np.concatenate([-rate * law.normal + tangent, [0.4, -0.9, 1.1]])
 
 
-def work(law, duration=2.0 * np.pi, steps=4000):
-    """Returns ∮ 𝔉ᵀχ̇ dt along a closed path through the surface and out of it."""
-    center = tip_at(law, 0.001) if law.normal is not None else law.equilibrium
-    amplitude = np.array([0.02, -0.03, 0.015, 0.3, 0.2, -0.4])
-    frequency = np.array([1, 2, 3, 2, 1, 4])
-    t = np.linspace(0.0, duration, steps, endpoint=False)[:, None]
-    chi = center + amplitude * np.sin(frequency * t + np.arange(6))
-    chi_dot = amplitude * frequency * np.cos(frequency * t + np.arange(6))
-    return np.sum(law.force(chi, chi_dot) * chi_dot) * duration / steps
-
-
 class Sphere(Surface):
     """A ball of rubber that pushes along its radius: a surface of one's own."""
 
@@ -62,7 +51,7 @@ class Sphere(Surface):
 
     @property
     def anchor(self):
-        return np.array([1.0, 0.0, 0.0])
+        return np.array([-1.0, 0.0, 0.0])
 
     def checked(self):
         require(self.stiffness > 0.0, "stiffness", self.stiffness, "positive")
@@ -77,13 +66,5 @@ class Sphere(Surface):
     def penetration(self, chi):
         return np.maximum(1.0 - np.linalg.norm(chi[..., :3], axis=-1), 0.0)
 
-    def pose_for(self, force, pose):
-        raise NotImplementedError
-
     def force_jacobian(self):
         return self.stiffness * np.eye(3, 6)
-
-    def sample_contact(self, chi, force_max, rng):
-        p = rng.normal(size=(len(chi), 3))
-        depth = rng.uniform(-0.01, force_max / self.stiffness, (len(chi), 1))
-        return p / np.linalg.norm(p, axis=1, keepdims=True) * (1.0 - depth)

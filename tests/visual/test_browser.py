@@ -10,7 +10,7 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.report.figures import make_figures
 from uvms_drake.report.html import format_report
 from uvms_drake.report.replay import write_replay
-from uvms_drake.station.scene_setting import setting_of
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.visual.scene import ZOOM, Scene
 from uvms_drake.visual.stage import UP, open_meshcat
 

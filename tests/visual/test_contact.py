@@ -13,7 +13,7 @@ from uvms_drake.model.surface.geometry import Cylinder, Plane
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.scene_setting import setting_of
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.visual.contact import (
     COLORS,
     DOT,

@@ -13,7 +13,7 @@ from support.synthetic import synthetic_record
 import uvms_drake as uv
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.scene_setting import setting_of
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.visual.objects import PLAN, Mark, round_magnification
 from uvms_drake.visual.overlay import ACTIVE, NEAR, TIME, Overlay, Readout
 from uvms_drake.visual.scene import CLOSE, LimitUse, Scene

@@ -18,10 +18,10 @@ from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.controller import make_tube
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.modules import import_file
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.tube_control import make_tube
 
 Factory = Callable[[Scenario, ContactModel], System]
 """Function that makes a controller for a scenario, with the controller's model."""

@@ -1,4 +1,4 @@
-"""Attributes of a class in the text that `help` prints for it.
+"""Descriptions of the attributes of a class, and their place in the text that `help` prints.
 
 The description of an attribute is the string below it, which Python does not keep: it is read from
 the source of the class and of those that it inherits from.
@@ -7,6 +7,7 @@ the source of the class and of those that it inherits from.
 import ast
 import inspect
 import sys
+from collections.abc import Iterable
 from functools import cache
 
 PACKAGE = __name__.split(".")[0]
@@ -15,20 +16,26 @@ PACKAGE = __name__.split(".")[0]
 @cache
 def describe_attributes(kind: type) -> None:
     """Adds the descriptions of the attributes of a class to its docstring."""
-    found: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
-        if base.__module__.split(".")[0] == PACKAGE:
-            found |= _described(base.__module__).get(base.__qualname__, {})
+    found = attribute_docs([base for base in kind.__mro__
+                            if base.__module__.split(".")[0] == PACKAGE])
     if found:
         lines = [f"    {name}: {text}" for name, text in found.items()]
         kind.__doc__ = "\n".join([inspect.getdoc(kind) or "", "", "Attributes:", *lines])
+
+
+def attribute_docs(bases: Iterable[type]) -> dict[str, str]:
+    """Returns the descriptions by attribute of some classes, the first of which goes first."""
+    found: dict[str, str] = {}
+    for base in reversed(list(bases)):
+        found |= _described(base.__module__).get(base.__qualname__, {})
+    return found
 
 
 @cache
 def _described(module: str) -> dict[str, dict[str, str]]:
     """Returns the descriptions by class and attribute, of the classes of a module."""
     try:
-        with open(sys.modules[module].__file__ or "", encoding="utf-8") as file:
+        with open(getattr(sys.modules[module], "__file__", None) or "", encoding="utf-8") as file:
             tree = ast.parse(file.read())
     except OSError:  # Without a source there are none.
         return {}

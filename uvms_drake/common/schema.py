@@ -6,12 +6,9 @@ but those of a union. As there, a mapping changes only the fields of a default t
 `yaml_dump_typed` refuses an object whose type the field does not name, as one of a user's own.
 """
 
-import ast
 import contextlib
 import dataclasses
 import difflib
-import inspect
-import itertools
 import math
 import re
 import textwrap
@@ -26,7 +23,8 @@ import numpy as np
 import yaml  # type: ignore[import-untyped]  # Drake's own choice and dependency.
 from pydrake.common.yaml import yaml_dump_typed
 
-from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError, within
+from uvms_drake.common.attribute_docs import attribute_docs
+from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError, require, within
 from uvms_drake.common.kinds import kinds_of
 
 T = typing.TypeVar("T")
@@ -366,20 +364,9 @@ def field_types(schema: typing.Any) -> dict[str, typing.Any]:
 
 
 def field_docs(schema: type) -> dict[str, str]:
-    """Returns the docstring below each field of a struct by name, in one line; some have none.
-
-    Python throws these away, so that they are read from the source.
-    """
-    docs = dict.fromkeys(field_types(schema), "")
-    for owner in filter(dataclasses.is_dataclass, reversed(schema.__mro__)):
-        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
-        assert isinstance(definition, ast.ClassDef)
-        for item, after in itertools.pairwise(definition.body):
-            match item, after:
-                case (ast.AnnAssign(target=ast.Name(id=name)),
-                      ast.Expr(value=ast.Constant(value=str(text)))) if name in docs:
-                    docs[name] = " ".join(text.split())
-    return docs
+    """Returns the docstring below each field of a struct by name, in one line; some have none."""
+    found = attribute_docs(filter(dataclasses.is_dataclass, schema.__mro__))
+    return {name: " ".join(found.get(name, "").split()) for name in field_types(schema)}
 
 
 def _conform_choice(kinds: tuple[typing.Any, ...], value: object, key: str, default: object
@@ -405,10 +392,10 @@ def _conform_struct(schema: typing.Any, value: object, key: str, default: object
     for name, item in value.items():
         path = f"{key}.{name}" if key else str(name)
         if name == "_tag":
-            if item == f"!{schema.__name__}":  # The only type there is.
-                continue
-            raise InvalidParameter(key or "the file", item,
-                                   f"!{schema.__name__}, or left out: there is no choice")
+            only = f"!{schema.__name__}"
+            require(item == only, key or "the file", item,
+                    f"{only}, or left out: there is no choice")
+            continue
         if name not in fields:
             raise InvalidParameter(path, item, f"under one of the keys {', '.join(fields)}"
                                    + suggestion(str(name), list(fields)))
@@ -422,15 +409,14 @@ def suggestion(word: str, known: list[str]) -> str:
     return f" (did you mean '{close[0]}'?)" if close else ""
 
 
-def _text(value: object, key: str) -> str:
-    if not isinstance(value, str):
-        raise InvalidParameter(key, value, "text (in quotes, if it looks like something else)")
+def _text(value: object, key: str) -> object:
+    require(isinstance(value, str), key, value,
+            "text (in quotes, if it looks like something else)")
     return value
 
 
-def _boolean(value: object, key: str) -> bool:
-    if not isinstance(value, bool):
-        raise InvalidParameter(key, value, "true or false")
+def _boolean(value: object, key: str) -> object:
+    require(isinstance(value, bool), key, value, "true or false")
     return value
 
 
@@ -471,8 +457,8 @@ def _rows(value: object, key: str) -> list[object]:
         raise InvalidParameter(key, value, "a list of numbers")
     items: list[typing.Any] = [(_rows if isinstance(item, list) else _number)(item, f"{key}[{i}]")
                                for i, item in enumerate(value)]
-    if len({np.shape(item) for item in items}) > 1:
-        raise InvalidParameter(key, value, "a list of numbers, or of rows of equal length")
+    require(len({np.shape(item) for item in items}) <= 1, key, value,
+            "a list of numbers, or of rows of equal length")
     return items
 
 

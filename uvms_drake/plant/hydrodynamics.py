@@ -33,7 +33,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import WiredSystem, cached, output_of
+from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Meshcat
 
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.station.record import Record
-from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.contact import KNOWN
 from uvms_drake.visual.scene import Moment, Scene
 from uvms_drake.visual.stage import open_meshcat

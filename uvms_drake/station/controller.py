@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
+from functools import partial
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Gain, PassThrough
@@ -10,8 +12,13 @@ from pydrake.systems.primitives import Gain, PassThrough
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import outputs, wire
+from uvms_drake.control.contact.press_control import PressControl
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
+from uvms_drake.control.mpc.planner import Targets
 from uvms_drake.control.mpc.solver_faults import SolverFaults
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.solvers import make_solver
+from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.mission.system import MissionControl
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.fault import Fault
@@ -26,12 +33,19 @@ from uvms_drake.model.signals.sensor_actuator import (
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
 from uvms_drake.sensing.measurements import HoldLastValue, TipPose
-from uvms_drake.station.contact.bounds import reading_of, sensed_contact, sensing_of
-from uvms_drake.station.problem import load_model, make_ocp
+from uvms_drake.station.contact.bounds import (
+    known_reading,
+    largest_force,
+    pressing_force,
+    reading_of,
+    safe_depth_margin,
+    sensed_contact,
+    sensing_of,
+)
+from uvms_drake.station.problem import load_model, make_ocp, retargeted_ocp
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.parts import faults_at, keyed
+from uvms_drake.station.scenario.parts import command_path_of, faults_at, keyed
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.tube_control import make_tube
 from uvms_drake.visual.controls import ForceSlider, HomeButton
 
 SAMPLED = ("report", "solve_seconds")
@@ -39,10 +53,14 @@ SAMPLED = ("report", "solve_seconds")
 RESERVED = {"plan", "tube_alarm", *SAMPLED, *(field.name for field in fields(Record))}
 """Reserved names of signals: a record's own fields and other outputs."""
 MISSION_SIGNALS = {"due_place": "mission_place", "due_force": "mission_force",
-          "progress": "mission_progress"}
+                   "progress": "mission_progress"}
 """Signal for each output of a mission that is logged."""
 TARGETS = ("desired_force", "place", "deepest")
 """Inputs of a controller by which its task is changed during a run."""
+IMPLICIT = ("implicit_euler", "radau1", "radau3", "velocity_implicit_euler")
+"""Integration schemes whose steps may be much longer than 1/k, with which the command is not cut.
+Their Newton iteration asks the law far from the solution, and where a limit cuts the command it is
+flat: in `paper_dynamic` it would converge in far shorter steps only."""
 
 
 def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Diagram:
@@ -119,6 +137,43 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     diagram = builder.Build()
     diagram.set_name("controller")
     return diagram
+
+
+def make_tube(scenario: Scenario, model: ContactModel, ocp: Ocp) -> Diagram:
+    """Returns the tube-based NMPC that solves a problem of `make_ocp`.
+
+    It presses by the measured force if the contact is sensed; else it makes a problem of its own
+    for each desired force. See `IMPLICIT` for the limits to which its commands are cut.
+    """
+    press = targets = None
+    if scenario.contact.declared_wall() is not None:
+        press = _press_control(scenario)
+    else:
+        targets = Targets(np.asarray(scenario.task.force, dtype=float),
+                          partial(retargeted_ocp, scenario, model))
+    limits = None if scenario.simulator.integration_scheme in IMPLICIT else scenario.limits
+    path = command_path_of(scenario.actuation, model)
+    with within("mpc"):
+        solver = make_solver(ocp)
+    with within("ancillary"):
+        return make_tube_mpc(ocp, scenario.ancillary, targets, limits, path, solver, press)
+
+
+def _press_control(scenario: Scenario) -> PressControl:
+    """Returns the press of a sensed contact, after a check that its forces are admissible."""
+    contact, largest = sensed_contact(scenario), largest_force(scenario)
+    require(pressing_force(scenario) < largest, "task.force", scenario.task.force,
+            f"less than {largest:.3g} N: contact.force less the parts of sensor, tube, angle and "
+            "stiffness")
+    reading = known_reading(scenario)
+    require(reading is None or largest + contact.force_error < reading.largest,
+            "sensing", scenario.sensing,
+            f"with a range of more than {largest + contact.force_error:.3g} N")
+    for i, step in enumerate(scenario.mission.steps):
+        require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
+                f"less than {largest:.3g} N, like task.force")
+    return PressControl(contact.walls, sensing_of(scenario), pressing_force(scenario), largest,
+                        safe_depth_margin(scenario))
 
 
 def signals_of(controller: System) -> dict[str, OutputPort]:

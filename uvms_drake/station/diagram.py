@@ -13,24 +13,25 @@ from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.control.limits import TubeRadii, resolved_radii
+from uvms_drake.control.limits import TubeRadii, resolved_radii, tighten
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.plant.waves import WaterMotion
-from uvms_drake.station.controller import SAMPLED, connect_controller, signals_of
+from uvms_drake.station.contact.bounds import safe_depth_margin
+from uvms_drake.station.controller import SAMPLED, connect_controller, make_tube, signals_of
 from uvms_drake.station.plant import applied_disturbance, make_simulated_uvms
 from uvms_drake.station.problem import (
     disturbance_weights,
+    limits_of,
     load_model,
     make_ocp,
+    shown_surface,
     start_state,
 )
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.station.tube_control import make_tube
 from uvms_drake.visual.controls import DisturbanceSlider
-from uvms_drake.visual.scene import Illustration
+from uvms_drake.visual.scene import Illustration, LimitUse, Setting
 
 UNLOGGED = {"plant_state", "configuration"}
 """Outputs of vectors of a plant that are no signals: they are `state` in other coordinates."""
@@ -41,6 +42,8 @@ the integrator's error over a step of 0.02 s through contact is 0.7 %."""
 MONITOR_FLOOR = 1e-4
 """Deviation that is not an exit [m, rad, m/s, rad/s]: the integrator makes 7e-5 of one that is
 exactly zero. At most a tenth of the tube's smallest radius counts, see `monitor_floor`."""
+PAINTED = 1.5
+"""End of the colour scale of a mission over its largest desired force."""
 
 
 def make_station(scenario: Scenario, *, controller: System | None = None,
@@ -252,3 +255,26 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
         logs[f"mpc_{field}"] = samples[first, i]
     logs["step_seconds"] = samples[first, -1]
     return logs
+
+
+def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = False) -> Setting:
+    """Returns the setting of a `Scene` of a run.
+
+    Args:
+        scenario: Scenario of the run, with the settings of the picture in `visual`.
+        model: The controller's model.
+        certified: Whether its tube is that of a certificate that holds.
+    """
+    force, limits = np.asarray(scenario.task.force, dtype=float), limits_of(scenario, model)
+    wall = scenario.contact.declared_wall()
+    return Setting(
+        robot=scenario.model, model=model, surface=shown_surface(scenario, model),
+        start=scenario.start.config, force=force,
+        goal=model.surface.pose_for(force, scenario.task.pose),
+        radius=float(resolved_radii(scenario.tube).position or 0.0),
+        limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
+        horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
+        direction=None if wall is None else wall.direction,
+        margin=0.0 if wall is None else safe_depth_margin(scenario),
+        painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
+        if scenario.mission.steps else None)

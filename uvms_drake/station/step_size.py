@@ -22,10 +22,10 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.station.controller import IMPLICIT
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model, make_ocp, true_surface
-from uvms_drake.station.scenario.scenario import Scenario, Start, check_cost
-from uvms_drake.station.tube_control import IMPLICIT
+from uvms_drake.station.scenario.scenario import Scenario, Start
 
 ORDERS = {"explicit_euler": 1, "semi_explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3,
           "bogacki_shampine3": 3, "runge_kutta5": 5}
@@ -144,8 +144,7 @@ def with_step(scenario: Scenario, model: ContactModel | None = None) -> Scenario
     if given:
         return scenario
     # A chosen step may make a run take too long.
-    check_cost(scenario.duration, scenario.log_period, step, scenario.mpc.time_step,
-               scenario.mpc.horizon)
+    scenario.check_cost(step)
     chosen = copy.copy(settings)
     chosen.max_step_size = step
     return replace(scenario, simulator=chosen)

@@ -13,8 +13,8 @@ from uvms_drake.certificate.certify import between_knots, tightening_margins
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver
 from uvms_drake.report.signals import constraints
+from uvms_drake.station.diagram import setting_of
 from uvms_drake.station.problem import limits_of
-from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.tube.terminal_set import TerminalLoop
 
 BOX = "{lower_corner: [-3, -3, -3], upper_corner: [3, 3, 3]}"
@@ -147,9 +147,12 @@ def test_a_run_with_them_has_their_signals_and_their_bars(scenario):
     values, bound, *_ = signals["elbow_max"]
     np.testing.assert_allclose(values, record.config[:, 6] + record.config[:, 7] ** 2)
     assert bound == 3.0
-    names = setting_of(own, record.model).limit_use.names
+    limit_use = setting_of(own, record.model).limit_use
+    names = limit_use.names
     assert [name.split("  ")[0] for name in names[-7:-4]] == ["tip x", "tip y", "tip z"]
     assert names[-4] == "tip speed x  ≤ 0.1 m/s"
+    used = limit_use(record.state[0], record.u[0], record.nominal_state[0], record.nominal_input[0])
+    assert used[-1] == pytest.approx(values[0] / 3.0, abs=0.05)
 
 
 def test_a_tube_that_knows_how_fast_the_tip_leaves_the_plan_tightens_its_velocity():

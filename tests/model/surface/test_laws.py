@@ -24,7 +24,6 @@ from support.surfaces import (
     spring,
     stiffness_matrix,
     tip_at,
-    work,
 )
 
 import uvms_drake as uv
@@ -63,24 +62,6 @@ def test_at_rest_the_force_changes_by_no_more_than_its_jacobian_says(law):
     past = np.min([frame.depth(chi[:, :3]) for chi in (near, near + step)], axis=0) > TRANSITION
     assert 100 < np.count_nonzero(past) < 450
     np.testing.assert_allclose(change[past], most[past], atol=1e-9)
-
-
-@pytest.mark.parametrize("law", [spring(), plane()], ids=["spring", "plane"])
-def test_a_stack_of_poses_gives_a_stack_of_forces(law):
-    rng = np.random.default_rng(5)
-    chi = rng.normal(scale=2.0, size=(3, 4, 6))
-    chi_dot = rng.normal(size=(3, 4, 6))
-    forces, depths = law.force(chi, chi_dot), law.penetration(chi)
-    assert forces.shape == (3, 4, 6)
-    assert depths.shape == (3, 4)
-    for index in np.ndindex(3, 4):
-        np.testing.assert_allclose(forces[index], law.force(chi[index], chi_dot[index]), rtol=1e-12)
-        np.testing.assert_allclose(depths[index], law.penetration(chi[index]), rtol=1e-12)
-
-
-def test_a_surface_of_ones_own_passes():
-    sphere = Sphere()
-    assert check_surface(sphere) is sphere
 
 
 @pytest.mark.parametrize(("radius", "message"), [
@@ -163,15 +144,6 @@ def test_the_force_is_continuously_differentiable_at_every_seam(depth, rate):
     np.testing.assert_allclose(derivative(step), derivative(-step), atol=1e-3 * scale)
 
 
-def test_the_depth_for_a_force_is_where_the_plane_carries_it():
-    law = plane()
-    for magnitude in (0.5 * STIFFNESS * TRANSITION, 2.0, 30.0):
-        pose = tip_at(law, law.penetration_for(magnitude))
-        assert law.static_force(pose) == pytest.approx(magnitude, rel=1e-12)
-    with pytest.raises(uv.InvalidParameter, match=r"at least 1\.245 N"):
-        law.penetration_for(1.2)
-
-
 def test_the_plane_rests_at_the_pose_for_a_force_with_everything_else_as_given():
     law, pose = plane(), tip_at(plane(), -0.3, np.random.default_rng(6))
     force = np.append(-20.0 * law.normal, np.zeros(3))
@@ -200,10 +172,6 @@ def test_the_spring_pulls_and_pushes_by_k_times_its_stretch():
         np.testing.assert_allclose(
             law.force(law.equilibrium + sign * stretch, AT_REST),
             sign * stiffness_matrix() @ stretch, rtol=1e-12)
-
-
-def test_the_spring_does_no_work_around_a_closed_path():
-    assert work(spring()) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_spring_does_not_jump_where_an_euler_angle_does():

@@ -11,16 +11,9 @@ from support.quick import FEW, search_less
 import uvms_drake as uv
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.command.main import main
+from uvms_drake.papers.nikou2018 import kinematics
 from uvms_drake.papers.nikou2018.kinematic_certificate import certify
 from uvms_drake.papers.nikou2018.kinematic_run import FIGURES, summarise
-from uvms_drake.papers.nikou2018.kinematics import (
-    DisturbedKinematics,
-    KinematicMpc,
-    Run,
-    posed,
-    simulate,
-    velocity,
-)
 from uvms_drake.report.summary import summarise as summarise_record
 from uvms_drake.station.simulation import simulate as simulate_station
 
@@ -30,8 +23,8 @@ W_BOUND = 0.2 * np.sqrt(6.0)
 
 
 @pytest.fixture(scope="module")
-def printed() -> Run:
-    return simulate(uv.load_scenario("paper_kinematic"))
+def printed() -> kinematics.Run:
+    return kinematics.simulate(uv.load_scenario("paper_kinematic"))
 
 
 # The parts ----------------------------------------------------------------------------------------
@@ -39,7 +32,7 @@ def printed() -> Run:
 
 def test_the_robot_moves_as_the_papers_table_says():
     """χ̇ = J(𝔮)ζ + w, by differences of the forward kinematics typed again; the joints as asked."""
-    robot = DisturbedKinematics("girona500_arm5e", np.zeros(10), np.zeros(3))
+    robot = kinematics.DisturbedKinematics("girona500_arm5e", np.zeros(10), np.zeros(3))
     rng = np.random.default_rng(1)
     for _ in range(5):
         config = np.concatenate([rng.uniform(-0.5, 0.5, 6), [0.2, 0.9, 0.3, 0.4]])
@@ -62,10 +55,10 @@ def test_the_robot_moves_as_the_papers_table_says():
 def test_the_error_falls_as_the_theory_says(law, rate):
     """ẏ − ȳ̇ at ζ̄ = 0 and 𝔮 near 𝔮̄, where J_x(𝔮) is J_x(𝔮̄)."""
     scenario = uv.load_scenario("paper_kinematic", [f"ancillary={law}"])
-    model, y_des, _ = posed(scenario)
+    model, y_des, _ = kinematics.posed(scenario)
     nominal, e = model.configuration(y_des), 1e-6 * np.arange(1.0, 11.0)
     J = model.task_jacobian(nominal)
-    zeta = velocity(scenario.ancillary, model, model.configuration(y_des + e), nominal,
+    zeta = kinematics.velocity(scenario.ancillary, model, model.configuration(y_des + e), nominal,
                     np.zeros(10))
     np.testing.assert_allclose(J @ zeta, rate(J, e), atol=1e-9)
 
@@ -73,8 +66,8 @@ def test_the_error_falls_as_the_theory_says(law, rate):
 def test_a_plan_without_active_limits_is_that_of_a_riccati_recursion():
     """One convex program near the task, where motion is linear: the regulator of its cost."""
     scenario = uv.load_scenario("paper_kinematic_certified", ["mpc.horizon=6"])
-    model, y_des, bounds = posed(scenario)
-    mpc = KinematicMpc(model, scenario.mpc, y_des, bounds.tightened(scenario.tube))
+    model, y_des, bounds = kinematics.posed(scenario)
+    mpc = kinematics.KinematicMpc(model, scenario.mpc, y_des, bounds.tightened(scenario.tube))
     xi, h, J = 1e-4 * np.cos(np.arange(10.0)), 0.1, model.task_jacobian(model.configuration(y_des))
     P, gains = mpc.terminal.P, []
     for _ in range(6):
@@ -121,7 +114,7 @@ def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached,
     assert scenario.disturbance.bound == pytest.approx(W_BOUND)
     certificate = certify(scenario)
     assert certificate.certified, certificate.text
-    run = simulate(certificate.applied_to(scenario))
+    run = kinematics.simulate(certificate.applied_to(scenario))
     summary = summarise(run, certified=True)
     assert summary["kept"] and min(summary["margins"].values()) > 0.0
     e = summary["tube"]["e"]
@@ -145,7 +138,7 @@ def test_a_task_at_the_pitch_limit_is_held_by_the_limit():
     """The tip is asked to a pitch just inside the limit and pushed at; nothing is not a number."""
     limit = 1.45
     pitch = limit - 0.06  # downwards, where the arm reaches with the vehicle level
-    run = simulate(uv.load_scenario("paper_kinematic", [
+    run = kinematics.simulate(uv.load_scenario("paper_kinematic", [
         f"task.force=[0, 0, 0, 0.3, {-pitch}, 0]", f"limits.tip_pitch={limit}",
         f"task.posture=[0, {0.5 * np.pi - pitch - 0.05}, 0.05, 0.3]",
         "tube.e=0.05", "ancillary=!Resolved {sigma: 20.0}",
@@ -161,7 +154,7 @@ def test_a_push_through_the_singular_pitch_stops_the_run_with_one_line():
         "tube.e=0.05", "ancillary=!Resolved {sigma: 0.2}", "limits.tip_pitch=1.45",
         "disturbance=!ConstantDisturbance {bound: 0.7, direction: [0, 0, 0, 0, -1, 0]}"])
     with pytest.raises(uv.RunFailed, match="pitch") as caught:
-        simulate(scenario)
+        kinematics.simulate(scenario)
     assert "\n" not in str(caught.value)
 
 
@@ -186,7 +179,7 @@ def test_the_commands_write_log_summary_and_figures(tmp_path, capsys):
     ("faults=[!SolverFailure {}]", "faults")])
 def test_what_has_no_meaning_there_is_refused(override, expected):
     with pytest.raises(ValueError, match=expected):
-        simulate(uv.load_scenario("paper_kinematic", [override]))
+        kinematics.simulate(uv.load_scenario("paper_kinematic", [override]))
 
 
 # The claim, in dynamics ---------------------------------------------------------------------------

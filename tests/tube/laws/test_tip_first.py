@@ -14,14 +14,18 @@ from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, reading_input
 from uvms_drake.tube.estimates import CertificateSettings, no_estimates
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.laws.tip_first import tip_first_law_tube
+from uvms_drake.tube.laws.tip_first import (
+    DisturbanceInputs,
+    in_joints,
+    loop_gains,
+    tip_first_law_tube,
+)
 from uvms_drake.tube.laws.tip_first_image import (
     arm_of,
     configuration_of,
     output_jacobian,
     tip_first_remainders,
 )
-from uvms_drake.tube.laws.tip_first_inputs import DisturbanceInputs, in_joints, loop_gains
 from uvms_drake.tube.row_gains import moments
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.search_problem import nominal_motion
@@ -201,7 +205,7 @@ def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
         given.append((force, torque))
         return (len(given) - 1.0) * np.arange(20.0), no_estimates
 
-    monkeypatch.setattr("uvms_drake.tube.laws.tip_first_inputs.reading_input", reading)
+    monkeypatch.setattr("uvms_drake.tube.laws.tip_first.reading_input", reading)
     monkeypatch.setattr("uvms_drake.tube.search.second_search.supremum",
                         lambda problem, x, values, *effort: np.max(values, axis=0))
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.GRID_POINTS", 16)

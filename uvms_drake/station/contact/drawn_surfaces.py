@@ -65,10 +65,8 @@ def draw_wall(contact: UnknownContact, start: np.ndarray, goal: np.ndarray,
     dissipation, friction = contact.dissipation * share(rng), contact.friction * share(rng)
     point = start + 0.5 * across(n, goal - start)
     reach = ball_about(point, contact, law, start, goal).reach
-    shape = (_plane, _cylinder, _pipe, _bumpy)[rng.integers(4)]
-    surface = ShapedSurface(
-        shape(point, n, angle, flat, reach, rng), law, dissipation, friction,
-        creep=1.0)
+    surface = ShapedSurface(draw_shape(point, n, angle, flat, reach, rng), law, dissipation,
+                            friction, creep=1.0)
     return within_class(surface, contact, start, goal)
 
 
@@ -144,31 +142,30 @@ def across(n: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return vector - (vector @ n)[..., None] * n
 
 
-def _plane(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
-           rng: np.random.Generator) -> Plane:
-    return Plane(point, -tilted(n, angle, rng)[0])
+def draw_shape(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
+               rng: np.random.Generator) -> Plane | Cylinder | Bumpy:
+    """Returns a plane, the outside or inside of a cylinder, or bumps, within an angle about n.
 
-
-def _cylinder(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
-              rng: np.random.Generator, *, inside: bool = False) -> Cylinder:
-    into, axis = tilted(n, flat * angle, rng)
-    turn = np.sin((1.0 - flat) * angle)
+    Args:
+        point: A point of it (3,) [m].
+        n: Direction into the wall (3,).
+        angle: The angle [rad].
+        flat: Fraction of it for tilt; the rest is for curvature or bumps.
+        reach: Distance from the point within which it has to hold [m].
+        rng: Random generator.
+    """
+    kind = rng.integers(4)
+    into, axis = tilted(n, angle if kind == 0 else flat * angle, rng)
+    bent = (1.0 - flat) * angle
+    if kind == 0:
+        return Plane(point, -into)
+    if kind == 3:
+        shortest = float(np.exp(rng.uniform(*np.log(WAVELENGTHS))))
+        bumps = Bumpy(point, -into, axis, 1.0, shortest, int(rng.integers(2**31)))
+        return replace(bumps, amplitude=max(float(np.tan(bent)), 1e-6) / bumps.slope)
+    turn = np.sin(bent)
     radius = reach * (1.0 + turn) / max(turn, 1e-6)  # The ball's centre is nearer to the axis.
-    return Cylinder(point, -into, axis, float(radius), inside)
-
-
-def _pipe(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
-          rng: np.random.Generator) -> Cylinder:
-    return _cylinder(point, n, angle, flat, reach, rng, inside=True)
-
-
-def _bumpy(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
-           rng: np.random.Generator) -> Bumpy:
-    into, axis = tilted(n, flat * angle, rng)
-    shortest = float(np.exp(rng.uniform(*np.log(WAVELENGTHS))))
-    bumps = Bumpy(point, -into, axis, 1.0, shortest, int(rng.integers(2**31)))
-    steepest = float(np.tan((1.0 - flat) * angle))
-    return Bumpy(point, -into, axis, max(steepest, 1e-6) / bumps.slope, shortest, bumps.seed)
+    return Cylinder(point, -into, axis, float(radius), kind == 2)
 
 
 def tilted(n: np.ndarray, angle: float, rng: np.random.Generator

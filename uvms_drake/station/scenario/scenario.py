@@ -187,8 +187,31 @@ class Scenario:
             require(type(fault) not in map(type, self.faults[:i]), f"faults[{i}]",
                     type(fault).__name__, "of a kind that is not declared twice")
         _check_simulator(self.simulator)
-        check_cost(self.duration, self.log_period, self.simulator.max_step_size,
-                   self.mpc.time_step, self.mpc.horizon)
+        self.check_cost(self.simulator.max_step_size)
+
+    def check_cost(self, max_step_size: float) -> None:
+        """Raises `InvalidParameter` for the first size that makes a run too large.
+
+        Args:
+            max_step_size: Largest step of the integrator [s].
+        """
+        horizon = float(self.mpc.horizon)
+        plan = PLAN_BYTES * horizon**2
+        require(plan <= MOST_BYTES, "mpc.horizon", self.mpc.horizon,
+                f"at most {(MOST_BYTES / PLAN_BYTES) ** 0.5:.0f}: one plan would take "
+                f"{plan / 1e9:.2g} GB of memory")
+        memory, hours = "GB of memory", "hours"
+        for key, period, cost, most, unit in (
+                ("log_period", self.log_period, SAMPLE_BYTES / 1e9, MOST_BYTES / 1e9, memory),
+                ("simulator.max_step_size", max_step_size, STEP_SECONDS / 3600.0, MOST_HOURS,
+                 hours),
+                ("mpc.time_step", self.mpc.time_step, INTERVAL_SECONDS / 3600.0 * horizon,
+                 MOST_HOURS, hours)):
+            if period > 0.0:  # Other values are refused elsewhere.
+                total = self.duration / period * cost
+                require(total <= most, key, period,
+                        f"at least {self.duration * cost / most:.2g} s, or the duration shorter: "
+                        f"{self.duration:g} s would take about {total:.2g} {unit}")
 
     @property
     def law(self) -> str:
@@ -255,32 +278,6 @@ def _check_simulator(settings: SimulatorConfig) -> None:
             ("max_step_size", NotNegative), ("target_realtime_rate", NotNegative)):
         constraint.check(f"simulator.{key}", getattr(settings, key))
     require(settings.start_time == 0.0, "simulator.start_time", settings.start_time, "0")
-
-
-def check_cost(duration: float, log_period: float, max_step_size: float, time_step: float,
-               horizon: int) -> None:
-    """Raises `InvalidParameter` for the first size that makes a run too large.
-
-    Args:
-        duration: Simulated time [s].
-        log_period: Time between two samples of the log [s].
-        max_step_size: Largest step of the integrator [s].
-        time_step: Time between two plans [s].
-        horizon: Number of intervals of a plan.
-    """
-    plan = PLAN_BYTES * float(horizon) * float(horizon)
-    require(plan <= MOST_BYTES, "mpc.horizon", horizon,
-            f"at most {(MOST_BYTES / PLAN_BYTES) ** 0.5:.0f}: one plan would take "
-            f"{plan / 1e9:.2g} GB of memory")
-    for key, period, cost, most, unit in (
-            ("log_period", log_period, SAMPLE_BYTES / 1e9, MOST_BYTES / 1e9, "GB of memory"),
-            ("simulator.max_step_size", max_step_size, STEP_SECONDS / 3600.0, MOST_HOURS, "hours"),
-            ("mpc.time_step", time_step, INTERVAL_SECONDS / 3600.0 * horizon, MOST_HOURS, "hours")):
-        if period > 0.0:  # Other values are refused elsewhere.
-            total = duration / period * cost
-            require(total <= most, key, period,
-                    f"at least {duration * cost / most:.2g} s, or the duration shorter: "
-                    f"{duration:g} s would take about {total:.2g} {unit}")
 
 
 def remarks(scenario: Scenario) -> list[str]:

@@ -1,4 +1,4 @@
-"""Remainders of the law `resolved`, beyond (1) of `resolved_image`, and their search problems."""
+"""Remainders of the law `resolved`, beyond (1) of `resolved`, and their search problems."""
 
 from dataclasses import dataclass, field
 

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.laws.outputs import vehicle_motion
+from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
@@ -103,33 +104,14 @@ def block_bounds(sums: Mapping[str, np.ndarray], size: int) -> list[BlockBounds]
         ("vehicle", np.arange(3)), ("attitude", np.arange(3, 6)), ("joints", np.arange(6, size)))]
 
 
-@dataclass(frozen=True)
-class TipFirstImage:
-    """Largest deviation of the real from the nominal, per channel."""
-
-    nu1: float
-    """Largest ‖ν₁ − ν̄₁‖₂ [m/s]."""
-    nu2: float
-    """Largest ‖ν₂ − ν̄₂‖₂ [rad/s]."""
-    qdot: float
-    """Largest ‖q̇ − q̄̇‖₂ [rad/s]."""
-    joints: float
-    """Largest ‖q − q̄‖₂ [rad]."""
-    orientation: float
-    """Largest ‖𝔬 − 𝔬̄‖₂ of the end-effector [rad]."""
-    u: np.ndarray
-    """Largest |𝔲ᵢ − ūᵢ| (6+n,) [m/s² (3), rad/s² (3+n)]."""
-    tau: np.ndarray | None
-    """Largest |τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)]; None if it is not needed."""
-    check: Check
-    """Makes the second search: all of it is estimated."""
-
-
 def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
                     blocks: list[BlockBounds], u_limits: np.ndarray,
                     settings: CertificateSettings, *, forces: bool,
-                    largest_rate: np.ndarray | float = np.inf) -> TipFirstImage:
-    """Returns the deviations over the declared set, in which J_sq is regular.
+                    largest_rate: np.ndarray | float, tip: float) -> tuple[TubeRadii, Check]:
+    """Returns the deviations over the declared set, in which J_sq is regular, and their check.
+
+    They are `joints` and `orientation`, and with the tip's position `e`; `nu1`, `nu2`, `qdot` and
+    `z`; `u` and, if it is needed, `tau`. All of them are estimated.
 
     Args:
         model: The prediction model.
@@ -140,6 +122,7 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
         settings: Search effort.
         forces: True if τ is needed.
         largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,), in addition to those by |ūᵢ|.
+        tip: Radius of the tip's position [m].
     """
     # The linear part, and the speeds that remain for a plan.
     size = model.size
@@ -148,12 +131,13 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
     limits = np.array([declared.nu1, declared.nu2, declared.qdot])
     if np.any(least >= limits):  # No speed remains for a plan.
         none = np.full(size, np.inf)
-        return TipFirstImage(
-            nu1=float(least[0]), nu2=float(least[1]), qdot=float(least[2]), joints=np.inf,
-            orientation=np.inf, u=none, tau=none if forces else None, check=check)
-    nu1, nu2, qdot = limits - least
+        nu1, nu2, qdot = map(float, least)
+        return TubeRadii(e=np.inf, joints=np.inf, orientation=np.inf, nu1=nu1, nu2=nu2, qdot=qdot,
+                         z=float(np.linalg.norm(least)), u=none,
+                         tau=none if forces else None), check
 
     # The remainders, over plans of these speeds and errors in balls by block.
+    nu1, nu2, qdot = limits - least
     declared = replace(declared, nu1=nu1, nu2=nu2, qdot=qdot)
     eye = np.eye(2 * size)
     parts: list[Part] = [(eye[:, block.rows + shift], radius) for block in blocks
@@ -170,9 +154,10 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
     u, tau = claim[5: 5 + size] + linear[:size], None
     if forces:
         tau = claim[5 + size:] + linear[size:]
-    return TipFirstImage(
-        nu1=float(claim[0]), nu2=float(claim[1]), qdot=float(claim[2]), joints=float(claim[3]),
-        orientation=float(claim[4]), u=u, tau=tau, check=together(check, check_search))
+    nu1, nu2, qdot, joints, orientation = map(float, claim[:5])
+    return TubeRadii(e=float(np.linalg.norm([tip, orientation, joints])), position=tip,
+                     joints=joints, orientation=orientation, z=float(np.linalg.norm(claim[:3])),
+                     nu1=nu1, nu2=nu2, qdot=qdot, u=u, tau=tau), together(check, check_search)
 
 
 class Arm(NamedTuple):
