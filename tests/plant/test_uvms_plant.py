@@ -47,7 +47,8 @@ def converted(robot, kind, output, **inputs):
     x[:4] = RollPitchYaw(0.7, -0.4, 2.1).ToQuaternion().wxyz()
     plant_context = plant.CreateDefaultContext()
     plant.SetPositionsAndVelocities(plant_context, x)
-    system = kind.AddToBuilder(builder, coordinates, name="order", plant_state=plant.get_state_output_port())
+    system = kind.AddToBuilder(builder, coordinates, name="order",
+                               plant_state=plant.get_state_output_port())
     context = system.CreateDefaultContext()
     for name, value in {"plant_state": x, **inputs}.items():
         system.GetInputPort(name).FixValue(context, value)

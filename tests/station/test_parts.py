@@ -143,8 +143,8 @@ class Swell(Disturbance):
 
     def add_to(self, builder, model, seed, signals):
         assert {"state", "e_y", "r"} <= set(signals)
-        return SinusoidalDisturbance(self.bound, np.eye(model.size)[0], 1.0).add_source(
-            builder, model.size).get_output_port()
+        own = SinusoidalDisturbance(self.bound, np.eye(model.size)[0], 1.0)
+        return builder.AddSystem(own.system(model.size)).get_output_port()
 
 
 def test_a_disturbance_of_ones_own_is_one_class():

@@ -1,12 +1,7 @@
 """Thrusters as systems: allocation of a wrench to commands, and the forces that follow them."""
 
 import numpy as np
-from pydrake.systems.framework import (
-    Context,
-    ContinuousState,
-    DiscreteValues,
-    State,
-)
+from pydrake.systems.framework import Context, ContinuousState, DiscreteValues, State
 
 from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.propulsion.allocation import Allocation

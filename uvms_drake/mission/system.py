@@ -4,11 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    EventStatus,
-)
+from pydrake.systems.framework import BasicVector, Context, EventStatus
 from pydrake.systems.framework import State as ContextState
 
 from uvms_drake.common.errors import require, vector

@@ -6,7 +6,7 @@ but not the controller. `make_uvms_plant` with `disturbance=None` has an input p
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -34,10 +34,6 @@ KINDS = ("along_r", "along_task_error", "leading", "predictive", "constant", "si
          "bang_bang", "per_channel")
 ROWS = {"all": slice(None), "position": slice(0, 3), "orientation": slice(3, 6),
         "joints": slice(6, None)}
-
-Kind = Literal[
-    "along_r", "along_task_error", "leading", "predictive", "constant", "sinusoid", "bang_bang",
-    "per_channel"]
 
 
 @dataclass

@@ -121,17 +121,11 @@ class OpenLoopDisturbance(Disturbance):
     def system(self, size: int, seed: int = 0) -> LeafSystem:
         """Returns a system without inputs and with one output port, `disturbance` (size)."""
 
-    def add_source(self, builder: DiagramBuilder, size: int, seed: int = 0,
-                   name: str = "disturbance") -> LeafSystem:
-        """Adds the system to `builder` and returns it."""
-        system = self.system(size, seed)
-        builder.AddNamedSystem(name, system)
-        return system
-
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
                signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds the source of d; see `Disturbance`."""
-        return self.add_source(builder, model.size, seed).get_output_port()
+        return builder.AddNamedSystem(
+            "disturbance", self.system(model.size, seed)).get_output_port()
 
 
 @dataclass

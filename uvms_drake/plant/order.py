@@ -1,7 +1,7 @@
 """Conversion between the orders of `MultibodyPlant` and of the paper; see `model.coordinates`."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import Context
 
 from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.coordinates import Coordinates
@@ -80,13 +80,11 @@ class ToDrakeOrder(WiredSystem):
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", coordinates.num_positions + coordinates.num_velocities)
         self._vector_port = self.DeclareVectorInputPort("paper_order", coordinates.size)
-        self.DeclareVectorOutputPort(
-            "drake_order", coordinates.num_velocities, self._calc_drake_order,
-            {self.all_input_ports_ticket()})
+        output_of(self, "drake_order", coordinates.num_velocities, self._in_drake_order,
+                  {self.all_input_ports_ticket()})
 
-    def _calc_drake_order(self, context: Context, output: BasicVector) -> None:
+    def _in_drake_order(self, context: Context) -> np.ndarray:
         if not self._vector_port.HasValue(context):
-            output.SetFromVector(np.zeros(self._coordinates.num_velocities))
-            return
-        output.SetFromVector(self._coordinates.vector_to_drake(
-            self._plant_state_port.Eval(context), self._vector_port.Eval(context)))
+            return np.zeros(self._coordinates.num_velocities)
+        return self._coordinates.vector_to_drake(
+            self._plant_state_port.Eval(context), self._vector_port.Eval(context))

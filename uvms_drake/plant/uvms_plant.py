@@ -152,7 +152,8 @@ def make_uvms_plant(
         builder.ExportInput(d_source.get_input_port(), "disturbance")
     else:
         with within("disturbance"):
-            d_source = disturbance.add_source(builder, coordinates.size, seed)
+            d_source = builder.AddNamedSystem(
+                "disturbance", disturbance.system(coordinates.size, seed))
     builder.Connect(d_source.get_output_port(), d_drake.GetInputPort("paper_order"))
 
     # The water, through which everything acts on the plant.

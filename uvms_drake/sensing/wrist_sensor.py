@@ -30,14 +30,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.alarm import warn
-from uvms_drake.common.constraints import (
-    AtMost,
-    Between,
-    NotNegative,
-    Positive,
-    Rate,
-    Vector,
-)
+from uvms_drake.common.constraints import AtMost, Between, NotNegative, Positive, Rate, Vector
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.keyed_random import normal_numbers

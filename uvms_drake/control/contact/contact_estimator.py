@@ -5,12 +5,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from pydrake.systems.framework import (
-    CacheEntry,
-    Context,
-    DiscreteValues,
-    EventStatus,
-)
+from pydrake.systems.framework import CacheEntry, Context, DiscreteValues, EventStatus
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite

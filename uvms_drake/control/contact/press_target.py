@@ -16,10 +16,7 @@ control/contact/theory.md#retreat-without-readings. The target is in no limit of
 import math
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-)
+from pydrake.systems.framework import BasicVector, Context
 
 from uvms_drake.common.errors import require, unit_vector, vector
 from uvms_drake.common.finite import is_finite

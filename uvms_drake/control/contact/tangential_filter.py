@@ -13,11 +13,7 @@ control/contact/theory.md#tangential-filter.
 """
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-)
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.common.finite import is_finite

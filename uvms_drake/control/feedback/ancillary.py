@@ -18,6 +18,7 @@ from pydrake.systems.framework import Context
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
@@ -123,7 +124,7 @@ class AncillaryFeedback(WiredSystem):
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw, limits: Limits | None = None):
         super().__init__()
-        law.check()
+        check_values(law)
         self._model, self._law = model, law
         self._limits = None if limits is None else _input_limits(limits, model.num_joints)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)

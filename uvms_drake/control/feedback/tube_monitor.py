@@ -24,6 +24,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
+from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
@@ -135,7 +136,7 @@ class TubeMonitor(WiredSystem):
                  along_run: bool = True, period: float = 0.01,
                  begin: float = 0.0, slack: float = 1e-6, floor: float = FLOOR):
         super().__init__()
-        law.check()
+        check_values(law)
         require(0.0 <= d_bound < np.inf, "d_bound", d_bound, "zero or positive")
         require(0.0 <= period < np.inf, "period", period, "zero or positive")
         require(0.0 <= begin < np.inf, "begin", begin, "zero or positive")
