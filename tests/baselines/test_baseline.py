@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from support.baseline_press import ROBOT, task
+from support.baseline_press import ROBOT, run, task
 
+import uvms_drake as uv
 from uvms_drake.baselines.baseline import (
     BASELINES,
     ApproachGains,
@@ -13,9 +14,12 @@ from uvms_drake.baselines.baseline import (
     read_gains,
     robots_with_gains,
 )
-from uvms_drake.baselines.law import PERIOD, Law, PressTask, integrated
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.uvms_model import UvmsModel, read_uvms
+from uvms_drake.baselines.law import PERIOD, Law, Measured, PressTask, Reference, integrated
+from uvms_drake.baselines.prescribed_performance import (
+    PrescribedPerformance,
+    funnel,
+    transformed,
+)
 
 X = np.array([1.0, 0.0, 0.0])
 
@@ -48,7 +52,7 @@ class Constant(Law):
 
 def pressing(laws, gains):
     """A baseline with its tip a decimetre in front of the place, touched by 5 N; its simulator."""
-    model, pressed = UvmsModel(read_uvms(ROBOT)), task()
+    model, pressed = uv.UvmsModel(uv.read_uvms(ROBOT)), task()
     baseline = Baseline(model, pressed, laws, gains)
     simulator = Simulator(baseline)
     context = simulator.get_mutable_context()
@@ -109,7 +113,7 @@ def test_an_integral_is_clamped_and_does_not_wind_up():
 @pytest.mark.parametrize("robot", ["girona500_arm5e", "bluerov2_alpha5"])
 def test_every_law_holds_either_robot_at_rest(robot):
     """Without contact and at its reference, τ is that of rest; told nothing, it is zero."""
-    gains, model = read_gains(robot), UvmsModel(read_uvms(robot))
+    gains, model = read_gains(robot), uv.UvmsModel(uv.read_uvms(robot))
     posture = 0.5 * (model.q_lower + model.q_upper)
     at = PressTask(X, np.zeros(3), np.zeros(3), posture, 5.0)
     config = model.configuration(np.concatenate([np.zeros(6), posture]))
@@ -131,7 +135,111 @@ def test_every_law_holds_either_robot_at_rest(robot):
 
 def test_a_robot_without_gains_and_a_direction_of_no_unit_length_are_refused():
     assert set(robots_with_gains()) == {ROBOT, "bluerov2_alpha5"}
-    with pytest.raises(InvalidParameter, match="one with gains of the baselines"):
+    with pytest.raises(uv.InvalidParameter, match="one with gains of the baselines"):
         read_gains("box_uvms")
-    with pytest.raises(InvalidParameter, match="a unit vector"):
+    with pytest.raises(uv.InvalidParameter, match="a unit vector"):
         PressTask(2.0 * X, np.zeros(3), np.zeros(3), task().posture, 5.0)
+
+
+# The impedance of the tip is the one that was asked for.
+
+
+def test_the_tip_yields_as_the_stiffness_says_and_as_damped_as_stated():
+    """A pull F moves the tip by F/K_d, along the step response of Λ ẍ + D ẋ + K x = F."""
+    gains, pull = read_gains(ROBOT), 1.0  # N; the posture hardly changes.
+    gains.approach.wait = 100.0  # The reference stands still, and so does the vehicle.
+    gains.hold.k = gains.hold.sigma = 10.0
+    press = run(BASELINES["impedance"](gains), gains, seconds=2.5, pull=pull)
+    moved = np.array([now.x - press.now[0].x for now in press.now])
+    due = pull / gains.impedance.stiffness
+    assert moved[-1] == pytest.approx([due, 0.0, 0.0], abs=0.05 * due)
+    first = press.now[0]
+    J, M = first.J[:, 6:], first.M[6:, 6:]
+    inverse = J @ np.linalg.solve(M, J.T)  # Λ⁻¹ of the arm.
+    D = np.diag([gains.impedance.damping, *[gains.impedance.damping_across] * 2])
+    x, v, step, due_step = np.zeros(3), np.zeros(3), 1e-3, []
+    for _ in range(round(press.time[-1] / step) + 1):
+        due_step.append(x)
+        v = v + step * inverse @ (
+            [pull, 0.0, 0.0] - gains.impedance.stiffness * x - D @ v)
+        x = x + step * v
+    due_step = np.array(due_step)[::20]
+    assert moved[:, 0] == pytest.approx(due_step[: len(moved), 0], abs=0.05 * due)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["impedance", "admittance"])
+def test_the_force_has_no_steady_error(name):
+    gains = read_gains(ROBOT)
+    press = run(BASELINES[name](gains), gains, seconds=6.0, depth=0.005)
+    assert press.now[-1].force == pytest.approx(20.0, rel=0.02)
+
+
+# Funnels are kept in the loop of the theory, whatever the gains; elsewhere exits are counted.
+
+
+def of_theory(scale: float):
+    """Returns gains for a wrench without limit on all axes, those of the law scaled."""
+    gains = read_gains(ROBOT)
+    gains.largest = np.full(10, 1e6)
+    performance = gains.performance
+    performance.velocity_gain[3] = performance.velocity_gain[5]
+    for name in ("force_gain", "position_gain", "velocity_gain"):
+        setattr(performance, name, scale * getattr(performance, name))
+    return gains
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scale", "gravity"), [
+    (1.0, False), (3.0, False), pytest.param(0.3, True, marks=pytest.mark.long)])
+def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gravity):
+    """From contact, with f_d − f within ρ₀. Gains of 0.3 alone need a ξ beyond its clamp."""
+    gains = of_theory(scale)
+    laws = BASELINES["prescribed_performance_gravity"](gains) if gravity else {
+        "law": PrescribedPerformance(gains.performance, 10)}
+    press = run(laws, gains, seconds=1.2, depth=0.016, step=0.001)
+    assert press.memory[-1, 0] == 0.0
+    assert min(now.force for now in press.now) > 0.0
+
+
+def test_an_exit_is_counted_once_and_the_command_stays_finite():
+    law, model = PrescribedPerformance(read_gains(ROBOT).performance, 10), uv.UvmsModel(
+        uv.read_uvms(ROBOT))
+    pressed = task()
+    config = model.configuration(np.concatenate([[0.01, 0.5, 0.0], np.zeros(3), pressed.posture]))
+    now = Measured(model, pressed, 1.0, config, np.zeros(10), np.array([90.0, 0, 0, 0, 0, 0]),
+                   Reference(np.zeros(3), np.zeros(3), 20.0, True, 0.0))
+    first = law.updated(now, np.zeros(law.memory), False)
+    assert first[0] >= 2.0 and first[1] == 1.0  # Of the force, and of the position.
+    assert law.updated(now, first, False)[0] == first[0]
+    assert np.all(np.isfinite(law.tau(now, first)))
+
+
+def test_a_funnel_narrows_and_the_transformed_error_rises_without_bound_inside():
+    assert funnel(3.0, 1.0, 2.0, 0.0) == 3.0
+    assert funnel(3.0, 1.0, 2.0, 50.0) == pytest.approx(1.0)
+    xi = np.array([0.0, 0.5, 0.9])
+    assert transformed(xi, np.ones(3)) == pytest.approx(np.log((1 + xi) / (1 - xi)))
+    assert np.all(np.isfinite(transformed(np.array([5.0, -5.0]), np.ones(2))))
+
+
+# Sliding is reached, and the parallel composition has no steady error of the force.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "stiffness"), [
+    ("sliding_decoupled", 1000.0),
+    pytest.param("sliding_decoupled", 5000.0, marks=pytest.mark.long),
+    pytest.param("sliding_coupled", 1000.0, marks=pytest.mark.long)])
+def test_sliding_is_reached_and_the_force_is_exact(name, stiffness):
+    gains = read_gains(ROBOT)
+    if name == "sliding_coupled":  # Here no thruster lags: the gains of the decoupled law.
+        gains.coupled.integral, gains.coupled.rate = gains.decoupled.integral, gains.decoupled.rate
+    laws = BASELINES[name](gains)
+    press = run(laws, gains, seconds=12.0, stiffness=stiffness, depth=15.0 / stiffness,
+                step=0.01)
+    law = laws["law"]
+    reached = [np.max(np.abs(law.surface(now, memory))) <= law.gains.layer
+               for now, memory in zip(press.now, press.memory, strict=True)]
+    assert all(reached[-100:])
+    assert press.now[-1].force == pytest.approx(20.0, rel=0.02)

@@ -7,14 +7,13 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+import uvms_drake as uv
 from uvms_drake.benchmark.cases import CASES, ROBOTS, Case, drawn_case
-from uvms_drake.benchmark.controllers import CONTROLLERS, declared_to
+from uvms_drake.benchmark.controllers import CONTROLLERS
 from uvms_drake.benchmark.press import AfterTouch, Course, Trace, measure, run_press
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.solvers import make_solver
-from uvms_drake.station.problem import load_model, true_surface
-from uvms_drake.station.scenario.contact import SensedContact
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.scenario import dump_scenario
 
 GIRONA = "girona500_arm5e"
@@ -27,7 +26,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def model(scenario):
-    return load_model(scenario)
+    return uv.load_model(scenario)
 
 
 def traced(scenario, model, time, force, *, ended="", steps=(1.0,), surge=0.0, **signals):
@@ -128,7 +127,7 @@ def test_cases_share_their_draw_and_differ_as_named(scenario):
 @pytest.mark.parametrize("case", CASES.values(), ids=lambda case: case.name)
 def test_every_case_can_be_drawn(robot, case):
     scenario, course = drawn_case(robot, case, 1, 0)
-    assert isinstance(scenario.contact, SensedContact)
+    assert isinstance(scenario.contact, uv.SensedContact)
     assert scenario.duration == pytest.approx(course.latest + course.after)
     assert (scenario.disturbance.label == "impulse") == (case.name == "impulse")
 
@@ -144,7 +143,7 @@ def test_the_nominal_mpc_sends_its_plan_from_the_measured_state(monkeypatch):
 
     monkeypatch.setattr(SequentialConvexSolver, "solve", recording)
     scenario, _ = drawn_case(GIRONA, CASES["ideal"], 1, 0)
-    model = load_model(scenario)
+    model = uv.load_model(scenario)
     controller = CONTROLLERS["nominal_mpc"](scenario, model)
     simulator = Simulator(controller)
     context = simulator.get_mutable_context()
@@ -154,7 +153,7 @@ def test_the_nominal_mpc_sends_its_plan_from_the_measured_state(monkeypatch):
         controller.GetInputPort(name).FixValue(context, value)
     simulator.Initialize()
     ((ocp, solution),) = found
-    other = make_solver(ocp, "snopt").solve(solution.plan)
+    other = uv.make_solver(ocp, "snopt").solve(solution.plan)
     assert other.converged
     assert solution.evaluation.cost == pytest.approx(other.evaluation.cost, rel=1e-6)
     planned = controller.GetOutputPort("nominal_input").Eval(context)
@@ -177,16 +176,10 @@ def test_the_observer_removes_the_steady_error_of_a_nominal_mpc():
         "surface_error.stiffness=0.5", "model_error.mass=1.1",
         "disturbance=!ConstantDisturbance {bound: 0.02}"), ideal=True)
     scenario, course = drawn_case(GIRONA, wrong, 977, 0)
-    model, errors = load_model(scenario), {}
+    model, errors = uv.load_model(scenario), {}
     for name in ("nominal_mpc", "nominal_mpc_offset_free"):
         trace = run_press(scenario, model, CONTROLLERS[name](scenario, model), course)
         last = trace.time > trace.time[-1] - 1.0
         errors[name] = np.mean(trace.signals["force"][last, 0]) - scenario.task.force[0]
     assert abs(errors["nominal_mpc"]) > 1.0
     assert errors["nominal_mpc_offset_free"] == pytest.approx(0.0, abs=0.02)
-
-
-def test_data_of_a_controller_are_listed_once_and_unknown_for_ones_own():
-    assert declared_to("sliding_decoupled", GIRONA) == ["direction", "model"]
-    assert "model" not in declared_to("prescribed_performance", GIRONA)
-    assert declared_to("my_law.py", GIRONA) == ["not known"]

@@ -5,15 +5,15 @@ from pathlib import Path
 import pytest
 from support.campaigns import RUNS, SHORT
 
+import uvms_drake as uv
 from uvms_drake.campaign.campaign import Campaign, make_campaign
 from uvms_drake.campaign.run import run_one
 from uvms_drake.command.main import main
-from uvms_drake.station.scenario.scenario import load_scenario
 
 
 @pytest.fixture(scope="session")
 def campaign() -> Campaign:
-    return make_campaign(load_scenario("girona500_contact", ["duration=0.6"]), 3, None)
+    return make_campaign(uv.load_scenario("girona500_contact", ["duration=0.6"]), 3, None)
 
 
 @pytest.fixture(scope="session")

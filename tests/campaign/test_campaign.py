@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.campaigns import RUNS, SHORT, refusal
 
+import uvms_drake as uv
 from uvms_drake.campaign.campaign import SETUP_FILE, make_campaign, read_setup
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE
 from uvms_drake.campaign.harness import RUNS_FILE, runs
@@ -17,9 +18,7 @@ from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.summary import all_well, summarise_campaign
 from uvms_drake.command.drawn_runs import drawable, replayed
 from uvms_drake.command.main import main
-from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.output import MANIFEST_FILE
-from uvms_drake.station.scenario.scenario import load_scenario
 
 pytestmark = pytest.mark.slow
 
@@ -93,9 +92,9 @@ def test_the_folder_of_another_campaign_is_refused_before_anything_is_certified(
 
 
 def test_another_program_runs_nothing(campaign, reference, monkeypatch, capsys):
-    with pytest.raises(RunFailed, match="this package is not as it was"):
+    with pytest.raises(uv.RunFailed, match="this package is not as it was"):
         run_one(replace(campaign, source="0" * 64), 0)
-    with pytest.raises(RunFailed, match="a version is not"):
+    with pytest.raises(uv.RunFailed, match="a version is not"):
         run_one(replace(campaign, versions={"drake": "0.1"}), 0)
     monkeypatch.setattr("uvms_drake.campaign.campaign.source_digest", lambda: "1" * 64)
     assert main(["campaign", "--output", str(reference), "--replay", "2"]) == 1
@@ -105,7 +104,7 @@ def test_another_program_runs_nothing(campaign, reference, monkeypatch, capsys):
 
 def test_without_a_bound_every_run_counts():
     """There is nothing that d̃ would have to cover."""
-    campaign = make_campaign(load_scenario("girona500_real_loop", ["duration=0.3"]), 3, None)
+    campaign = make_campaign(uv.load_scenario("girona500_real_loop", ["duration=0.3"]), 3, None)
     result = run_one(campaign, 0)
     assert result["error"] is None
     assert result["inside"] and result["worst_disturbance"] is None
@@ -118,7 +117,7 @@ def test_without_a_bound_every_run_counts():
 @pytest.mark.long
 def test_many_runs_stay_within_every_bound(tmp_path):
     """The whole campaign has a hundred runs; these are of the declared tube, which is certified."""
-    campaign = make_campaign(drawable(load_scenario("girona500_contact")), 0, None)
+    campaign = make_campaign(drawable(uv.load_scenario("girona500_contact")), 0, None)
     results = runs(range(MANY), partial(run_one, campaign), tmp_path, local_pool())
     summary = summarise_campaign(campaign, results)
     assert all_well(summary), summary["counts"]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import uvms_drake as uv
 from uvms_drake.campaign.drawn_contact import (
     FARTHEST,
     FORCES,
@@ -16,16 +17,13 @@ from uvms_drake.campaign.drawn_contact import (
     steepest_friction,
     tips,
 )
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
-from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.contact.drawn_surfaces import is_member
-from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.step_size import friction_rate, with_step
+from uvms_drake.station.problem import first_problem
+from uvms_drake.station.step_size import friction_rate
 from uvms_drake.tube.terminal_set import TerminalLoop
 
 pytestmark = pytest.mark.long
@@ -33,15 +31,15 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture(scope="module")
 def base():
-    return load_scenario("girona500_contact")
+    return uv.load_scenario("girona500_contact")
 
 
 @pytest.fixture(scope="module")
 def ocp(base):
     """The problem at t = 0, with the safe region before any contact."""
-    model = load_model(base)
-    problem = make_ocp(base, model)
-    return first_problem(base, problem, start_state(base, problem))
+    model = uv.load_model(base)
+    problem = uv.make_ocp(base, model)
+    return first_problem(base, problem, uv.start_state(base, problem))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +49,7 @@ def drawn(base, ocp):
 
 
 def test_a_wall_that_is_known_is_not_drawn_anew():
-    scenario = load_scenario("girona500_ideal")
+    scenario = uv.load_scenario("girona500_ideal")
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
     assert drawn_contact(scenario, None, rng) is scenario
@@ -102,16 +100,16 @@ def test_the_step_is_short_enough_for_the_friction(drawn, base, ocp):
     config = ocp.model.configuration(ocp.y_des)
     rates = [friction_rate(scenario, ocp.model, config) for scenario in drawn]
     assert max(rates) == pytest.approx(friction_rate(base, ocp.model, config))
-    with_step(drawn[int(np.argmax(rates))], ocp.model)
+    uv.with_step(drawn[int(np.argmax(rates))], ocp.model)
     # With a given step friction is no steeper than that resolves.
-    base = load_scenario("girona500_contact", ["simulator.max_step_size=0.002"])
+    base = uv.load_scenario("girona500_contact", ["simulator.max_step_size=0.002"])
     smooth = replace(base, surface=replace(base.surface, friction=0.0))
     steepest = steepest_friction(smooth, ocp)
     unit = friction_rate(replace(base, surface=replace(base.surface, creep=1.0)), ocp.model, config)
     just = replace(base.surface, creep=1.001 * unit / steepest)
-    with_step(replace(base, surface=just), ocp.model)
-    with pytest.raises(InvalidParameter, match="max_step_size"):
-        with_step(replace(base, surface=replace(just, creep=0.9 * just.creep)), ocp.model)
+    uv.with_step(replace(base, surface=just), ocp.model)
+    with pytest.raises(uv.InvalidParameter, match="max_step_size"):
+        uv.with_step(replace(base, surface=replace(just, creep=0.9 * just.creep)), ocp.model)
 
 
 def test_what_is_followed_is_followed_late(ocp):
@@ -132,7 +130,7 @@ def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_
     contact, stiffness = sensed_contact(base), 150.0
     most = contact.walls.share * contact.stiffness
     start, _ = tips(base, ocp)
-    speed, pressing = pace(base, ocp, ShapedSurface(law=Linear(stiffness)), force)
+    speed, pressing = pace(base, ocp, uv.ShapedSurface(law=Linear(stiffness)), force)
     room = ocp.aim.target[0] - SEARCH_DEPTH - start[0]
     now = np.linspace(0.0, force - base.task.force_tolerance, 20001)
     way = np.minimum(room - now / most, (force - now) / (2.0 * stiffness))

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import uvms_drake as uv
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.draws import POSE_REACH, declared_distribution, drawn_unknowns, vary
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.plant.waves import Wave
-from uvms_drake.station.problem import make_ocp, start_state
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +34,7 @@ def test_a_run_is_a_function_of_seed_and_index(campaign, drawn):
 def test_draws_are_inside_of_the_bounds_and_come_in_all_kinds(campaign, drawn):
     base = campaign.base
     for scenario in drawn:
-        start_state(scenario, make_ocp(scenario))  # It raises outside of the nominal limits.
+        uv.start_state(scenario, uv.make_ocp(scenario))  # It raises outside of the nominal limits.
         assert np.all(np.abs(scenario.start.eta - base.start.eta) <= POSE_REACH)
         assert scenario.disturbance.bound == base.disturbance.bound
         np.testing.assert_array_equal(scenario.disturbance.weights, base.disturbance.weights)
@@ -50,18 +49,18 @@ def test_a_drawn_scenario_goes_through_a_file(drawn, tmp_path):
                  if isinstance(scenario.disturbance, AdversarialDisturbance))
     file = tmp_path / "aimed.yaml"
     file.write_text(dump_scenario(aimed), encoding="utf-8")
-    assert dump_scenario(load_scenario(str(file))) == dump_scenario(aimed)
+    assert dump_scenario(uv.load_scenario(str(file))) == dump_scenario(aimed)
 
 
 def test_a_base_that_cannot_be_used_says_so(campaign):
     text = campaign.scenario.replace("force: [20.0", "force: [900.0")
-    with pytest.raises(InvalidParameter, match=r"task\.force"):
+    with pytest.raises(uv.InvalidParameter, match=r"task\.force"):
         vary(replace(campaign, scenario=text), 0)
 
 
 def test_unknowns_are_drawn_up_to_their_size_where_they_are_declared():
     """Errors of either sign and currents of any direction; exact values stay exact."""
-    scenario = load_scenario(REAL, ["model_error.payload.mass=0.2"])
+    scenario = uv.load_scenario(REAL, ["model_error.payload.mass=0.2"])
     drawn = [drawn_unknowns(scenario.unknowns, np.random.default_rng(seed)) for seed in range(200)]
     masses = np.array([each.error.mass for each in drawn])
     assert np.all(np.abs(masses - 1.0) <= 0.1 + 1e-12)
@@ -73,7 +72,7 @@ def test_unknowns_are_drawn_up_to_their_size_where_they_are_declared():
     assert 0.0 <= min(payloads) < 0.02 < 0.18 < max(payloads) <= 0.2
     assert all(each.error.drag == each.error.added_mass == 1.0 for each in drawn)
     # Waves and friction are drawn after the others, which they leave as they are.
-    wavy = load_scenario(REAL, [
+    wavy = uv.load_scenario(REAL, [
         "model_error.payload.mass=0.2", "waves=[{amplitude: 0.1, period: 6.0}]",
         "model_error.joint_friction.static=[0.5]"])
     more = [drawn_unknowns(wavy.unknowns, np.random.default_rng(seed)) for seed in range(20)]
@@ -86,7 +85,7 @@ def test_unknowns_are_drawn_up_to_their_size_where_they_are_declared():
 
 
 def test_errors_of_thrusters_are_drawn_one_by_one_and_leave_every_other_draw_as_it_is():
-    plain, wrong = ([vary(make_campaign(load_scenario(REAL, more), 1, None), index)
+    plain, wrong = ([vary(make_campaign(uv.load_scenario(REAL, more), 1, None), index)
                      for index in range(2)] for more in ([], ["actuation.1.error=[0.1]"]))
     errors = np.array([scenario.actuation[1].error for scenario in wrong])
     assert errors.shape == (2, 5) and len(np.unique(np.abs(errors))) > 3
@@ -107,7 +106,7 @@ def test_errors_of_thrusters_are_drawn_one_by_one_and_leave_every_other_draw_as_
      ("mission, the same in every run: approach ", "at (-0.2, 0.06) m",
       "slide force 10 N, along (0.5, 0) m, speed 0.02 m/s", "wherever the mission may"))])
 def test_the_distribution_is_told_with_the_scenarios_own_sizes(scenario, overrides, parts):
-    text = "\n".join(declared_distribution(load_scenario(scenario, overrides)))
+    text = "\n".join(declared_distribution(uv.load_scenario(scenario, overrides)))
     for part in parts:
         assert part in text, part
     assert ("waves" in text) == bool(overrides)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from support.workers import process_of, square
 
+import uvms_drake as uv
 from uvms_drake.campaign.harness import RUNS_FILE, runs, stored
 from uvms_drake.campaign.pool import (
     ONE_THREAD,
@@ -22,7 +23,6 @@ from uvms_drake.campaign.pool import (
     make_pool,
     run_all,
 )
-from uvms_drake.common.errors import InvalidParameter, RunFailed
 
 TESTS = Path(__file__).parents[1]
 SQUARES = [{"square": cell**2} for cell in range(8)]
@@ -109,12 +109,12 @@ def test_cells_may_be_tuples_and_a_result_may_be_repeated(tmp_path):
 
 def test_a_folder_in_use_or_that_cannot_be_written_to_is_refused(tmp_path):
     def again(text, done):
-        with pytest.raises(InvalidParameter, match="no other process"):
+        with pytest.raises(uv.InvalidParameter, match="no other process"):
             runs([1], square, tmp_path, pool_of(Here()))
 
     assert runs([0], square, tmp_path, pool_of(Here()), progress=again)
     (tmp_path / "file").touch()
-    with pytest.raises(InvalidParameter, match="can be written to"):
+    with pytest.raises(uv.InvalidParameter, match="can be written to"):
         runs([0], square, tmp_path / "file", pool_of(Here()))
 
 
@@ -168,7 +168,7 @@ def test_workers_that_always_die_are_given_up():
     def dies(cell):
         raise OSError("gone")
 
-    with pytest.raises(RunFailed, match=r"die before any run comes back \(of 2 runs: 0, 1\): gone"):
+    with pytest.raises(uv.RunFailed, match=r"die before any run .* \(of 2 runs: 0, 1\): gone"):
         list(run_all(dies, [0, 1], pool_of(Here())))
 
 
@@ -193,7 +193,7 @@ def test_a_run_that_takes_its_worker_with_it_comes_last_and_is_named(number):
 
     found = run_all(square, range(5), Pool(pool, number))
     assert {next(found)[0] for _ in range(4)} == {1, 2, 3, 4}
-    with pytest.raises(RunFailed, match=r"of 1 runs: 0\)"):
+    with pytest.raises(uv.RunFailed, match=r"of 1 runs: 0\)"):
         next(found)
 
 
@@ -210,8 +210,8 @@ def test_a_cluster_gives_the_same_and_its_killed_worker_is_replaced(tmp_path):
 
 
 def test_a_number_of_workers_that_cannot_be_and_no_scheduler_are_refused(monkeypatch):
-    with pytest.raises(InvalidParameter, match="at least 1"):
+    with pytest.raises(uv.InvalidParameter, match="at least 1"):
         make_pool(0, None)
     monkeypatch.setattr("uvms_drake.campaign.pool.CONNECT_SECONDS", 0.5)
-    with pytest.raises(InvalidParameter, match="--scheduler"):
+    with pytest.raises(uv.InvalidParameter, match="--scheduler"):
         make_pool(None, "tcp://127.0.0.1:1")

@@ -2,12 +2,10 @@
 
 import dataclasses
 import pydoc
-from typing import NamedTuple
 
 import pytest
 
 import uvms_drake as uv
-from uvms_drake.common.attribute_docs import describe_attributes
 
 
 @pytest.mark.parametrize("kind", [
@@ -22,14 +20,3 @@ def test_a_kind_inherits_the_descriptions_that_it_does_not_replace():
     text = uv.surfaces.Hardening.__doc__
     assert "transition: Depth w over which" in text
     assert text.count("\n    stiffness: ") == 1
-
-
-def test_a_class_from_elsewhere_stays_as_it_is():
-    class Elsewhere(NamedTuple):
-        """Nothing of ours."""
-
-        size: int
-        """Size."""
-
-    describe_attributes(Elsewhere)
-    assert Elsewhere.__doc__ == "Nothing of ours."

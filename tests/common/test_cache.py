@@ -33,20 +33,6 @@ def test_a_second_call_returns_the_same_without_computing():
     assert compute.calls == 1
 
 
-def test_another_key_is_computed_again():
-    compute = Counter()
-    for key in ({"seed": 0}, {"seed": 1}, {"seed": 0, "limits": [1.0, 2.0]}):
-        cached(key, compute)
-    assert compute.calls == 3
-
-
-def test_the_order_of_a_keys_entries_makes_no_difference():
-    compute = Counter()
-    cached({"a": 1, "b": 2}, compute)
-    cached({"b": 2, "a": 1}, compute)
-    assert compute.calls == 1
-
-
 def test_another_source_of_the_package_computes_again(monkeypatch):
     compute = Counter()
     cached({}, compute)
@@ -79,11 +65,6 @@ def test_a_corrupt_file_is_computed_again_and_repaired(folder, damage):
     assert cached({"seed": 0}, compute) == VALUE
     assert cached({"seed": 0}, compute) == VALUE
     assert compute.calls == 2
-
-
-def test_nothing_half_written_is_left(folder):
-    cached({"seed": 0}, Counter())
-    assert [path.suffix for path in folder.iterdir()] == [".json"]
 
 
 def test_a_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):

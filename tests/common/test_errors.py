@@ -3,25 +3,13 @@
 import numpy as np
 import pytest
 
-from uvms_drake.common.errors import (
-    InvalidParameter,
-    require,
-    symmetric_matrix,
-    unit_vector,
-    vector,
-    within,
-)
-
-
-def test_the_message_names_key_value_and_what_is_allowed():
-    error = InvalidParameter("surface.stiffness", -3.0, "positive")
-    assert str(error) == "surface.stiffness = -3.0: must be positive"
-    assert (error.key, error.value, error.allowed) == ("surface.stiffness", -3.0, "positive")
+import uvms_drake as uv
+from uvms_drake.common.errors import require, symmetric_matrix, unit_vector, vector, within
 
 
 @pytest.mark.parametrize("value", [np.eye(6), np.arange(100.0)])
 def test_the_message_is_one_line_for_any_array(value):
-    message = str(InvalidParameter("key", value, "small"))
+    message = str(uv.InvalidParameter("key", value, "small"))
     assert "\n" not in message
     assert message.endswith(": must be small")
     assert len(message) < 300
@@ -29,7 +17,7 @@ def test_the_message_is_one_line_for_any_array(value):
 
 def test_what_is_allowed_is_one_line_too():
     """Arrays in it break lines as they like."""
-    error = InvalidParameter("key", 1.0, f"within {np.linspace(-1.0, 1.0, 40)},\n   see there")
+    error = uv.InvalidParameter("key", 1.0, f"within {np.linspace(-1.0, 1.0, 40)},\n   see there")
     assert "\n" not in str(error)
     assert "  " not in error.allowed
     assert str(error).endswith(f": must be {error.allowed}")
@@ -37,25 +25,11 @@ def test_what_is_allowed_is_one_line_too():
     assert error.allowed.endswith("1. ], see there")
 
 
-def test_a_caller_may_catch_it_as_value_error():
-    with pytest.raises(ValueError, match="key = 1: must be two"):
-        require(False, "key", 1, "two")
-
-
-def test_require_is_silent_if_the_condition_holds():
-    assert require(True, "key", 1, "one") is None
-
-
 def test_within_prepends_the_path_from_outside_in():
-    with pytest.raises(InvalidParameter) as caught, within("bodies"), within("link1"):
+    with pytest.raises(uv.InvalidParameter) as caught, within("bodies"), within("link1"):
         require(False, "volume", -1, "positive")
     assert caught.value.key == "bodies.link1.volume"
     assert str(caught.value) == "bodies.link1.volume = -1: must be positive"
-
-
-def test_within_leaves_other_exceptions_alone():
-    with pytest.raises(KeyError, match="volume"), within("bodies"):
-        raise KeyError("volume")
 
 
 def test_vector_returns_a_float_copy():
@@ -70,24 +44,19 @@ def test_vector_returns_a_float_copy():
     "value", [[1.0, 2.0], [[1.0, 2.0, 3.0]], 1.0, [1.0, np.nan, 0.0], [1.0, 2.0, np.inf],
               ["a", "b", "c"], None, [[1.0], [2.0, 3.0]]])
 def test_vector_refuses_all_but_finite_numbers_of_the_size(value):
-    with pytest.raises(InvalidParameter, match=r"^key = .*: must be 3 finite numbers$"):
+    with pytest.raises(uv.InvalidParameter, match=r"^key = .*: must be 3 finite numbers$"):
         vector("key", value, 3)
 
 
 def test_symmetric_matrix_says_that_a_matrix_is_not_symmetric():
-    with pytest.raises(InvalidParameter, match=r"definite 2×2 matrix \(it is not symmetric\)"):
+    with pytest.raises(uv.InvalidParameter, match=r"definite 2×2 matrix \(it is not symmetric\)"):
         symmetric_matrix("K", [[1.0, 0.1], [0.0, 1.0]], 2, definite=True)
-
-
-def test_symmetric_matrix_names_the_offending_eigenvalue():
-    with pytest.raises(InvalidParameter, match=r"its smallest eigenvalue is -1\b"):
-        symmetric_matrix("K", [[1.0, 2.0], [2.0, 1.0]], 2, definite=False)
 
 
 def test_only_a_semidefinite_demand_accepts_a_singular_matrix():
     singular = np.diag([1.0, 0.0])
     np.testing.assert_array_equal(symmetric_matrix("K", singular, 2, definite=False), singular)
-    with pytest.raises(InvalidParameter, match="positive definite"):
+    with pytest.raises(uv.InvalidParameter, match="positive definite"):
         symmetric_matrix("K", singular, 2, definite=True)
 
 
@@ -101,5 +70,5 @@ def test_symmetric_matrix_tolerates_rounding_and_removes_it():
 def test_a_unit_vector_has_three_components_and_length_one():
     np.testing.assert_array_equal(unit_vector("n", [0.6, 0.0, -0.8]), [0.6, 0.0, -0.8])
     for value in ([2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.6, 0.8], [np.nan, 0.0, 1.0]):
-        with pytest.raises(InvalidParameter, match=r"^n = \["):
+        with pytest.raises(uv.InvalidParameter, match=r"^n = \["):
             unit_vector("n", value)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from pydrake.common.yaml import yaml_load_typed
 
+import uvms_drake as uv
 from uvms_drake.common.constraints import NotNegative, OneOf, Positive, Vector
-from uvms_drake.common.errors import InvalidParameter, ScenarioError, require
+from uvms_drake.common.errors import ScenarioError, require
 from uvms_drake.common.kinds import offer
 from uvms_drake.common.schema import check_values, conform, dump_typed, load_typed, parse_yaml
 
@@ -36,7 +37,7 @@ class Part:
 
 
 def message(text: str) -> str:
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises(uv.InvalidParameter) as caught:
         conform(Part, parse_yaml(text))
     return str(caught.value)
 
@@ -49,10 +50,6 @@ def test_every_kind_of_field_is_loaded_with_its_type():
     np.testing.assert_array_equal(part.offset, [[1.0, 2.0]])
     assert (part.count, part.label, part.hollow) == (3, "a", True)
     assert (part.holes[0].radius, part.named["big"].radius) == (1e-3, 5.0)
-
-
-def test_a_mapping_without_a_tag_is_the_first_type_of_a_union():
-    assert load_typed(Part, parse_yaml("shape: {radius: 2}")).shape == Round(2.0)
 
 
 def test_numbers_that_yaml_takes_for_text_become_floats():
@@ -82,32 +79,21 @@ def test_a_type_that_no_field_names_is_dumped_under_its_name():
     assert data["holes"] == [{"_tag": "!Star", "radius": 1.0, "points": 3}, {"radius": 1.0}]
 
 
-def test_the_first_type_of_a_field_is_dumped_without_a_tag():
-    assert parse_yaml(dump_typed(Part(), leave_out=("label",))) == {
-        "shape": {"radius": 1.0}, "count": 0, "hollow": False, "holes": [], "named": {}}
-
-
 @pytest.mark.parametrize(("text", "expected"), [
     ("cuont: 1", "cuont = 1: must be under one of the keys shape, count, label, hollow, offset, "
                  "holes, named (did you mean 'count'?)"),
     ("holes: [{}, {radus: 1}]",
      "holes[1].radus = 1: must be under one of the keys radius (did you mean 'radius'?)"),
     ("count: 1.5", "count = 1.5: must be a whole number"),
-    ("count: true", "count = True: must be a whole number"),
     ("label: 5", "label = 5: must be text (in quotes, if it looks like something else)"),
     ("hollow: 1", "hollow = 1: must be true or false"),
     ("shape: {radius: wide}", "shape.radius = 'wide': must be a finite number"),
-    ("shape: {radius: .nan}", "shape.radius = nan: must be a finite number"),
     ("shape: {radius: inf}", "shape.radius = 'inf': must be a finite number"),
-    ("shape: {radius: [1]}", "shape.radius = [1]: must be a finite number"),
-    ("shape: 3", "shape = 3: must be a mapping tagged !Round or !Square"),
     ("shape: !Sqare {}", "shape = '!Sqare': must be a mapping tagged !Round or !Square "
                          "(did you mean '!Square'?)"),
-    ("offset: 3", "offset = 3: must be a list of numbers"),
     ("offset: [1, x]", "offset[1] = 'x': must be a finite number"),
     ("offset: [[1, 2], [3]]",
      "offset = [[1, 2], [3]]: must be a list of numbers, or of rows of equal length"),
-    ("holes: {}", "holes = {}: must be a list"),
     ("named: []", "named = []: must be a mapping of names to values"),
     ("holes: [!Square {}]",
      "holes[0] = '!Square': must be !Round, or left out: there is no choice"),
@@ -119,9 +105,7 @@ def test_a_mistake_is_named_by_key_value_and_what_is_allowed(text, expected):
 
 @pytest.mark.parametrize(("text", "expected"), [
     ("a: [1, 2\nb: 3", "line 2, column 2: expected ',' or ']', but got ':'"),
-    ("a: *b", "line 1, column 4: found undefined alias 'b'"),
     ("a: 1\nb: {c: 2, c: 3}", "line 2: the key 'c' is there already, in line 2"),
-    ("a: 1\nb: 2\na: 3", "line 3: the key 'a' is there already, in line 1"),
     ("a: !Tag", "line 1, column 4: expected a mapping node, but found scalar"),
 ])
 def test_a_yaml_syntax_error_is_one_line_with_its_place(text, expected):
@@ -162,17 +146,17 @@ class Springs:
     ({"stiffness": 11}, "each[0].stiffness = 11.0: must be softer"),
 ])
 def test_the_constraints_of_a_schema_are_checked_at_load_and_in_python(raw, text):
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises(uv.InvalidParameter) as caught:
         load_typed(Springs, {"each": [raw]})
     assert str(caught.value) == text
     values = {key: np.array(value, dtype=float) if isinstance(value, list) else value
               for key, value in raw.items()}
-    with pytest.raises(InvalidParameter, match=text.split(" = ")[0].replace("[0]", r"\[0\]")):
+    with pytest.raises(uv.InvalidParameter, match=text.split(" = ")[0].replace("[0]", r"\[0\]")):
         check_values(Springs([Spring(**values)]))
 
 
 def test_drakes_own_loader_reads_a_schema_with_constraints():
     offer(Springs, Spring)
     assert yaml_load_typed(schema=Spring, data="{stiffness: 2, limit: 3}").limit == 3.0
-    with pytest.raises(InvalidParameter):
+    with pytest.raises(uv.InvalidParameter):
         load_typed(Spring, {"limit": -3.0})

@@ -3,26 +3,24 @@
 import numpy as np
 import pytest
 
+import uvms_drake as uv
 from uvms_drake.certificate.certify import declared_set
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.frames.euler import rate_matrix
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.station.contact.bounds import (
     between_knots,
     largest_reading_error,
-    sensing_of,
 )
 from uvms_drake.station.contact.tube_in_contact import force_bounds
-from uvms_drake.station.problem import limits_of, load_model
-from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.problem import limits_of
 
 
 def test_the_error_of_a_reading_grows_with_the_time_between_two():
     """What the tip does in between, no reading shows; and a force that has turned is another."""
-    scenario = load_scenario("girona500_contact")
-    slow = load_scenario("girona500_contact", ["contact.period=0.1"])
-    still = load_scenario("girona500_contact", ["limits.qdot=0.001", "limits.nu2=0.001"])
+    scenario = uv.load_scenario("girona500_contact")
+    slow = uv.load_scenario("girona500_contact", ["contact.period=0.1"])
+    still = uv.load_scenario("girona500_contact", ["limits.qdot=0.001", "limits.nu2=0.001"])
     known, late, calm = (largest_reading_error(each, force_bounds(each), 3.0)
                          for each in (scenario, slow, still))
     change = 3.0 / 4.0 * np.diff([h * (45.0 + 500.0 * h) for h in (0.01, 0.1)])[0]
@@ -30,17 +28,10 @@ def test_the_error_of_a_reading_grows_with_the_time_between_two():
     assert known - calm > 0.5
 
 
-def test_a_second_part_that_measures_the_force_is_refused():
-    two = load_scenario("girona500_contact", ["sensing=[!ForceSensor {}, !ForceSensor {rate: 50}]"])
-    with pytest.raises(InvalidParameter, match=(
-            r"^sensing\[1\] = 'ForceSensor': must be left out: sensing\[0\] measures the force")):
-        sensing_of(two)
-
-
 def test_no_angle_of_a_plan_goes_further_between_its_knots_and_some_as_far():
     """Joints that keep a limit at both ends; and an angle that turns there and back."""
-    base = load_scenario("girona500_contact")
-    planned = declared_set(base.limits, load_model(base))
+    base = uv.load_scenario("girona500_contact")
+    planned = declared_set(base.limits, uv.load_model(base))
     step, rng = 0.2, np.random.default_rng(0)
     most = between_knots(planned, step)
     before, after = rng.uniform(-planned.qdot, planned.qdot, (2, 20_000))
@@ -59,8 +50,8 @@ def test_no_angle_of_a_plan_goes_further_between_its_knots_and_some_as_far():
 
 
 def test_limits_of_angles_leave_room_for_plans_between_their_knots():
-    base = load_scenario("girona500_contact")
-    limits = limits_of(base, load_model(base))
+    base = uv.load_scenario("girona500_contact")
+    limits = limits_of(base, uv.load_model(base))
     tube = resolved_radii(TubeRadii(joints_between=0.01, attitude_between=0.02, tool_between=0.03))
     left = {name: limits[name].half - limits[name].tightened(tube).half
             for name in ("q", "roll", "pitch", "tip_pitch", "tool_angle", "nu1")}

@@ -9,14 +9,11 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scenarios import OF_A_STATION
 
 import uvms_drake as uv
-from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.station.scenario.contact import SensedContact
-from uvms_drake.station.scenario.scenario import load_scenario
 
 
 def pressed(name, until):
     """Returns the force (6,) of a loop of plant and controller at a time [s], and station's."""
-    scenario = uv.with_step(load_scenario(name, ["disturbance.bound=0"]))
+    scenario = uv.with_step(uv.load_scenario(name, ["disturbance.bound=0"]))
     builder = DiagramBuilder()
     uvms = builder.AddSystem(uv.make_uvms_plant(
         scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
@@ -42,7 +39,7 @@ def test_the_main_scenario_presses_with_the_desired_force():
 
 def test_of_a_known_surface_it_is_the_controller_of_the_station():
     """The same commands at the first instant, from the same state."""
-    scenario = load_scenario("girona500_ideal")
+    scenario = uv.load_scenario("girona500_ideal")
     alone, station = uv.make_controller(scenario), uv.make_station(scenario)
     context = alone.CreateDefaultContext()
     state = np.concatenate([scenario.start.config, np.zeros(10)])
@@ -57,7 +54,7 @@ def test_of_a_known_surface_it_is_the_controller_of_the_station():
 
 
 def test_its_force_sensor_measures_the_payload_of_the_plant_as_that_of_the_station():
-    scenario = uv.with_step(load_scenario("girona500_contact", [
+    scenario = uv.with_step(uv.load_scenario("girona500_contact", [
         "disturbance.bound=0", "model_error={payload: {mass: 2.0}}",
         "sensing=[!ForceSensor {tare: 0.0}]"]))
     builder = DiagramBuilder()
@@ -80,12 +77,12 @@ def test_its_force_sensor_measures_the_payload_of_the_plant_as_that_of_the_stati
 
 @pytest.mark.parametrize("name", OF_A_STATION)
 def test_it_is_made_for_every_shipped_scenario_with_the_ports_of_its_docstring(name):
-    scenario = load_scenario(name)
+    scenario = uv.load_scenario(name)
     controller = uv.make_controller(scenario)
     assert controller.HasInputPort("state") and controller.HasInputPort("force")
     assert controller.HasOutputPort("tau")
     assert controller.HasOutputPort("plan")
-    asked = isinstance(scenario.contact, SensedContact) and not scenario.mission.steps
+    asked = isinstance(scenario.contact, uv.SensedContact) and not scenario.mission.steps
     assert controller.HasInputPort("place") == asked
     assert controller.HasInputPort("stop") == bool(scenario.mission.steps)
     assert controller.HasInputPort("payload") == scenario.model_error.payload.present
@@ -94,7 +91,7 @@ def test_it_is_made_for_every_shipped_scenario_with_the_ports_of_its_docstring(n
 @pytest.mark.parametrize("missing", ["state", "force"])
 def test_a_signal_that_it_needs_must_be_connected(missing):
     """A force sensor that reads zero pressed with five times the desired force."""
-    scenario = load_scenario("girona500_contact")
+    scenario = uv.load_scenario("girona500_contact")
     controller = uv.make_controller(scenario)
     context = controller.CreateDefaultContext()
     for name, value in (("state", np.concatenate([scenario.start.config, np.zeros(10)])),
@@ -106,14 +103,55 @@ def test_a_signal_that_it_needs_must_be_connected(missing):
 
 
 def test_a_problem_that_it_cannot_serve_is_refused():
-    scenario = load_scenario("girona500_contact")
-    with pytest.raises(InvalidParameter, match=re.escape("uv.make_controller(scenario)")):
+    scenario = uv.load_scenario("girona500_contact")
+    with pytest.raises(uv.InvalidParameter, match=re.escape("uv.make_controller(scenario)")):
         uv.make_tube_mpc(uv.make_ocp(scenario), scenario.ancillary)
 
 
-def test_the_limit_of_a_known_surface_is_refused_in_the_terms_of_the_scenario():
-    """D9: `surface = 'UnmeasuredWall': must be one that has static_force_rows`."""
-    scenario = load_scenario("girona500_contact", ["limits.static_force=30"])
-    with pytest.raises(InvalidParameter, match=r"^limits\.static_force = 30\.?0?: must be left out "
-                       r"\(null\) .* contact\.force limits$"):
-        uv.make_station(scenario)
+# The plant of a scenario is the station's: the same acceleration by the same command.
+
+
+@pytest.mark.parametrize(("name", "more"), [
+    ("girona500_ideal", ["surface_error.shift=[-0.4, 0, 0]"]),
+    ("girona500_ideal", ["model_error.mass=1.2", "current=[0.1, 0.2, 0]",
+                         "waves=[{amplitude: 0.2, period: 5.0, depth: 3.0}]"])])
+def test_it_moves_as_that_of_the_station(name, more):
+    scenario = uv.load_scenario(name, ["simulator.max_step_size=0.01", *more])
+    station, plant = uv.make_station(scenario), uv.make_plant(scenario)
+    simulator = Simulator(station)
+    simulator.Initialize()
+    whole, alone = simulator.get_context(), plant.CreateDefaultContext()
+    plant.GetInputPort("tau").FixValue(alone, station.GetOutputPort("tau").Eval(whole))
+    for port in ("state", "force", "disturbance", "acceleration"):
+        np.testing.assert_allclose(plant.GetOutputPort(port).Eval(alone),
+                                   station.GetOutputPort(port).Eval(whole), atol=1e-12)
+
+
+# The law of a worst-case certificate reads the present state, as its theory says; no older one.
+
+
+TICK = 2.0**-8
+"""Time between two samples of this test [s]."""
+
+
+def test_the_law_of_a_certificate_reads_the_present_state():
+    scenario = uv.with_step(uv.load_scenario("girona500_tip_first"))
+    station = uv.make_station(scenario)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    root = simulator.get_context()
+
+    def value(system: str, port: str) -> np.ndarray:
+        """Returns the present value of a port of a subsystem."""
+        part = station.GetSubsystemByName(system)
+        return part.GetOutputPort(port).Eval(part.GetMyContextFromRoot(root)).copy()
+
+    controller = station.GetSubsystemByName("tube_mpc")
+    for tick in (35, 69):  # Just after a plan, and on the way.
+        simulator.AdvanceTo(tick * TICK)
+        read = controller.GetInputPort("state").Eval(controller.GetMyContextFromRoot(root))
+        assert np.any(read[len(read) // 2:]), "it moves"
+        assert np.array_equal(read, value("uvms", "state"))
+        due = value("tube_mpc", "tau")
+        simulator.AdvanceTo((tick + 0.5) * TICK)
+        assert np.max(np.abs(value("tube_mpc", "tau") - due)) > 0.01, "half a period is told apart"

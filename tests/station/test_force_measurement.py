@@ -5,21 +5,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
-from support.laws import PAPER
+from support.unknown_wall import close_to_the_wall
 
+import uvms_drake as uv
 from uvms_drake.certificate.assumptions import assumed_conditions
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.report.events import events
 from uvms_drake.sensing.faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 from uvms_drake.sensing.force_sensor import ForceSensor
-from uvms_drake.sensing.navigation import Navigation
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.scenario.parts import faults_at
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
-from uvms_drake.station.simulation import simulate
+from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.problem import true_surface
 
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 """The tip starts 4 cm off the wall and touches it within a second."""
@@ -27,7 +23,7 @@ SENSOR = ForceSensor(tare=0.2)
 
 
 def scenario_of(duration: float, *overrides, **changes):
-    scenario = load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, *overrides])
+    scenario = uv.load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, *overrides])
     return replace(scenario, **{"sensing": [SENSOR], **changes})
 
 
@@ -36,7 +32,7 @@ def given_up(scenario) -> list[str]:
 
 
 @dataclass
-class TrueForce(Part):
+class TrueForce(uv.Part):
     """Measures the force as it is."""
 
     def add_to(self, builder, model, port, signals, seed):
@@ -47,7 +43,7 @@ class TrueForce(Part):
 
 
 @dataclass
-class NoForce(Part):
+class NoForce(uv.Part):
     """Says that nothing is touched, or that it does not know."""
 
     value: float = 0.0
@@ -60,7 +56,7 @@ class NoForce(Part):
 
 def force_on_the_robot(record, force):
     """Returns M⁻¹Jᵀ𝔉 (T, 6+n)."""
-    model = ContactModel.load(record.scenario.model, check_surface(record.scenario.surface))
+    model = uv.ContactModel.load(record.scenario.model, check_surface(record.scenario.surface))
     kinematics = model.kinematics(record.config)
     torque = kinematics.J_chi.swapaxes(-1, -2) @ force[..., None]
     return np.linalg.solve(model.mass_matrix(kinematics), torque)[..., 0]
@@ -68,7 +64,7 @@ def force_on_the_robot(record, force):
 
 def test_a_perfect_sensor_of_a_known_wall_changes_nothing():
     """𝔉_s = 𝔉 is what the law of the surface says too, but for rounding."""
-    plain, felt = (simulate(scenario_of(1.5, sensing=parts)) for parts in ([], [TrueForce()]))
+    plain, felt = (uv.simulate(scenario_of(1.5, sensing=parts)) for parts in ([], [TrueForce()]))
     assert np.max(plain.force[:, 0]) > 15.0
     np.testing.assert_allclose(felt.state, plain.state, atol=1e-6)
     np.testing.assert_array_equal(felt.signals["force_last_valid"], felt.force)
@@ -84,7 +80,7 @@ def on_another_wall(duration: float, **changes):
 
 @pytest.fixture(scope="module")
 def run():
-    return simulate(on_another_wall(3.0))
+    return uv.simulate(on_another_wall(3.0))
 
 
 def exits(record) -> float:
@@ -93,7 +89,7 @@ def exits(record) -> float:
 
 def test_a_wall_that_is_felt_keeps_the_tube_and_a_wall_that_is_believed_in_does_not(run):
     """The plan presses to the depth that it believes in: the force is as wrong as the wall."""
-    known = simulate(on_another_wall(2.0, sensing=[]))
+    known = uv.simulate(on_another_wall(2.0, sensing=[]))
     assert exits(known) > 0.0
     assert exits(run) == 0.0
     for part in ("position", "orientation", "joints"):
@@ -123,7 +119,7 @@ def test_the_deviation_stays_within_what_that_disturbance_makes_of_the_bound_alo
 
 def test_the_reading_is_the_felt_force_in_the_tips_axes(run):
     """As of this sensor, which is mounted there; after the tare, which reads zero."""
-    model = ContactModel.load(run.scenario.model, check_surface(run.scenario.surface))
+    model = uv.ContactModel.load(run.scenario.model, check_surface(run.scenario.surface))
     A_E = model.kinematics(run.config).A_E
     in_tip = (run.signals["force_measured"][:, None] @ A_E)[:, 0]
     np.testing.assert_allclose(run.signals["force_raw"], in_tip, atol=1e-9)
@@ -133,31 +129,10 @@ def test_the_reading_is_the_felt_force_in_the_tips_axes(run):
 
 
 def test_a_scenarios_seed_is_that_of_the_sensor():
-    readings = [simulate(replace(scenario_of(0.4), seed=seed)).signals["force_raw"]
+    readings = [uv.simulate(replace(scenario_of(0.4), seed=seed)).signals["force_raw"]
                 for seed in (1, 1, 2)]
     np.testing.assert_array_equal(*readings[:2])
     assert np.max(np.abs(readings[0] - readings[2])) > 0.1
-
-
-def test_the_attitude_is_that_which_is_measured_before_it():
-    """Behind a navigation; the state passes through unchanged."""
-    record = simulate(scenario_of(0.4, sensing=[Navigation(), SENSOR]))
-    assert set(record.signals) == {
-        "measured_state", "force_measured", "force_raw", "force_last_valid"}
-
-
-def test_a_sensor_comes_from_a_file_and_voids_the_certificate(tmp_path):
-    scenario = load_scenario("girona500_ideal", [
-        "sensing=[!ForceSensor {lag: 0.03, tool: {mass: 2.0, centre: [0, 0, 0.1]}}]"])
-    sensor, = scenario.sensing
-    assert (sensor.lag, sensor.tool.mass) == (0.03, 2.0)
-    assert given_up(scenario) == [
-        "sensing[0], ForceSensor: the proofs know the contact force by the surface's law"]
-    path = tmp_path / "mine.yaml"
-    path.write_text(dump_scenario(scenario))
-    assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
-    with pytest.raises(ScenarioError, match=r"sensing\[0\]\.tool\.mass = -2\.0: must be zero"):
-        load_scenario("girona500_ideal", ["sensing=[!ForceSensor {tool: {mass: -2}}]"])
 
 
 # Faults ------------------------------------------------------------------------------------------
@@ -170,7 +145,7 @@ START, END = 1.5, 2.0
     (LostForce(START), "held"), (FrozenForce(START), "held"),
     (SaturatedForce(START, largest=4.0), "cut"), (JumpedForce(START), "jumped")])
 def test_a_fault_of_the_sensor_changes_what_is_felt_while_it_lasts(fault, expected):
-    record = simulate(scenario_of(2.5, "log_period=0.01", faults=[fault]))
+    record = uv.simulate(scenario_of(2.5, "log_period=0.01", faults=[fault]))
     felt, measured = (record.signals[name] for name in ("force_last_valid", "force_measured"))
     faulty = (record.time > START + 1e-6) & (record.time < END - 1e-6)
     right = (record.time < START - 1e-6) | (record.time > END + 1e-6)
@@ -192,13 +167,13 @@ def test_a_fault_of_the_sensor_changes_what_is_felt_while_it_lasts(fault, expect
 
 def test_a_sensor_that_never_knows_is_one_that_feels_nothing():
     """Without any finite value there is none to go on with but zero."""
-    lost, nothing = (simulate(scenario_of(0.6, sensing=[part]))
+    lost, nothing = (uv.simulate(scenario_of(0.6, sensing=[part]))
                      for part in (NoForce(np.nan), NoForce(0.0)))
     np.testing.assert_array_equal(lost.state, nothing.state)
 
 
 def test_a_lost_state_does_not_take_the_force_along():
-    record = simulate(load_scenario("girona500_ideal", [
+    record = uv.simulate(uv.load_scenario("girona500_ideal", [
         "duration=2", CLOSE, "sensing=[!ForceSensor {tare: 0.2}]",
         "faults=[!LostState {start: 1.2, duration: 0.3}]"]))
     lost = record.state_lost > 0.0
@@ -211,14 +186,55 @@ def test_a_lost_state_does_not_take_the_force_along():
 # What is refused ---------------------------------------------------------------------------------
 
 
-def test_a_fault_of_a_force_that_nobody_measures_is_refused():
-    with pytest.raises(InvalidParameter, match=(
-            r"^faults\[0\] = 'LostForce': must be left out: no part measures the force$")):
-        make_station(scenario_of(1.0, sensing=[], faults=[LostForce()]))
-    assert set(faults_at("force", [LostForce()])) == {"faults[0]"}
+# A force sensor that fails while the robot presses by what it feels: the whole closed loop.
 
 
-def test_a_law_that_does_not_take_the_force_is_refused():
-    with pytest.raises(InvalidParameter, match=(
-            r"^ancillary = 'transpose': must be a law that takes the measured force")):
-        make_station(scenario_of(1.0, PAPER, "ancillary=!Transpose {}"))
+WALL = "surface.geometry.point.0=0.01"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("fault", "start", "end"), [
+    ("!LostForce {start: 3.0, duration: 1.0}", 3.0, 4.0),
+    ("!FrozenForce {start: 1.0, duration: 1.5}", 1.0, 2.5),
+])
+def test_it_retreats_presses_no_harder_and_goes_on_by_itself(fault, start, end):
+    """While it presses, and before it touches."""
+    scenario = close_to_the_wall(
+        WALL, "duration=8.5", "log_period=0.01", f"faults=[{fault}]")
+    record = uv.simulate(scenario)
+    contact, felt = sensed_contact(scenario), record.signals["force_last_valid"]
+    static = true_surface(scenario).static_force(record.chi)
+    assert static.max() <= contact.force
+    assert np.all(record.mpc_status == 0.0)
+    assert max(record.mpc_violation.max(), record.mpc_terminal_slack.max()) <= 1e-6
+    lost = record.signals["force_lost"][:, 0] > 0.0
+    assert start < record.time[lost][0] < start + 0.9
+    assert not np.any(lost[record.time > end + 0.05])
+    assert np.mean(np.any(felt[lost], axis=1)) < 0.1, "but for samples at which it comes back"
+    retreats = [event for event in events(record) if event.kind == "force_lost"]
+    assert record.time[lost][0] == retreats[0].start
+    assert retreats[-1].end is not None
+    assert static[-1] > 4.0, "it is back on its way to the desired force"
+
+
+def test_who_feels_nothing_any_more_has_no_force_in_the_law_and_goes_back():
+    """Soon after the tare, off the wall; and the front stays where it was."""
+    scenario = close_to_the_wall(
+        "duration=1.2", "log_period=0.01", "faults=[!FrozenForce {start: 0.6, duration: 9}]")
+    record = uv.simulate(scenario)
+    lost = record.signals["force_lost"][:, 0] > 0.0
+    x = record.chi[:, 0]
+    at = np.argmax(lost)
+    assert record.time[at] == pytest.approx(0.6 + 0.01 * (4 + 10), abs=0.021)
+    assert np.all(lost[at:])
+    assert not np.any(record.signals["force_last_valid"][lost])
+    held = record.signals["force_last_valid"][(record.time > 0.61) & ~lost]
+    assert np.all(held == held[0]) and np.all(held[0] != 0.0)
+    y, tilt = record.chi[lost, 1:3], sensed_contact(scenario).walls.tilt
+    aside = np.max(np.sum(np.abs(y - y[0]), axis=1))  # The front is a pyramid.
+    assert np.ptp(record.signals["safe_depth"][lost]) <= 1.2 * tilt * aside
+    target = record.signals["target"][lost, 0]
+    assert np.ptp(target) == 0.0
+    a_sample = scenario.mpc.time_step * np.max(np.gradient(x, record.time))
+    assert target[0] == pytest.approx(x[at] - 0.05, abs=a_sample)
+    assert record.nominal_zeta[-1, 0] < 0.0 < np.max(record.nominal_zeta[:, 0])

@@ -15,9 +15,8 @@ from support.robot_mutations import mutated
 from support.robot_reading import read_robot, words
 from support.robots import DIVER, diver
 
-from uvms_drake.common.errors import InvalidParameter
+import uvms_drake as uv
 from uvms_drake.model.description.robot_files import model_dir
-from uvms_drake.model.robot import Robot
 from uvms_drake.plant.model_check import sound_robot
 
 ROBOTS = ("box_uvms", "bluerov2_alpha5")
@@ -33,7 +32,7 @@ def sources() -> list[Path]:
 @pytest.mark.parametrize("name", ["diver", *ROBOTS, "girona500_arm5e"])
 def test_both_readers_agree_on_a_robot_without_mistakes(name):
     folder = DIVER if name == "diver" else model_dir(name)
-    robot = Robot.load(folder)
+    robot = uv.Robot.load(folder)
     assert robot.notes == ()
     assert differences(robot, read_robot(folder)) == []
 
@@ -45,7 +44,7 @@ def outcome(robot: Path, source: Path) -> str:
     """
     try:
         loaded = sound_robot(str(robot))
-    except InvalidParameter as error:
+    except uv.InvalidParameter as error:
         return "refused" if "\n" not in str(error) else f"refused in several lines: {error}"
     except Exception as error:
         return f"refused by an error of its own: {error!r}"
@@ -83,5 +82,5 @@ def test_no_mistake_changes_a_robot_in_silence(seeds, sources, tmp_path):
     ("thrusters.yaml", "[0.2, 0, 0]", "[0.2, 0.1, 0]", "thruster bow")])
 def test_the_comparison_would_show_it(suffix, old, new, what, tmp_path):
     """The loaded robot beside a reading of other files."""
-    found = differences(Robot.load(DIVER), read_robot(diver(tmp_path, (suffix, old, new))))
+    found = differences(uv.Robot.load(DIVER), read_robot(diver(tmp_path, (suffix, old, new))))
     assert found and all(each.startswith(what) for each in found)

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.press_target import PressTarget
-from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.sensing.measurements import HoldLastValue
 
@@ -54,13 +52,3 @@ def test_outputs_follow_every_input_and_not_the_time(model, monkeypatch, name):
     for port in inputs:
         port.FixValue(context, np.full(port.size(), 0.2))
         assert news() == everything
-
-
-@pytest.mark.parametrize("make", [
-    lambda n: DesiredForce(n, 5.0, 20.0), lambda n: PressTarget(n, np.zeros(3)),
-    lambda n: TangentialFilter(n, 0.5, 0.01)])
-def test_a_direction_is_a_unit_vector(make):
-    """Of [2, 0, 0] and a force of 1 N the filter made 4 N."""
-    make(N)
-    with pytest.raises(InvalidParameter, match=r"direction = \[2.*: must be a unit vector"):
-        make(2.0 * N)

@@ -19,8 +19,7 @@ from support.coarse_sensors import (
 )
 from support.scripts import Script
 
-from uvms_drake.common.wiring import added
-from uvms_drake.model.signals.sensor_actuator import Signals
+import uvms_drake as uv
 from uvms_drake.sensing.faults import FrozenForce
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector, ForceStatus
 from uvms_drake.sensing.force_sensor import error_bound
@@ -32,9 +31,6 @@ from uvms_drake.station.contact.bounds import (
     sensed_contact,
     sensing_of,
 )
-from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.simulation import simulate
 
 SETTLED = {"girona500_contact": 12.0, "bluerov2_contact": 14.0, "girona500_stiff": 11.0}
 """Time at which the force has settled in each scenario [s]."""
@@ -55,7 +51,7 @@ def with_repeated(scenario, components):
 
 def read(scenario, freezes, until, force):
     """Returns the statuses of a sensor on a tip at rest, at each reading, and their times."""
-    builder, model, sensing = DiagramBuilder(), load_model(scenario), sensing_of(scenario)
+    builder, model, sensing = DiagramBuilder(), uv.load_model(scenario), sensing_of(scenario)
     sensor, reading = scenario.sensing[0], reading_of(scenario)
     config = np.append(scenario.start.eta, scenario.start.q)
     chi = model.task_pose(config)[:6]
@@ -63,16 +59,14 @@ def read(scenario, freezes, until, force):
     script = builder.AddSystem(Script(
         force=lambda time: force if time > sensor.tare + 0.1 else np.zeros(6),
         chi=lambda time: chi, state=lambda time: still))
-    wrist = added(
-        builder, "wrist_sensor", WristSensor(model, sensor, sensor.imperfection(3)),
-        force=script.GetOutputPort("force"), chi=script.GetOutputPort("chi"),
-        measured_chi=script.GetOutputPort("chi"))
+    wrist = WristSensor.AddToBuilder(
+        builder, model, sensor, sensor.imperfection(3), force=script.GetOutputPort("force"),
+        chi=script.GetOutputPort("chi"), measured_chi=script.GetOutputPort("chi"))
     measured = FrozenForce(freezes, 9.0).add_to(
-        builder, model, wrist.GetOutputPort("force_measured"), Signals(), 0)
-    detector = added(builder, "force_fault_detector", ForceFaultDetector(
-        model, sensing.period, repeats=sensing.repeats, tare=reading.tare,
-        largest=reading.largest),
-        state=script.GetOutputPort("state"), force_measured=measured)
+        builder, model, wrist.GetOutputPort("force_measured"), uv.Signals(), 0)
+    detector = ForceFaultDetector.AddToBuilder(
+        builder, model, sensing.period, repeats=sensing.repeats, tare=reading.tare,
+        largest=reading.largest, state=script.GetOutputPort("state"), force_measured=measured)
     log = LogVectorOutput(detector.GetOutputPort("force_status"), builder, sensing.period)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(until)
@@ -84,8 +78,8 @@ def read(scenario, freezes, until, force):
 @pytest.mark.parametrize("name", SETTLED)
 def test_a_coarse_sensor_at_rest_is_valid_until_it_freezes(name, share):
     """Then it is found in the declared time."""
-    scenario = with_coarse_sensor(load_scenario(name), share)
-    shipped, = load_scenario(name).sensing
+    scenario = with_coarse_sensor(uv.load_scenario(name), share)
+    shipped, = uv.load_scenario(name).sensing
     for time in (1.0, scenario.duration):
         bound, most = (error_bound(each, time, np.zeros(6)).total
                        for each in (scenario.sensing[0], shipped))
@@ -104,7 +98,7 @@ def test_a_coarse_sensor_at_rest_is_valid_until_it_freezes(name, share):
 @pytest.mark.parametrize(("least", "found"), [(0.3, True), (0.2, False)])
 def test_a_sensor_as_quiet_as_declared_is_valid_until_it_freezes(least, found):
     """One that repeats too often to be told from a frozen one is never taken for it."""
-    scenario = load_scenario("girona500_contact")
+    scenario = uv.load_scenario("girona500_contact")
     sensor, = scenario.sensing
     coarse_steps = np.array([0.2] * 3 + [0.004] * 3)
     quiet = QuietForceSensor(**{**vars(sensor), "resolution": coarse_steps, "least_noise": least},
@@ -132,7 +126,7 @@ def kinds_of_sensor(scenario):
             "all but one": with_repeated(scenario, (0, 1, 2, 3, 4))}
 
 
-KINDS = tuple(kinds_of_sensor(load_scenario("girona500_contact")))
+KINDS = tuple(kinds_of_sensor(uv.load_scenario("girona500_contact")))
 
 
 @pytest.mark.long
@@ -143,11 +137,11 @@ KINDS = tuple(kinds_of_sensor(load_scenario("girona500_contact")))
 def test_a_press_is_as_with_the_shipped_sensor_until_the_reading_freezes(name, kind):
     """It touches, settles and holds without a reading lost; then a fault is found in time."""
     freezes = SETTLED[name] + HOLD
-    shipped = load_scenario(name, [
+    shipped = uv.load_scenario(name, [
         f"duration={freezes + 0.4}", "log_period=0.01", *NEARER.get(name, [])])
     scenario = kinds_of_sensor(shipped)[kind]
     scenario = replace(scenario, faults=[*scenario.faults, FrozenForce(freezes, 9.0)])
-    record, sensing = simulate(scenario), sensing_of(scenario)
+    record, sensing = uv.simulate(scenario), sensing_of(scenario)
     before = record.time <= freezes
     # Nothing is lost, and it settles as near as the sensor's bound lets it.
     status, lost = (record.signals[key][:, 0] for key in ("force_status", "force_lost"))

@@ -6,26 +6,18 @@ import numpy as np
 import pytest
 from support.unknown_wall import close_to_the_wall
 
+import uvms_drake as uv
 from uvms_drake.certificate.certificate import from_data, to_data
-from uvms_drake.certificate.certify import certify
 from uvms_drake.command.files import BROKEN
 from uvms_drake.command.run import print_outcome
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.report.summary import summarise
 from uvms_drake.station.contact.bounds import (
     largest_force,
-    pressing_force,
-    reading_of,
     safe_depth_margin,
     sensed_contact,
-    sensing_of,
 )
 from uvms_drake.station.contact.tube_in_contact import in_contact
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.problem import load_model, true_surface
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.simulation import simulate
+from uvms_drake.station.problem import true_surface
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import LawTube
 
@@ -40,7 +32,7 @@ pytestmark = pytest.mark.slow
 ])
 def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stiff(overrides):
     scenario = close_to_the_wall(*overrides)
-    record = simulate(scenario)
+    record = uv.simulate(scenario)
     contact = sensed_contact(scenario)
     static = true_surface(scenario).static_force(record.chi)
     assert static.max() <= contact.force
@@ -51,12 +43,12 @@ def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stif
     assert np.abs(record.force[last, :3] @ contact.direction - 20.0).max() < 1.5
     depth = record.chi[:, 0]
     assert np.all(depth <= record.signals["safe_depth"][:, 0] + 2.0 * safe_depth_margin(scenario))
-    assert set(summarise(record)["contact"]["out_of_class"]) <= {"clearance"}  # It is near here.
+    assert set(uv.summarise(record)["contact"]["out_of_class"]) <= {"clearance"}  # It is near here.
 
 
 def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path):
-    record = simulate(close_to_the_wall("surface.law.stiffness=4000.0", "duration=2.5"))
-    summary = summarise(replace(record, certified=True))
+    record = uv.simulate(close_to_the_wall("surface.law.stiffness=4000.0", "duration=2.5"))
+    summary = uv.summarise(replace(record, certified=True))
     seen = summary["contact"]["out_of_class"]["stiffness"]
     assert seen == {"specified": 1000.0, "observed": pytest.approx(4000.0, rel=0.05)}
     summary["constraints"] = {}
@@ -70,15 +62,8 @@ def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path
     ["sensing.0.rate=20"]])
 def test_a_sensor_that_is_slow_or_silent_or_tares_for_long_is_trusted(overrides):
     """Off the wall: of such sensors, readings that repeat are no sign that they froze."""
-    record = simulate(load_scenario("girona500_contact", ["duration=1.2", *overrides]))
+    record = uv.simulate(uv.load_scenario("girona500_contact", ["duration=1.2", *overrides]))
     assert record.signals["force_lost"].max() == 0.0
-
-
-def test_of_a_sensor_that_nothing_is_known_of_no_reading_is_refused():
-    contact = load_scenario("girona500_contact")
-    assert (sensing_of(contact).repeats, reading_of(contact).tare) == (4, 0.5)
-    unknown = sensing_of(replace(contact, sensing=[]))
-    assert unknown.repeats == 0
 
 
 def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class_allows():
@@ -86,7 +71,7 @@ def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class
     contact = sensed_contact(scenario)
     most = largest_force(scenario)
     assert 20.0 < most < contact.force
-    station = make_station(scenario)
+    station = uv.make_station(scenario)
     context = station.CreateDefaultContext()
     for asked, accepted in ((12.0, 12.0), (100.0, most), (-3.0, 0.0)):
         station.GetInputPort("desired_force").FixValue(context, contact.wrench(asked))
@@ -95,7 +80,7 @@ def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class
 
 
 def test_a_place_that_is_said_while_it_runs_is_where_it_presses():
-    station = make_station(close_to_the_wall())
+    station = uv.make_station(close_to_the_wall())
     context = station.CreateDefaultContext()
     target = station.GetOutputPort("target").Eval(context)
     place = [9.0, target[1] + 0.02, target[2] - 0.01]
@@ -105,7 +90,7 @@ def test_a_place_that_is_said_while_it_runs_is_where_it_presses():
 
 def test_the_controller_is_told_nothing_of_the_surface():
     """Its model is the same for any surface of the world."""
-    models = [load_model(load_scenario("girona500_contact", [f"surface.law.stiffness={k}"]))
+    models = [uv.load_model(uv.load_scenario("girona500_contact", [f"surface.law.stiffness={k}"]))
               for k in (100.0, 900.0)]
     assert repr(models[0].surface) == repr(models[1].surface)
     assert not models[0].surface.force(np.ones(6), np.ones(6)).any()
@@ -117,7 +102,7 @@ QUICK = ["certificate.constant_samples=200", "certificate.tube_samples=40",
 
 def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     """The budget's parts add up to the radii, and the force is bounded by what was explored."""
-    certificate = certify(load_scenario("girona500_contact", QUICK))
+    certificate = uv.certify(uv.load_scenario("girona500_contact", QUICK))
     assert certificate.certified, certificate.failed
     tube = certificate.tube
     for name, parts in certificate.budget.items():
@@ -138,29 +123,15 @@ def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     ("faults=[!LostForce {start: 1.0, duration: 1.0}]", "faults"),
 ])
 def test_what_voids_the_certificate_is_named(few_searches, override, broken):
-    certificate = certify(load_scenario("girona500_contact", [*QUICK, override]))
+    certificate = uv.certify(uv.load_scenario("girona500_contact", [*QUICK, override]))
     assert certificate.failed.name.startswith(broken), certificate.failed
-
-
-@pytest.mark.parametrize(("overrides", "message"), [
-    (["sensing=[]"], "sensing"),
-    (["task.force.0=40.0"], r"task\.force.*less than"),
-    (["contact.force_error=12.0"], r"task\.force"),
-])
-def test_what_is_missing_or_too_much_is_named(overrides, message):
-    with pytest.raises(InvalidParameter, match=message):
-        make_station(load_scenario("girona500_contact", overrides))
-
-
-def test_the_force_along_the_direction_is_that_of_the_task():
-    assert pressing_force(load_scenario("girona500_contact")) == 20.0
 
 
 def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
     """The tip goes on within what was felt before; the front waits."""
     scenario = close_to_the_wall(
         "duration=1.4", "faults=[!LostForce {start: 0.8, duration: 0.6}]")
-    record = simulate(scenario)
+    record = uv.simulate(scenario)
     safe, y = record.signals["safe_depth"][:, 0], record.chi[:, 1:3]
     gap = (record.time > 0.83) & (record.time < 1.39)
     slope = sensed_contact(scenario).walls.tilt
@@ -171,5 +142,5 @@ def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
 
 def test_a_law_without_a_tube_has_none_in_contact():
     none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0, theorem="t"),))
-    scenario = load_scenario("girona500_tip_first")
+    scenario = uv.load_scenario("girona500_tip_first")
     assert in_contact(none, scenario, None) is none

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
+import uvms_drake as uv
 from uvms_drake.command.main import main
-from uvms_drake.model.surface.shaped_surface import ShapedSurface
-from uvms_drake.station.problem import make_ocp
-from uvms_drake.station.record import load_record
-from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario
 
 FILE = """
 base: girona500_ideal
@@ -29,17 +27,17 @@ SURFACES = {
 def scenario_of(path, name):
     """Writes a file in which the tip starts at rest, 5 mm off the task and aside, and loads it."""
     path.write_text(FILE.format(force=[20.0, 0, 0, 0, 0, 0], surface=SURFACES[name]))
-    surface = load_scenario(str(path)).surface
+    surface = uv.load_scenario(str(path)).surface
     _, into = surface.geometry.depth_and_gradient(np.zeros(3))
     force = 20.0 * into / np.linalg.norm(into)
     path.write_text(FILE.format(force=[*force.tolist(), 0, 0, 0], surface=SURFACES[name]))
-    ocp = make_ocp(load_scenario(str(path)))
+    ocp = uv.make_ocp(uv.load_scenario(str(path)))
     lengths = surface.geometry.local_lengths(surface.geometry.local(ocp.y_des[:3]))
     off = surface.geometry.point_at(lengths + [0.02, 0.02], -0.005)
     config = ocp.model.configuration(np.concatenate([off, ocp.y_des[3:]]))
     with path.open("a") as file:
         file.write(f"start: {{eta: {config[:6].tolist()}, q: {config[6:].tolist()}}}\n")
-    return load_scenario(str(path))
+    return uv.load_scenario(str(path))
 
 
 @pytest.mark.parametrize("name", SURFACES)
@@ -47,8 +45,8 @@ def test_a_run_touches_a_surface_of_any_kind(tmp_path, name):
     scenario = scenario_of(tmp_path / "mine.yaml", name)
     assert main(["run", str(tmp_path / "mine.yaml"), "--uncertified", "--no-figures",
                  "--output", str(tmp_path / "out")]) == 0
-    record = load_record(tmp_path / "out")
-    assert isinstance(record.scenario.surface, ShapedSurface)
+    record = uv.load_record(tmp_path / "out")
+    assert isinstance(record.scenario.surface, uv.ShapedSurface)
     assert dump_scenario(record.scenario) == dump_scenario(scenario)
     surface = record.scenario.surface.checked()
     depth, into = surface.geometry.depth_and_gradient(record.chi[:, :3])
@@ -61,33 +59,3 @@ def test_a_run_touches_a_surface_of_any_kind(tmp_path, name):
     assert np.all(across <= surface.friction * along + 1e-9)
     assert (np.max(across) > 0.1) == (surface.friction > 0.0)
     assert (tmp_path / "out" / "replay.html").is_file()
-
-
-@pytest.mark.parametrize(("override", "expected"), [
-    ("surface=!ShapedSurface {geometry: !Sphere {}}",
-     "surface.geometry = '!Sphere': must be a mapping tagged !Plane or !Cylinder or !Bumpy or "
-     "!Bead"),
-    ("surface=!ShapedSurface {law: !Bilinear {kne: 1}}",
-     "surface.law.kne = 1: must be under one of the keys stiffness, transition, ratio, knee (did"),
-    ("surface=!ShapedSurface {law: !Hardening {ratio: 0.5}}",
-     "surface.law.ratio = 0.5: must be at least 1"),
-    ("surface=!ShapedSurface {geometry: !Cylinder {radius: -1}}",
-     "surface.geometry.radius = -1.0: must be positive"),
-    ("surface=!ShapedSurface {friction: 3}", "surface.friction = 3.0: must be from 0 to 2"),
-    ("surface=!ShapedSurface {geometry: !Plane {normal: [-0.6, 0, 0.8]}}",
-     "task.force = [20., 0., 0., 0., 0., 0.]: must be along a normal of the surface near the pose, "
-     "which is [0.6, 0.0, -0.8] there")])
-def test_a_bad_surface_is_one_line(tmp_path, capsys, override, expected):
-    assert main(["run", "girona500_ideal", "--uncertified", "--output", str(tmp_path / "out"),
-                 "--set", override,
-                 "--set", "limits.static_force=null"]) == 2
-    err = capsys.readouterr().err
-    assert expected in err
-    assert err.count("\n") == 1
-
-
-def test_a_limit_on_the_static_force_and_a_certificate_need_what_it_does_not_offer(capsys):
-    """Nobody who does not know a surface knows either; see `contact`."""
-    assert main(["certify", "girona500_ideal", "--set", "surface=!ShapedSurface {}"]) == 2
-    assert ("limits.static_force = 45.0: must be null, or the ShapedSurface one that has "
-            "`static_force_rows`") in capsys.readouterr().err

@@ -3,19 +3,16 @@
 import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver, SolverOptions
+from support.runs import simulated
 
+import uvms_drake as uv
 from uvms_drake.command.main import main
-from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.convex.staged_solver import DrakeConvexSolver
 from uvms_drake.control.mpc.planner import KEPT, SOLVED
 from uvms_drake.control.ocp.ocp import SOLVERS, Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.solvers import CONVEX, NONLINEAR, NonlinearSolver, make_solver
+from uvms_drake.control.ocp.solvers import CONVEX, NONLINEAR, NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.station.problem import make_ocp
-from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.station.simulation import simulate
 
 NEAR = ("surface.geometry.point.0=-0.25",)
 """The unknown wall 5 cm from the tip."""
@@ -29,8 +26,8 @@ def test_every_name_has_a_solver_or_says_why_not(short_ocp):
     made = {}
     for name in SOLVERS:
         try:
-            made[name] = make_solver(short_ocp, name)
-        except InvalidParameter as error:
+            made[name] = uv.make_solver(short_ocp, name)
+        except uv.InvalidParameter as error:
             assert str(error).startswith(f"solver = '{name}': must be ")
             assert "\n" not in str(error)
     assert {"structured", "clarabel", "scs", "snopt", "ipopt"} <= set(made)
@@ -40,21 +37,21 @@ def test_every_name_has_a_solver_or_says_why_not(short_ocp):
 
 
 def test_a_solver_for_linear_constraints_is_for_a_problem_without_norms(short_ocp):
-    with pytest.raises(InvalidParameter, match=r"able to solve the problem.*LorentzCone"):
-        make_solver(short_ocp, "osqp")
-    scenario = load_scenario("girona500_ideal", ["mpc.horizon=5", "mpc.terminal_set=false"])
-    ocp = make_ocp(scenario)
+    with pytest.raises(uv.InvalidParameter, match=r"able to solve the problem.*LorentzCone"):
+        uv.make_solver(short_ocp, "osqp")
+    scenario = uv.load_scenario("girona500_ideal", ["mpc.horizon=5", "mpc.terminal_set=false"])
+    ocp = uv.make_ocp(scenario)
     ocp.limits = {name: limit for name, limit in ocp.limits.items()
                   if name not in ("nu1", "nu2", "qdot")}
     config = ocp.model.configuration(ocp.y_des - 0.05 * np.eye(10)[0])
     guess = ocp.resting_plan(0.0, np.concatenate([config, np.zeros(10)]))
-    one, other = (make_solver(ocp, name).solve(guess, 1) for name in ("structured", "osqp"))
+    one, other = (uv.make_solver(ocp, name).solve(guess, 1) for name in ("structured", "osqp"))
     assert other.evaluation.cost == pytest.approx(one.evaluation.cost, rel=1e-3)
 
 
 def test_one_s_own_constraints_need_a_solver_of_the_whole_program(short_ocp):
-    with pytest.raises(InvalidParameter, match="one of ipopt, nlopt, snopt"):
-        make_solver(short_ocp, "structured", extend=print)
+    with pytest.raises(uv.InvalidParameter, match="one of ipopt, nlopt, snopt"):
+        uv.make_solver(short_ocp, "structured", extend=print)
 
 
 def test_a_nonlinear_solver_starts_from_the_plan_of_another(short_ocp):
@@ -124,7 +121,7 @@ def met(name: str, overrides: list[str], monkeypatch) -> list[tuple[Ocp, Plan]]:
 
     with monkeypatch.context() as patch:
         patch.setattr(SequentialConvexSolver, "solve", recording)
-        simulate(load_scenario(name, overrides))
+        uv.simulate(uv.load_scenario(name, overrides))
     return found[1:]
 
 
@@ -141,7 +138,7 @@ def same_optimum(ocp: Ocp, guess: Plan, *, cold: bool = True) -> bool:
         assert fast.cost == pytest.approx(whole.evaluation.cost, rel=1e-6)
         assert whole.evaluation.violation <= ocp.tolerance
     program = ocp.staged_program(guess)
-    structured, clarabel = SequentialConvexSolver(ocp), make_solver(ocp, "clarabel")
+    structured, clarabel = SequentialConvexSolver(ocp), uv.make_solver(ocp, "clarabel")
     one, other = (solver.solve(guess, 1).evaluation.cost for solver in (structured, clarabel))
     assert one == pytest.approx(other, rel=1e-6)
     assert DrakeConvexSolver(CONVEX["clarabel"]())(program).cone_programs == 1
@@ -168,33 +165,21 @@ def test_fifty_states_of_two_runs_have_the_same_optimum(name, overrides, monkeyp
 # Closed loops -------------------------------------------------------------------------------------
 
 
-def run(name: str, solver: str, overrides: list[str]) -> Record:
-    return simulate(load_scenario(name, [f"mpc.solver={solver}", *overrides]))
-
-
-def same_loop(name: str, solver: str, overrides: list[str]) -> None:
-    """Compares a run with that of the structured solver, to 1e-3 of the desired force.
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "solver", "seconds", "overrides"), [
+    ("girona500_ideal", "clarabel", 4.0, ()),
+    ("girona500_ideal", "snopt", 2.6, ("mpc.horizon=5", "mpc.iterations=20")),
+    ("girona500_contact", "clarabel", 3.6, NEAR),
+    pytest.param("girona500_ideal", "snopt", 6.0, (), marks=pytest.mark.long),
+    pytest.param("girona500_contact", "snopt", 3.6, NEAR, marks=pytest.mark.long)])
+def test_the_closed_loop_does_not_depend_on_the_solver(name, solver, seconds, overrides):
+    """To 1e-3 of the desired force.
 
     Where the horizon is short, one iteration a sample is not converged, as a nonlinear solver is.
     """
-    one, other = (run(name, each, overrides) for each in ("structured", solver))
+    one, other = (simulated(name, seconds, f"mpc.solver={each}", *overrides)
+                  for each in ("structured", solver))
     desired = np.max(np.abs(one.desired_force))
     assert np.max(np.abs(one.force)) > 0.5 * desired, "it presses"
     assert np.max(np.abs(one.force - other.force)) < 1e-3 * desired
     assert set(np.unique(other.mpc_status)) <= {SOLVED, KEPT}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "solver", "overrides"), [
-    ("girona500_ideal", "clarabel", ["duration=4"]),
-    ("girona500_ideal", "snopt", ["duration=2.6", "mpc.horizon=5", "mpc.iterations=20"]),
-    ("girona500_contact", "clarabel", ["duration=3.6", *NEAR])])
-def test_the_closed_loop_does_not_depend_on_the_solver(name, solver, overrides):
-    same_loop(name, solver, overrides)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("name", "overrides"), [
-    ("girona500_ideal", ["duration=6"]), ("girona500_contact", ["duration=3.6", *NEAR])])
-def test_nor_over_longer_with_a_nonlinear_solver(name, overrides):
-    same_loop(name, "snopt", overrides)

@@ -12,20 +12,16 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 from support.tube_bounds import resolved_velocity_radius
 
-from uvms_drake.common.wiring import added
+import uvms_drake as uv
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT, TubeMonitor
-from uvms_drake.control.laws import Resolved
-from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.papers.nikou2018 import Transpose
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary
-from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.row_gains import joint_rate_radius, resolved_tube
 
 pytestmark = pytest.mark.long
 
-LAW = Resolved(k=20.0, sigma=5.0)
+LAW = uv.Resolved(k=20.0, sigma=5.0)
 D_BOUND = 0.1
 LOGGED = ("deviation", "bound", "ratio", "r", "e_y")
 AIMED = [(kind, rows) for kind in ("along_task_error", "leading")
@@ -57,17 +53,17 @@ class Cascade(LeafSystem):
 def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, law=LAW, radii=None,
                 step: float = 0.02, scheme: str = "runge_kutta3") -> SimpleNamespace:
     """Runs the loop from `start` (20,); the logs have a sample every 0.02 s."""
-    scenario, builder, model = load_scenario("girona500_ideal"), DiagramBuilder(), ocp.model
-    plant = builder.AddNamedSystem("uvms", make_uvms_plant(
+    scenario, builder, model = uv.load_scenario("girona500_ideal"), DiagramBuilder(), ocp.model
+    plant = builder.AddNamedSystem("uvms", uv.make_uvms_plant(
         scenario.model, surface=scenario.surface, disturbance=None))
-    controller = builder.AddNamedSystem("controller", make_tube_mpc(ocp, law))
+    controller = builder.AddNamedSystem("controller", uv.make_tube_mpc(ocp, law))
     state, d = (plant.GetOutputPort(name) for name in ("state", "disturbance"))
-    monitor = added(
-        builder, "tube_monitor", TubeMonitor(model, law, D_BOUND, radii or {}, period=0.0),
-        state=state, disturbance=d, nominal_state=controller.GetOutputPort("nominal_state"))
-    adversary = added(
-        builder, "adversary", Adversary(model, attack), state=state,
-        e_y=monitor.GetOutputPort("e_y"), r=monitor.GetOutputPort("r"))
+    monitor = TubeMonitor.AddToBuilder(
+        builder, model, law, D_BOUND, radii or {}, period=0.0, state=state, disturbance=d,
+        nominal_state=controller.GetOutputPort("nominal_state"))
+    adversary = Adversary.AddToBuilder(
+        builder, model, attack, state=state, e_y=monitor.GetOutputPort("e_y"),
+        r=monitor.GetOutputPort("r"))
     cascade = builder.AddNamedSystem("cascade", Cascade(model))
     builder.Connect(adversary.get_output_port(), plant.GetInputPort("disturbance"))
     builder.Connect(state, controller.GetInputPort("state"))
@@ -83,7 +79,7 @@ def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, 
     ResetIntegratorFromFlags(simulator, scheme, step)
     simulator.get_mutable_integrator().set_fixed_step_mode(True)
     context = simulator.get_mutable_context()
-    set_state(plant, plant.GetMyMutableContextFromRoot(context), start)
+    uv.set_state(plant, plant.GetMyMutableContextFromRoot(context), start)
     simulator.AdvanceTo(duration)
     report = monitor.GetOutputPort("report").Eval(monitor.GetMyContextFromRoot(context))
     return SimpleNamespace(
@@ -94,7 +90,7 @@ def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, 
 @pytest.fixture(scope="module")
 def radii(short_ocp) -> dict[str, float]:
     """The set-wise radii, with the suprema from dense samples of the declared limits."""
-    model, limits = short_ocp.model, load_scenario("girona500_ideal").limits
+    model, limits = short_ocp.model, uv.load_scenario("girona500_ideal").limits
     rng, count = np.random.default_rng(0), 20_000
     y = np.zeros((count, 10))
     y[:, 4] = limits.tip_pitch * rng.choice([-1.0, 1.0], count) * rng.uniform(0, 1, count) ** 0.2

@@ -7,14 +7,12 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
+import uvms_drake as uv
 from uvms_drake.baselines.baseline import Baseline, RobotGains
 from uvms_drake.baselines.law import Law, Measured, PressTask, Reference
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.shaped_surface import ShapedSurface
-from uvms_drake.model.uvms_model import UvmsModel, read_uvms
-from uvms_drake.plant.uvms_plant import make_uvms_plant
 
 ROBOT = "girona500_arm5e"
 POSTURE = np.array([0.0, 1.17, 0.4, 0.0])
@@ -50,13 +48,13 @@ def run(laws: dict[str, Law], gains: RobotGains, *, seconds: float, stiffness: f
         force: Desired force [N].
         step: Step of the integrator [s].
     """
-    model, pressed = UvmsModel(read_uvms(ROBOT)), task(force)
+    model, pressed = uv.UvmsModel(uv.read_uvms(ROBOT)), task(force)
     start = model.configuration(np.concatenate([[depth, 0.0, 0.0], np.zeros(3), POSTURE]))
-    wall = check_surface(ShapedSurface(
+    wall = check_surface(uv.ShapedSurface(
         geometry=Plane(point=np.zeros(3), normal=np.array([-1.0, 0.0, 0.0])),
         law=Linear(stiffness=stiffness), dissipation=0.5, friction=0.0))
     builder = DiagramBuilder()
-    uvms = builder.AddNamedSystem("uvms", make_uvms_plant(ROBOT, wall, start=start))
+    uvms = builder.AddNamedSystem("uvms", uv.make_uvms_plant(ROBOT, wall, start=start))
     baseline = builder.AddNamedSystem("baseline", Baseline(model, pressed, laws, gains))
     builder.Connect(uvms.GetOutputPort("state"), baseline.GetInputPort("state"))
     builder.Connect(uvms.GetOutputPort("force"), baseline.GetInputPort("force_measured"))

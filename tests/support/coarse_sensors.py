@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
+import uvms_drake as uv
 from uvms_drake.sensing.faults import ForceFault
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.wrist_sensor import cut_noise
-from uvms_drake.station.scenario.scenario import Scenario
 
 NEWTONS = (0.01, 0.2, 0.5)
 """Resolutions of a sensor with the shipped bound of 1.56 N on noise, tare and resolution [N]."""
@@ -23,7 +23,7 @@ def coarse(sensor: ForceSensor, share: float) -> ForceSensor:
     return replace(sensor, resolution=share * bound, noise=0.5 * (1.0 - share) * bound / m)
 
 
-def with_coarse_sensor(scenario: Scenario, share: float) -> Scenario:
+def with_coarse_sensor(scenario: uv.Scenario, share: float) -> uv.Scenario:
     """Returns the scenario with that sensor."""
     sensor, = scenario.sensing
     return replace(scenario, sensing=[coarse(sensor, share)])

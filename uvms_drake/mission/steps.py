@@ -16,14 +16,15 @@ machine is in `law`.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.constraints import Between, NotNegative, OneOf, Positive, Vector
+from uvms_drake.common.errors import require
 from uvms_drake.common.kinds import offer
+from uvms_drake.common.schema import check_values, checked
 
 ROUNDING = 1e-9
 """Largest difference of two sums of periods [s]."""
@@ -32,9 +33,6 @@ REACHED = 0.01
 FAILURES = ("skip", "retry", "home")
 """Continuations after the retreat from a spot with a failed step: the next spot; the same again, at
 most the mission's `retries`, and then the next; or the end."""
-POSITIVE = ("timeout", "force", "tolerance", "within", "speed", "distance")
-"""Settings of steps that are positive, where they have them."""
-NOT_NEGATIVE = ("settle", "seconds", "amplitude", "frequency")
 
 
 @dataclass
@@ -56,24 +54,13 @@ class Step:
     least_time = 0.0
     """Shortest duration without a failure [s]; zero if unknown."""
 
-    timeout: float = 60.0
+    timeout: Annotated[float, Positive] = 60.0
     """Time-out [s]."""
 
-    def checked(self) -> Self:
-        """Returns the step with arrays, or raises."""
-        own = vars(self)
-        for key in (key for key in (*POSITIVE, *NOT_NEGATIVE) if key in own):
-            positive = key in POSITIVE
-            require(0.0 <= own[key] < np.inf and (own[key] > 0.0 or not positive), key, own[key],
-                    "positive" if positive else "zero or positive")
-        require(self.on_failure in FAILURES, "on_failure", self.on_failure,
-                f"one of {', '.join(FAILURES)}")
-        places: dict[str, Any] = {key: vector(key, own[key], 2)
-                                  for key in ("at", "along") if key in own}
-        step = replace(self, **places)
-        require(step.least_time < self.timeout, "timeout", self.timeout,
-                f"more than the {step.least_time:.3g} s that it takes")
-        return step
+    def check(self) -> None:
+        """Raises `InvalidParameter` unless there is time enough."""
+        require(self.least_time < self.timeout, "timeout", self.timeout,
+                f"more than the {self.least_time:.3g} s that it takes")
 
     @property
     def strongest(self) -> float:
@@ -115,11 +102,11 @@ class Step:
 class Pressing(Step):
     """Step with a desired force along n."""
 
-    force: float = 10.0
+    force: Annotated[float, Positive] = 10.0
     """Desired force along n [N]."""
-    tolerance: float = 2.0
+    tolerance: Annotated[float, Positive] = 2.0
     """Largest deviation of the measured force [N]."""
-    on_failure: str = "skip"
+    on_failure: Annotated[str, OneOf(*FAILURES)] = "skip"
     """Continuation after the retreat from a spot at which this step failed: `skip` to the next
     spot, `retry` the spot, or `home`: end the mission."""
 
@@ -131,11 +118,11 @@ class Approach(Pressing):
     Done after a touch and a force within its tolerance during `settle`.
     """
 
-    at: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    at: Annotated[np.ndarray, Vector(2)] = field(default_factory=lambda: np.zeros(2))
     """Place (a, b) [m]."""
-    within: float = 0.5
+    within: Annotated[float, Positive] = 0.5
     """Search distance along n [m]."""
-    settle: float = 1.0
+    settle: Annotated[float, NotNegative] = 1.0
     """Time of the force within its tolerance [s]."""
 
     @property
@@ -161,7 +148,7 @@ class Hold(Pressing):
 
     touches: ClassVar[bool] = True
 
-    seconds: float = 5.0
+    seconds: Annotated[float, NotNegative] = 5.0
     """Time of the force within its tolerance [s]."""
 
     @property
@@ -183,22 +170,21 @@ class Slide(Pressing):
 
     touches: ClassVar[bool] = True
 
-    along: np.ndarray = field(default_factory=lambda: np.array([0.2, 0.0]))
+    along: Annotated[np.ndarray, Vector(2)] = field(default_factory=lambda: np.array([0.2, 0.0]))
     """Displacement (a, b) from the beginning to the end of the line [m]."""
-    speed: float = 0.02
+    speed: Annotated[float, Positive] = 0.02
     """Speed along the line [m/s]."""
-    amplitude: float = 0.0
+    amplitude: Annotated[float, NotNegative] = 0.0
     """Amplitude of a sine that is added to the force [N]."""
-    frequency: float = 0.0
+    frequency: Annotated[float, NotNegative] = 0.0
     """Frequency of that sine [Hz]."""
 
-    def checked(self) -> Self:
-        """Returns the step with arrays, or raises."""
-        step = super().checked()
-        require(bool(np.any(step.along)), "along", self.along, "not zero")
+    def check(self) -> None:
+        """Raises `InvalidParameter` unless it moves, within its time, and always presses."""
+        super().check()
+        require(bool(np.any(self.along)), "along", self.along, "not zero")
         require(self.amplitude < self.force, "amplitude", self.amplitude,
                 f"less than the force, {self.force:g} N")
-        return step
 
     @property
     def least_time(self) -> float:  # type: ignore[override]
@@ -231,7 +217,7 @@ class Retreat(Step):
     Done when the tip is `distance` less deep. If it fails, the mission is over.
     """
 
-    distance: float = 0.1
+    distance: Annotated[float, Positive] = 0.1
     """Distance back from the place at its beginning [m]."""
 
 
@@ -244,41 +230,33 @@ class Mission:
 
     steps: list[Step] = field(default_factory=list)
     """Steps, spot by spot; none: there is no mission."""
-    retries: int = 1
+    retries: Annotated[int, Between(0, 100)] = 1
     """Largest number of retries of a spot whose failed step has `on_failure: retry`."""
-    patience: float = 0.5
+    patience: Annotated[float, NotNegative] = 0.5
     """Largest time of a lost contact during a hold or slide [s]."""
-    lead: float = 0.0
+    lead: Annotated[float, NotNegative] = 0.0
     """Lead of the references for places and forces of a slide, the lag of the tip [s]."""
 
     def checked(self) -> "Mission":
         """Returns the mission with arrays, or raises."""
-        require(0 <= self.retries <= 100, "retries", self.retries, "from 0 to 100")
-        for key in ("patience", "lead"):
-            value = getattr(self, key)
-            require(0.0 <= value < np.inf, key, value, "zero or positive")
-        _require_spots(self.steps)
-        return replace(self, steps=[_checked(i, step) for i, step in enumerate(self.steps)])
+        check_values(self)
+        return replace(self, steps=[checked(step) for step in self.steps])
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` unless the steps are spots, see the module."""
+        away = True
+        for i, step in enumerate(self.steps):
+            fits = isinstance(step, Approach) == away
+            require(fits, f"steps[{i}]", type(step).__name__, "an !Approach: nothing is touched"
+                    if away else
+                    "!Hold, !Slide or !Retreat: the last !Approach has no !Retreat yet")
+            away = isinstance(step, Retreat)
+        require(away, f"steps[{len(self.steps) - 1}]",
+                type(self.steps[-1]).__name__ if self.steps else None,
+                "a !Retreat, as the last step")
 
     def spot(self, i: int) -> tuple[int, int]:
         """Returns the indices of the approach and of the retreat of the spot of a step."""
         first = max(j for j in range(i + 1) if isinstance(self.steps[j], Approach))
         last = min(j for j in range(i, len(self.steps)) if isinstance(self.steps[j], Retreat))
         return first, last
-
-
-def _checked(i: int, step: Step) -> Step:
-    with within(f"steps[{i}]"):
-        return step.checked()
-
-
-def _require_spots(steps: Sequence[Step]) -> None:
-    """Raises `InvalidParameter` unless the steps are spots, see the module."""
-    away = True
-    for i, step in enumerate(steps):
-        fits = isinstance(step, Approach) == away
-        require(fits, f"steps[{i}]", type(step).__name__, "an !Approach: nothing is touched"
-                if away else "!Hold, !Slide or !Retreat: the last !Approach has no !Retreat yet")
-        away = isinstance(step, Retreat)
-    require(away, f"steps[{len(steps) - 1}]", type(steps[-1]).__name__ if steps else None,
-            "a !Retreat, as the last step")

@@ -6,7 +6,7 @@ but not the controller. `make_uvms_plant` with `disturbance=None` has an input p
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -14,13 +14,12 @@ from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     DiscreteValues,
-    LeafSystem,
     OutputPort,
 )
 
 from uvms_drake.common.constraints import Finite, NotNegative, OneOf, Positive
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance, unit_vector
 
@@ -35,10 +34,6 @@ KINDS = ("along_r", "along_task_error", "leading", "predictive", "constant", "si
          "bang_bang", "per_channel")
 ROWS = {"all": slice(None), "position": slice(0, 3), "orientation": slice(3, 6),
         "joints": slice(6, None)}
-
-Kind = Literal[
-    "along_r", "along_task_error", "leading", "predictive", "constant", "sinusoid", "bang_bang",
-    "per_channel"]
 
 
 @dataclass
@@ -78,9 +73,9 @@ class AdversarialDisturbance(Disturbance):
         """Adds an `Adversary`; see `Disturbance`."""
         require("e_y" in signals, "kind", self.kind, "another: a function of time alone, or in a "
                 "station with a tube MPC, which has the errors that aim it")
-        return added(
-            builder, "adversary", Adversary(model, self), state=signals["state"],
-            e_y=signals["e_y"], r=signals["r"]).get_output_port()
+        return Adversary.AddToBuilder(
+            builder, model, self, state=signals["state"], e_y=signals["e_y"],
+            r=signals["r"]).get_output_port()
 
 
 def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -92,7 +87,7 @@ def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return unit_vector(vector, len(aim)) if np.any(vector) else direction
 
 
-class Adversary(LeafSystem):
+class Adversary(WiredSystem):
     """A disturbance d with ‖Ŵ⁻¹d‖₂ ≤ d̃ that is aimed at the tube.
 
     .. pydrake_system::

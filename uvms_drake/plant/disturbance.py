@@ -25,7 +25,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.constraints import Above, Finite, NotNegative, Positive, Rate
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -121,17 +121,11 @@ class OpenLoopDisturbance(Disturbance):
     def system(self, size: int, seed: int = 0) -> LeafSystem:
         """Returns a system without inputs and with one output port, `disturbance` (size)."""
 
-    def add_source(self, builder: DiagramBuilder, size: int, seed: int = 0,
-                   name: str = "disturbance") -> LeafSystem:
-        """Adds the system to `builder` and returns it."""
-        system = self.system(size, seed)
-        builder.AddNamedSystem(name, system)
-        return system
-
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
                signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds the source of d; see `Disturbance`."""
-        return self.add_source(builder, model.size, seed).get_output_port()
+        return builder.AddNamedSystem(
+            "disturbance", self.system(model.size, seed)).get_output_port()
 
 
 @dataclass
@@ -184,7 +178,7 @@ class RandomDisturbance(OpenLoopDisturbance):
         return RandomPoints(self.axes(size), self.bandwidth, seed)
 
 
-class DirectedDisturbance(LeafSystem):
+class DirectedDisturbance(WiredSystem):
     """A disturbance d(t) = g(t) a along one direction.
 
     .. pydrake_system::
@@ -208,7 +202,7 @@ class DirectedDisturbance(LeafSystem):
                   lambda c: amplitude * factor(c.get_time()), {self.time_ticket()})
 
 
-class RandomPoints(LeafSystem):
+class RandomPoints(WiredSystem):
     """A disturbance that takes a random point of an ellipsoid every 1/(2 bandwidth).
 
     It goes from one to the next by a convex combination, which stays inside; the weight is a

@@ -255,12 +255,8 @@ class Hydrodynamics(LeafSystem):
         output_of(self, "acceleration", nv, lambda c: solution.Eval(c)[0], inputs)
 
     @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        plant: MultibodyPlant,
-        parameters: HydrodynamicParameters,
-        name: str = "hydrodynamics",
-    ) -> "Hydrodynamics":
+    def AddToBuilder(builder: DiagramBuilder, plant: MultibodyPlant,
+                     parameters: HydrodynamicParameters) -> "Hydrodynamics":
         """Adds the system to `builder` and wires it to the state and force ports of `plant`.
 
         The ports `applied_spatial_force` and `actuation` of the plant get an empty list and zeros,
@@ -270,8 +266,8 @@ class Hydrodynamics(LeafSystem):
         Raises:
             InvalidParameter: One of these ports is connected already.
         """
-        system = Hydrodynamics(plant, parameters)
-        builder.AddNamedSystem(name, system)
+        system = Hydrodynamics.AddToBuilder(
+            builder, plant, parameters, plant_state=plant.get_state_output_port())
         for port, nothing in (
             (plant.get_applied_spatial_force_input_port(),
              ExternallyAppliedSpatialForceMultiplexer(num_inputs=0)),
@@ -281,9 +277,8 @@ class Hydrodynamics(LeafSystem):
             require(not builder.IsConnectedOrExported(port),
                     f"plant.{port.get_name()}", "connected",
                     "free: under water, forces go to Hydrodynamics.generalized_force")
-            builder.AddNamedSystem(f"{name}.no_{port.get_name()}", nothing)
+            builder.AddNamedSystem(f"hydrodynamics.no_{port.get_name()}", nothing)
             builder.Connect(nothing.get_output_port(), port)
-        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         builder.Connect(system.GetOutputPort("applied_generalized_force"),
                         plant.get_applied_generalized_force_input_port())
         return system

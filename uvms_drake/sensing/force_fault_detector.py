@@ -16,16 +16,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    EventStatus,
-    LeafSystem,
-)
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.end_effector import force_in_tip
 from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.uvms_model import UvmsModel
@@ -128,7 +123,7 @@ def run_of_frozen(repeated: float) -> int:
     return 1 + math.ceil(ratio - 1e-12)
 
 
-class ForceFaultDetector(LeafSystem):
+class ForceFaultDetector(WiredSystem):
     """Passes the measured force on while it is valid, and else NaN; see the module.
 
     .. pydrake_system::
@@ -172,8 +167,9 @@ class ForceFaultDetector(LeafSystem):
         if repeats:
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._look)
         known = {self.xd_ticket(), self._port.ticket()}
-        self.DeclareVectorOutputPort("force_valid", 6, self._calc, known)
-        self.DeclareVectorOutputPort("force_status", 1, self._calc_status, known)
+        output_of(self, "force_valid", 6, self._valid, known)
+        output_of(self, "force_status", 1,
+                  lambda c: [float(self._status(c, self._port.Eval(c)))], known)
 
     @staticmethod
     def _remembered(context: Context) -> RepeatCount:
@@ -197,10 +193,6 @@ class ForceFaultDetector(LeafSystem):
     def _status(self, context: Context, force: np.ndarray) -> ForceStatus:
         return status(force, self._remembered(context).times, self._repeats, self._largest)
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
+    def _valid(self, context: Context) -> np.ndarray:
         force = self._port.Eval(context)
-        valid = self._status(context, force) is ForceStatus.VALID
-        output.SetFromVector(force if valid else np.full(6, np.nan))
-
-    def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._status(context, self._port.Eval(context)))])
+        return force if self._status(context, force) is ForceStatus.VALID else np.full(6, np.nan)

@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.keyed_random import generator_of
-from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
     PAYLOAD,
@@ -17,6 +16,7 @@ from uvms_drake.model.signals.sensor_actuator import (
     Sensor,
     Signals,
 )
+from uvms_drake.model.uvms import STANDARD_GRAVITY
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_fault_detector import repeat_probability
 from uvms_drake.sensing.measurements import tip_pose
@@ -55,8 +55,8 @@ class ForceError(NamedTuple):
         return total
 
 
-def error_bound(sensor: WristSettings, time: float, rate: np.ndarray, turning: float = 0.0,
-                gravity: float = 9.81) -> ForceError:
+def error_bound(sensor: WristSettings, time: float, rate: np.ndarray, turning: float = 0.0
+                ) -> ForceError:
     """Returns the bound of F̂ − F_S at a time after the tare.
 
     With N samples of the tare, σ̄ = mσ the largest noise, r the resolution, Λ the largest weight of
@@ -73,10 +73,9 @@ def error_bound(sensor: WristSettings, time: float, rate: np.ndarray, turning: f
         time: t [s].
         rate: ρ (6,), of F_S in the sensor's axes [N/s, N m/s].
         turning: ω, bound of the angular velocity of the end-effector [rad/s].
-        gravity: ‖g‖ [m/s²].
     """
     largest_noise = sensor.noise_multiple * np.asarray(sensor.noise, dtype=float)
-    weight = sensor.tool.largest_hold(gravity)
+    weight = sensor.tool.largest_hold(STANDARD_GRAVITY)
     weight_rate, wrong = turning * weight, abs(sensor.tool.error) * weight
     count, period = sensor.tare_samples, 1.0 / sensor.rate
     drift, lag = np.asarray(sensor.drift, dtype=float), sensor.lag
@@ -90,7 +89,7 @@ def error_bound(sensor: WristSettings, time: float, rate: np.ndarray, turning: f
         hold=period * rate)
 
 
-def readable_force(sensor: WristSettings, time: float, gravity: float = 9.81) -> float:
+def readable_force(sensor: WristSettings, time: float) -> float:
     """Returns the largest norm of a force [N] that the range never cuts up to a time [s].
 
     That is the least end of the range along the axes of the sensor, less the other terms of a raw
@@ -99,12 +98,11 @@ def readable_force(sensor: WristSettings, time: float, gravity: float = 9.81) ->
     Args:
         sensor: The sensor.
         time: t [s].
-        gravity: ‖g‖ [m/s²].
     """
     other = (sensor.noise_multiple * np.asarray(sensor.noise, dtype=float)
              + 0.5 * np.asarray(sensor.resolution, dtype=float)
              + np.asarray(sensor.bias, dtype=float) + time * np.asarray(sensor.drift, dtype=float)
-             + sensor.tool.largest_hold(gravity))
+             + sensor.tool.largest_hold(STANDARD_GRAVITY))
     return max(float(np.min((np.asarray(sensor.range, dtype=float) - other)[:3])), 0.0)
 
 
@@ -152,11 +150,10 @@ class ForceSensor(WristSettings, Sensor):
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `WristSensor`, which takes its measured attitude from `port`; see `Part`."""
-        sensor = added(
-            builder, "wrist_sensor", WristSensor(model, self, self.imperfection(seed)),
-            force=signals["force"], chi=signals["chi"],
-            measured_chi=tip_pose(builder, model, port, signals), payload=signals.get(PAYLOAD),
-            payload_at_rest=signals.get(PAYLOAD_AT_REST))
+        sensor = WristSensor.AddToBuilder(
+            builder, model, self, self.imperfection(seed), force=signals["force"],
+            chi=signals["chi"], measured_chi=tip_pose(builder, model, port, signals),
+            payload=signals.get(PAYLOAD), payload_at_rest=signals.get(PAYLOAD_AT_REST))
         signals[MEASURED_FORCE] = sensor.GetOutputPort("force_measured")
         signals["force_raw"] = sensor.GetOutputPort("reading")
         return port

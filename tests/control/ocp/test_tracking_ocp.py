@@ -10,8 +10,8 @@ from pydrake.solvers import SnoptSolver
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 import uvms_drake as uv
+from uvms_drake.control.contact.press_control import PlanExtent, plan_extent
 from uvms_drake.control.costs.costs import OffsetCost
-from uvms_drake.control.mpc.plan_extent import PlanExtent, plan_extent
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.solvers import NonlinearSolver

@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from uvms_drake.common.constraints import NotNegative, Positive
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.contact.safe_region import apex, dominates, tip_advance
 from uvms_drake.control.contact.stiffness_estimate import (
     NO_ESTIMATE,
@@ -21,27 +23,24 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 class EstimatorSettings:
     """Declared bounds of the force and of its readings, for the contact estimator."""
 
-    force_max: float
+    force_max: Annotated[float, Positive]
     """F_max, largest static normal force [N]."""
-    noise: float
+    noise: Annotated[float, Positive]
     """ν, bound of the reading's error in norm [N]; see `SurfaceClass.normal_force_bound`."""
-    period: float = 0.01
+    period: Annotated[float, Positive] = 0.01
     """Time between two readings [s]."""
-    window: float = 0.0
+    window: Annotated[float, NotNegative] = 0.0
     """W, largest age of the force in a reading [s]: hold, delay, filter; see `safe_region`."""
-    memory: float = 10.0
+    memory: Annotated[float, Positive] = 10.0
     """Force change on which the stiffness may change [N]; see `stiffness_estimate`."""
-    patience: int = 10
+    patience: Annotated[int, Positive] = 10
     """Number of readings in a row that may be missing; from then on the tip retreats."""
     repeats: int = 3
     """m, number of readings in a row, equal in all six components, of a frozen sensor; 0: none is
     detected. See `ForceFaultDetector`."""
 
     def __post_init__(self) -> None:
-        for key in ("force_max", "noise", "period", "memory", "patience"):
-            value = getattr(self, key)
-            require(0.0 < value < np.inf, key, value, "positive")
-        require(0.0 <= self.window < np.inf, "window", self.window, "zero or positive")
+        check_values(self)
         require(self.repeats == 0 or self.repeats >= 2, "repeats", self.repeats, "0, or 2 or more")
 
     @property

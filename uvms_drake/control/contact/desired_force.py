@@ -1,15 +1,11 @@
 """Desired force, clipped to the range along n that is accepted."""
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import Context, DiscreteValues
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, unit_vector
+from uvms_drake.common.wiring import WiredSystem, output_of
 
 GIVEN, CUT, ACROSS, LOST = range(4)
 """Outcomes of a desired force: accepted, clipped, without its part across n, or not finite."""
@@ -36,7 +32,7 @@ def along_of(wanted: np.ndarray, direction: np.ndarray, largest: float) -> tuple
     return given, ACROSS if np.max(np.abs(across)) > slack else GIVEN
 
 
-class DesiredForce(LeafSystem):
+class DesiredForce(WiredSystem):
     """Desired force along a direction, clipped to its accepted range.
 
     The logger `uvms_drake` warns when a desired force begins to differ from the accepted one.
@@ -71,8 +67,9 @@ class DesiredForce(LeafSystem):
         self.DeclareDiscreteState([float(GIVEN)])
         self.DeclarePerStepDiscreteUpdateEvent(self._tell)
         asked = {self._port.ticket()}
-        self.DeclareVectorOutputPort("accepted_force", 6, self._calc_force, asked)
-        self.DeclareVectorOutputPort("along", 1, self._calc_along, asked)
+        output_of(self, "accepted_force", 6, lambda c: np.append(
+            self._along(c)[0] * self._direction, np.zeros(3)), asked)
+        output_of(self, "along", 1, lambda c: [self._along(c)[0]], asked)
 
     def _along(self, context: Context) -> tuple[float, int]:
         if not self._port.HasValue(context):
@@ -89,10 +86,3 @@ class DesiredForce(LeafSystem):
                 CUT: f"the desired force is cut to {given:.4g} N, along the direction from 0 to "
                      f"{self._largest:.4g} N can be given"}[became])
         state.set_value([float(became)])
-
-    def _calc_force(self, context: Context, output: BasicVector) -> None:
-        along, _ = self._along(context)
-        output.SetFromVector(np.append(along * self._direction, np.zeros(3)))
-
-    def _calc_along(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._along(context)[0]])

@@ -2,17 +2,20 @@
 
 from dataclasses import dataclass
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from uvms_drake.common.wiring import added, outputs, wire
+from uvms_drake.common.wiring import WiredSystem, output_of, outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.press_target import PressTarget, search_speed, touch_to_plan
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
-from uvms_drake.control.mpc.plan_extent import PlanExtent
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
+from uvms_drake.control.plan.plan import TrackingPlan, between_knots
+from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
@@ -69,16 +72,13 @@ class PressControl:
         """
         assert isinstance(ocp, TrackingOcp), "a measured force is pressed by a TrackingOcp"
         walls, sensing = self.walls, self.sensing
-        estimator = added(
-            builder, "contact_estimator",
-            ContactEstimator(ocp.model, walls, sensing.watched, margin=self.margin), state=state)
-        desired = added(
-            builder, "desired_force", DesiredForce(walls.direction, self.force, self.largest))
+        estimator = ContactEstimator.AddToBuilder(
+            builder, ocp.model, walls, sensing.watched, margin=self.margin, state=state)
+        desired = DesiredForce.AddToBuilder(builder, walls.direction, self.force, self.largest)
         search_lead = ocp.following_lag(committed) * search_speed(
             1.0, walls.stiffness, touch_to_plan(ocp.time_step, committed, sensing))
-        press = added(
-            builder, "press_target",
-            PressTarget(walls.direction, ocp.y_des[:3], search_lead=search_lead),
+        press = PressTarget.AddToBuilder(
+            builder, walls.direction, ocp.y_des[:3], search_lead=search_lead,
             desired_force=desired.GetOutputPort("along"))
         wire(builder, press, outputs(estimator))
         return PressSystems(ocp, walls, estimator, desired, press)
@@ -100,9 +100,8 @@ class PressSystems:
                              (self.estimator.GetOutputPort("facet_depths"), "safe_depth")):
             if port in self.ocp.inputs_given:
                 builder.Connect(source, mpc.GetInputPort(port))
-        extent = added(
-            builder, "plan_extent", PlanExtent(self.ocp, self.walls),
-            plan=mpc.GetOutputPort("plan"))
+        extent = PlanExtent.AddToBuilder(
+            builder, self.ocp, self.walls, plan=mpc.GetOutputPort("plan"))
         builder.Connect(extent.get_output_port(), self.estimator.GetInputPort("extent"))
 
     def export(self, builder: DiagramBuilder) -> None:
@@ -119,3 +118,49 @@ class PressSystems:
         ):
             for name in names:
                 builder.ExportOutput(system.GetOutputPort(name), name)
+
+
+def plan_extent(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
+    """Returns points (m, 3) [m] whose hull across n contains a plan's tip, and its reference.
+
+    These are the knots, the points half an interval after each, see `between_knots`, and
+    E ᵀ(y_des + E a): the only bound of the safe region on a plan that is continued by the terminal
+    controller is the radius at that place.
+    """
+    kinematics = ocp.model.tip_kinematics(plan.config)
+    knots, velocities = kinematics.chi[:, :3], times(kinematics.J_chi[:, :3], plan.zeta)
+    between = between_knots(knots, velocities, plan.time_step)
+    return np.concatenate([knots, between, ocp.reference(plan)[None, :3]])
+
+
+class PlanExtent(WiredSystem):
+    """Lateral extent of the current plan, see `safe_region.dominates`.
+
+    .. pydrake_system::
+
+        name: PlanExtent
+        input_ports:
+        - plan
+        output_ports:
+        - extent
+
+    - `plan`: current `TrackingPlan` (abstract); past knots count, too.
+    - `extent` (4): least, then largest `SurfaceClass.across` of `plan_extent` [m].
+
+    It has no state.
+
+    Args:
+        ocp: Problem of the plan.
+        surface: The class of walls.
+    """
+
+    def __init__(self, ocp: TrackingOcp, surface: SurfaceClass):
+        super().__init__()
+        self._ocp, self._surface = ocp, surface
+        self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
+        # A plan lasts for many readings of a sensor: its extent is cached by the port.
+        output_of(self, "extent", 4, self._extent, {self._plan_port.ticket()})
+
+    def _extent(self, context: Context) -> np.ndarray:
+        places = self._surface.across(plan_extent(self._ocp, self._plan_port.Eval(context)))
+        return np.append(places.min(axis=0), places.max(axis=0))

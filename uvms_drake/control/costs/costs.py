@@ -7,11 +7,11 @@ Gauss–Newton model about a plan. No proof covers it: with one, there is no cer
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from uvms_drake.common.errors import require
+from uvms_drake.common.constraints import NotNegative, Positive
 from uvms_drake.control.plan.points import About, Points, Slopes, slopes
 
 
@@ -47,12 +47,11 @@ class CostTerm(ABC):
 class LevelVehicle(CostTerm):
     """Cost weight (φ² + θ²) that keeps the vehicle level."""
 
-    weight: float = 1.0
+    weight: Annotated[float, NotNegative] = 1.0
     """Cost of a tilt by 1 rad that lasts 1 s [1/(rad² s)]."""
 
     def residual(self, at: Points) -> np.ndarray:
         """Returns √weight (φ, θ)."""
-        require(0.0 <= self.weight < np.inf, "weight", self.weight, "zero or positive")
         return np.sqrt(self.weight) * at.config[..., 3:5]
 
 
@@ -111,15 +110,10 @@ class OffsetCost:
     `slope` per metre: as exact a penalty as a norm, to within `width`.
     """
 
-    slope: float = 100.0
+    slope: Annotated[float, Positive] = 100.0
     """Cost of a metre, far from the target, or of a radian [1/m, 1/rad]."""
-    width: float = 1e-3
+    width: Annotated[float, Positive] = 1e-3
     """Distance below which the cost is quadratic [m, rad]."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for the first parameter that has no meaning."""
-        for key in ("slope", "width"):
-            require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
 
     def value(self, e: np.ndarray) -> float:
         """Returns V_o(e), e (m,) [m], or (1,) [rad]."""

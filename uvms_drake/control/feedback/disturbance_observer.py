@@ -16,16 +16,15 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import (
-    BasicVector,
     Context,
     ContinuousState,
     DiagramBuilder,
     DiscreteValues,
-    LeafSystem,
     OutputPort,
 )
 
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw, Observed, Pair
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
@@ -57,7 +56,7 @@ def prediction(model: UvmsModel, observed: Observed, now: Pair) -> Prediction:
     return Prediction(out.rate[0], out.bias[0] - G @ b, G)
 
 
-class RowObserver(LeafSystem):
+class RowObserver(WiredSystem):
     """Observer of the disturbance of a law's outputs.
 
     .. pydrake_system::
@@ -106,7 +105,8 @@ class RowObserver(LeafSystem):
         self.DeclareDiscreteState(np.full(2 * size, np.nan))
         self.DeclareDiscreteState(np.ones(1))
         self.DeclarePeriodicDiscreteUpdateEvent(observed.period, 0.0, self._update)
-        self.DeclareVectorOutputPort("estimate", size, self._calc, {self.xd_ticket()})
+        output_of(self, "estimate", size, lambda c: c.get_discrete_state(0).value(),
+                  {self.xd_ticket()})
 
     def _motion(self, context: Context) -> np.ndarray:
         """Returns ẏ, ∫τ, c and the rows of G now."""
@@ -148,13 +148,9 @@ class RowObserver(LeafSystem):
         state.set_value(2, measured)
         state.set_value(3, np.ones(1))
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state(0).value())
-
 
 def add_observer(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
-                 feedback: AncillaryFeedback, *, state: OutputPort, name: str = "observer"
-                 ) -> RowObserver | None:
+                 feedback: AncillaryFeedback, *, state: OutputPort) -> RowObserver | None:
     """Adds the observer of a law and connects it with the feedback; None if it has none.
 
     Args:
@@ -163,15 +159,13 @@ def add_observer(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
         law: The law.
         feedback: The law as a system; its inputs from outside are left to the caller.
         state: Gives (𝔮, ζ) as it is measured.
-        name: Name of the system.
     """
     observed = law.observed(model)
     if observed is None:
         return None
-    observer = builder.AddNamedSystem(name, RowObserver(model, observed))
-    builder.Connect(state, observer.GetInputPort("state"))
-    for port in ("pair", "tau"):
-        builder.Connect(feedback.GetOutputPort(port), observer.GetInputPort(port))
+    observer = RowObserver.AddToBuilder(
+        builder, model, observed, name="observer", state=state, pair=feedback.GetOutputPort("pair"),
+        tau=feedback.GetOutputPort("tau"))
     builder.Connect(observer.get_output_port(), feedback.GetInputPort("estimate"))
     return observer
 

@@ -19,6 +19,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
+from uvms_drake.common.wiring import WiredSystem, outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -68,7 +69,7 @@ def previewed_forces(
     return change
 
 
-class FeedforwardPreview(LeafSystem):
+class FeedforwardPreview(WiredSystem):
     """Change of the plan's forces over the delay of the actuators.
 
     .. pydrake_system::
@@ -137,7 +138,6 @@ def add_feedforward_preview(
     builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw, feedback: AncillaryFeedback,
     command_path: CommandPath, *, nominal: LeafSystem,
     estimator: ContactEstimator | None = None, direction: np.ndarray | None = None,
-    name: str = "previewed_forces",
 ) -> FeedforwardPreview | None:
     """Adds the preview and connects it; None for a law without one, or without any delay.
 
@@ -150,15 +150,14 @@ def add_feedforward_preview(
         nominal: A `NominalMpc`.
         estimator: Contact state of a wall that the model does not know, if there is one.
         direction: n of such walls (3,).
-        name: Name of the system.
     """
     if not law.takes_wrench or not any(command_path.preview):
         return None
-    preview = builder.AddNamedSystem(name, FeedforwardPreview(model, command_path, direction))
-    for port in ("plan", "nominal_state", "nominal_acceleration"):
-        builder.Connect(nominal.GetOutputPort(port), preview.GetInputPort(port))
+    preview = FeedforwardPreview.AddToBuilder(
+        builder, model, command_path, direction, name="previewed_forces",
+        plan=nominal.GetOutputPort("plan"))
+    wire(builder, preview, outputs(nominal))
     if estimator is not None:
-        for port in CONTACT_PORTS:
-            builder.Connect(estimator.GetOutputPort(port), preview.GetInputPort(port))
+        wire(builder, preview, outputs(estimator))
     builder.Connect(preview.get_output_port(), feedback.GetInputPort("preview"))
     return preview

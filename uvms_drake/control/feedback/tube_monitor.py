@@ -20,12 +20,12 @@ from pydrake.systems.framework import (
     ContinuousState,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
 )
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import cached, output_of
+from uvms_drake.common.schema import check_values
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -73,7 +73,7 @@ def beyond(norms: np.ndarray | float, bounds: np.ndarray | float, slack: float, 
     return norms > (1.0 + slack) * bounds + floor
 
 
-class TubeMonitor(LeafSystem):
+class TubeMonitor(WiredSystem):
     """Monitor of the deviation from the nominal motion; it counts exits from the tube.
 
     It warns of each exit on the logger `uvms_drake`, see `uvms_drake.common.alarm`.
@@ -136,7 +136,7 @@ class TubeMonitor(LeafSystem):
                  along_run: bool = True, period: float = 0.01,
                  begin: float = 0.0, slack: float = 1e-6, floor: float = FLOOR):
         super().__init__()
-        law.check()
+        check_values(law)
         require(0.0 <= d_bound < np.inf, "d_bound", d_bound, "zero or positive")
         require(0.0 <= period < np.inf, "period", period, "zero or positive")
         require(0.0 <= begin < np.inf, "begin", begin, "zero or positive")

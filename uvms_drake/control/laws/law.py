@@ -14,7 +14,6 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from uvms_drake.common.errors import require
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
@@ -191,9 +190,6 @@ class AncillaryLaw(ABC):
         """Whether the law feeds back 𝔢_y, the joints in it, and not 𝔢 of the end-effector alone."""
         return True
 
-    def check(self) -> None:  # noqa: B027  there may be no gains
-        """Raises `InvalidParameter` for a gain that has no meaning."""
-
     @abstractmethod
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command | np.ndarray:
@@ -224,10 +220,3 @@ class AncillaryLaw(ABC):
             weights: Diagonal of Ŵ (6+n,), at most 1.
         """
         return None
-
-
-def check_gains(law: AncillaryLaw) -> None:
-    """Raises `InvalidParameter` unless k and σ are positive."""
-    for key in ("k", "sigma"):
-        value = getattr(law, key)
-        require(bool(0.0 < value < math.inf), key, value, "positive")

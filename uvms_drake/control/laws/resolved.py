@@ -14,17 +14,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.control.laws.law import (
-    AncillaryLaw,
-    Command,
-    Deviation,
-    Pair,
-    RunBound,
-    check_gains,
-)
+from uvms_drake.common.constraints import Positive
+from uvms_drake.control.laws.law import AncillaryLaw, Command, Deviation, Pair, RunBound
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -33,15 +28,12 @@ from uvms_drake.model.uvms_model import UvmsModel
 class Resolved(AncillaryLaw):
     """The law `resolved` and its gains."""
 
-    k: float = 20.0
+    k: Annotated[float, Positive] = 20.0
     """Gain of the velocity error [1/s]."""
-    sigma: float = 5.0
+    sigma: Annotated[float, Positive] = 5.0
     """σ, gain of the task error [1/s]."""
 
     takes_force = True
-
-    def check(self) -> None:  # noqa: D102  see AncillaryLaw
-        check_gains(self)
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:

@@ -19,10 +19,12 @@ control/laws/theory.md#law-tip-first.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, require_period, within
+from uvms_drake.common.constraints import NotNegative, OneOf, Period, Positive
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws.law import AncillaryLaw, Command, Observed, Pair
 from uvms_drake.control.laws.outputs import POSE, outputs_of, tip_rows
 from uvms_drake.model.uvms_model import UvmsModel
@@ -37,18 +39,12 @@ LARGEST = 1e6
 class BlockGains:
     """Gains of a block of rows."""
 
-    k: float
+    k: Annotated[float, Positive]
     """Gain of the velocity error [1/s]."""
-    sigma: float
+    sigma: Annotated[float, Positive]
     """σ, gain of the error [1/s]."""
-    observer: float = 0.0
+    observer: Annotated[float, NotNegative] = 0.0
     """λ of the observer of the disturbance [1/s]; zero for none."""
-
-    def check(self) -> None:
-        """Raises `InvalidParameter` for a gain that has no meaning."""
-        for key in ("k", "sigma"):
-            require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
-        require(0.0 <= self.observer < np.inf, "observer", self.observer, "zero or positive")
 
 
 @dataclass
@@ -62,20 +58,12 @@ class TipFirst(AncillaryLaw):
     rows: list[str] = field(default_factory=list)
     """Rows of the tip's task, one a joint: of x, y, z, roll, pitch, yaw of the end-effector and
     q1, q2, ...; none for the position first and then the rows that are best conditioned."""
-    undriven: list[str] = field(default_factory=list)
+    undriven: list[Annotated[str, OneOf(*MAY_BE_UNDRIVEN)]] = field(default_factory=list)
     """Axes of the vehicle that no thruster drives, of roll and pitch: not fed back."""
-    observer_period: float = 0.02
+    observer_period: Annotated[float, Period] = 0.02
     """Time between two estimates of the observer, if there is one [s]."""
 
     takes_force = takes_wrench = True
-
-    def check(self) -> None:  # noqa: D102  see AncillaryLaw
-        for key in ("vehicle", "tip"):
-            with within(key):
-                getattr(self, key).check()
-        require_period("observer_period", self.observer_period)
-        allowed = set(self.undriven) <= set(MAY_BE_UNDRIVEN)
-        require(allowed, "undriven", self.undriven, f"of {', '.join(MAY_BE_UNDRIVEN)}")
 
     @property
     def name(self) -> str:  # noqa: D102  see AncillaryLaw

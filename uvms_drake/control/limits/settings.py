@@ -2,11 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
+from uvms_drake.common.constraints import Constraint, Positive
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
 from uvms_drake.common.kinds import offer
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.limits.inputs import Accelerations, Forces, ThrusterForces
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.pose import Joints, TipBox, TipPitch, VehicleAngle
@@ -18,24 +21,27 @@ from uvms_drake.model.surface.law import NotOffered, Surface
 
 offer(Limit, TipBox, TipVelocity)
 
+Regular = Constraint("below π/2", lambda x: x < 0.5 * np.pi)
+"""Angle at which Euler angles are regular [rad]."""
+
 
 @dataclass
 class Limits:
     """State and input limits of the real robot."""
 
-    nu1: float = 0.25
+    nu1: Annotated[float, Positive] = 0.25
     """Largest ‖ν₁‖₂ [m/s]."""
-    nu2: float = 0.25
+    nu2: Annotated[float, Positive] = 0.25
     """Largest ‖ν₂‖₂ [rad/s]."""
-    qdot: float = 0.4
+    qdot: Annotated[float, Positive] = 0.4
     """Largest ‖q̇‖₂ [rad/s]."""
-    roll: float = 0.3
+    roll: Annotated[float, Positive, Regular] = 0.3
     """Largest |φ| of the vehicle [rad]."""
-    pitch: float = 0.3
+    pitch: Annotated[float, Positive, Regular] = 0.3
     """Largest |θ| of the vehicle [rad]."""
-    tip_pitch: float = 1.2
+    tip_pitch: Annotated[float, Positive, Regular] = 1.2
     """Largest |𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
-    static_force: float | None = None
+    static_force: Annotated[float, Positive] | None = None
     """Largest ‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N], of the surface in
     the controller's model; the force of its damping is not limited. A certificate needs it."""
     q_lower: np.ndarray | None = None
@@ -162,13 +168,7 @@ def check_limits(limits: Limits, num_joints: int) -> None:
     """Raises `InvalidParameter` for the first limit that has no meaning."""
     size = 6 + num_joints
     with within("limits"):
-        for key in ("nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"):
-            require(0.0 < getattr(limits, key) < np.inf, key, getattr(limits, key), "positive")
-        for key in ("roll", "pitch", "tip_pitch"):
-            require(getattr(limits, key) < 0.5 * np.pi, key, getattr(limits, key), "below π/2")
-        if limits.static_force is not None:
-            require(0.0 < limits.static_force < np.inf, "static_force", limits.static_force,
-                    "positive, or left out for no limit")
+        check_values(limits)
         for key in ("u", "tau"):
             if key == "u" or limits.tau is not None:
                 require(np.size(getattr(limits, key)) > 0, key, [], f"given: {size} "

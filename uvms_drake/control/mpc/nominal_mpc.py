@@ -5,37 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    EventStatus,
-    InputPort,
-    LeafSystem,
-    State,
-    ValueProducer,
-)
+from pydrake.systems.framework import Context, EventStatus, InputPort, State
 
-from uvms_drake.control.mpc.planner import (
-    MPC_REPORT,
-    SOLVED,
-    MpcMemory,
-    Planner,
-    Sample,
-    Targets,
-)
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
+from uvms_drake.control.mpc.planner import MPC_REPORT, SOLVED, MpcMemory, Planner, Sample, Targets
 from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.plan.plan import Plan
 
 
-class NominalMpc(LeafSystem):
+class NominalMpc(WiredSystem):
     """Planner that solves the FHOCP at t = 0, h, 2h, ...; its output is the nominal trajectory.
 
     The first plan is made at initialization, from the measured state; every later one starts at the
     state that the last plan predicted, because the tube is about the *nominal* trajectory:
     (eq:diff_mpc), which starts each solve at the measured state, contradicts the paper's own proof.
     A problem with the initial state `measured` follows (eq:diff_mpc).
-
-    The state is (𝔮, ζ) with a `Ocp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
 
     If a solve fails, or takes longer than the problem's deadline, the last plan continued by the
     terminal controller replaces the new one; likewise if it is sound and the new one is not, which
@@ -76,20 +60,20 @@ class NominalMpc(LeafSystem):
         - safe_depth (optional, with a TrackingOcp)
         output_ports:
         - nominal_state
-        - nominal_acceleration (with a Ocp)
+        - nominal_acceleration
         - nominal_input
         - plan
         - report
         - solve_seconds
         - accepted_force (with targets)
 
-    - `state`: (𝔮, ζ) (2(6+n)) or 𝔮 (6+n) measured, in the paper's order; read at initialization
-      only, unless each plan starts there.
+    - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order; read at initialization only, unless
+      each plan starts there.
     - `fault` (1): imposed outcome of the sample, `SOLVED` for none; read at every sample
       after the first.
     - `nominal_state`: (𝔮̄, ζ̄) at the context's time (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n).
-    - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄), or ζ̄ (6+n).
+    - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄) (6+n).
     - `plan`: current `Plan` (abstract).
     - `report`: see `MPC_REPORT`.
     - `solve_seconds`: time of the last step by the clock of `time_by` [s]; not reproducible.
@@ -103,7 +87,7 @@ class NominalMpc(LeafSystem):
     Args:
         solver: Solves the problem; its `ocp` is the problem.
         targets: Problems of other desired forces; None: the desired force is constant.
-        committed: Number n of committed intervals; zero for a `KinematicOcp`.
+        committed: Number n of committed intervals.
     """
 
     def __init__(self, solver: Solver, targets: Targets | None = None,
@@ -114,34 +98,32 @@ class NominalMpc(LeafSystem):
         size = self._ocp.model.size
         # State and inputs; those of the problem have its names.
         self._memory = self.DeclareAbstractState(Value(self._planner.initial))
+        remembered = {self.abstract_state_ticket(self._memory)}
         self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
         self._fault_port = self.DeclareVectorInputPort("fault", 1)
         self._force_port = None
         if targets is not None:
             self._force_port = self.DeclareVectorInputPort("desired_force", 6)
-            self.DeclareVectorOutputPort(
-                "accepted_force", 6, self._calc_force, {self.abstract_state_ticket(self._memory)})
+            output_of(self, "accepted_force", 6, lambda c: self._recall(c).force, remembered)
         self._given_ports = {name: self.DeclareVectorInputPort(name, size)
                              for name, size in self._ocp.inputs_given.items()}
         # Events, and the nominal trajectory as a cache entry.
         self.DeclareInitializationUnrestrictedUpdateEvent(self._plan_first)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._ocp.time_step, 0.0, self._plan_again)
-        remembered = {self.abstract_state_ticket(self._memory)}
-        self._nominal = self.DeclareCacheEntry(
-            description="the nominal trajectory now",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(()), calc=self._evaluate_plan),
-            prerequisites_of_calc=remembered | {self.time_ticket()})
+        nominal = cached(self, "the nominal trajectory now", self._evaluate_plan,
+                         remembered | {self.time_ticket()})
         # Outputs of the plan at this instant, and of the last sample.
-        evaluated = {self._nominal.ticket()}
-        self.DeclareVectorOutputPort("nominal_state", 2 * size, self._calc_state, evaluated)
-        self.DeclareVectorOutputPort(
-            "nominal_acceleration", size, self._calc_acceleration, evaluated)
-        self.DeclareVectorOutputPort("nominal_input", size, self._calc_input, evaluated)
+        now = {nominal.ticket()}
+        output_of(self, "nominal_state", 2 * size,
+                  lambda c: np.concatenate(nominal.Eval(c)[:2]), now)
+        output_of(self, "nominal_acceleration", size, lambda c: nominal.Eval(c)[2], now)
+        output_of(self, "nominal_input", size,
+                  lambda c: self._ocp.nominal_input(nominal.Eval(c)), now)
         self.DeclareAbstractOutputPort(
             "plan", lambda: Value(object()), self._calc_plan, remembered)
-        self.DeclareVectorOutputPort("report", len(MPC_REPORT), self._calc_report, remembered)
-        self.DeclareVectorOutputPort("solve_seconds", 1, self._calc_seconds, remembered)
+        output_of(self, "report", len(MPC_REPORT), lambda c: self._recall(c).report, remembered)
+        output_of(self, "solve_seconds", 1,
+                  lambda c: [self._recall(c).solve_seconds], remembered)
 
     def time_by(self, clock: Callable[[], float]) -> None:
         """Sets the clock of `solve_seconds` and of the deadline [s], in place of wall time."""
@@ -203,27 +185,9 @@ class NominalMpc(LeafSystem):
             memory, solve_seconds=self._planner.clock() - started))
         return EventStatus.Succeeded()
 
-    def _evaluate_plan(self, context: Context, nominal: AbstractValue) -> None:
+    def _evaluate_plan(self, context: Context) -> tuple[np.ndarray, ...]:
         last_sample = float(self._recall(context).report[0])
-        nominal.set_value(self._plan_now(context).at(context.get_time(), last_sample))
-
-    def _calc_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.concatenate(self._nominal.Eval(context)[:2]))
-
-    def _calc_acceleration(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._nominal.Eval(context)[2])
-
-    def _calc_input(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._ocp.nominal_input(self._nominal.Eval(context)))
+        return self._plan_now(context).at(context.get_time(), last_sample)
 
     def _calc_plan(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self._plan_now(context))
-
-    def _calc_report(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._recall(context).report)
-
-    def _calc_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._recall(context).force)
-
-    def _calc_seconds(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._recall(context).solve_seconds])

@@ -21,6 +21,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from uvms_drake.common.errors import require, unit_vector
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram
 from uvms_drake.control.convex.tracking_program import with_place
 from uvms_drake.control.costs.costs import OffsetCost, TaskCost
@@ -75,7 +76,7 @@ class TrackingOcp(Ocp):
         self.direction = unit_vector("direction", direction)
         self.facets = self.direction[None] if facets is None else np.asarray(facets, dtype=float)
         self.offset = offset or OffsetCost()
-        self.offset.check()
+        check_values(self.offset)
         self.moved = np.arange(3)
         self._require_the_same_everywhere()
         self._lasting = limits

@@ -27,14 +27,14 @@ from pydrake.systems.framework import (
     ContinuousState,
     DiagramBuilder,
     EventStatus,
-    LeafSystem,
     State,
 )
 from pydrake.systems.primitives import LogVectorOutput
 
 from uvms_drake.common.errors import RunFailed, require, vector, within
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.common.wiring import output_of, release
+from uvms_drake.common.schema import check_values
+from uvms_drake.common.wiring import WiredSystem, output_of, release
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.limits import Limits, TubeRadii, joint_limits, resolved_radii
@@ -322,7 +322,7 @@ def velocity(law: AncillaryLaw, model: ContactModel, config: np.ndarray, nominal
                            - law.sigma * error)
 
 
-class KinematicController(LeafSystem):
+class KinematicController(WiredSystem):
     """Nominal MPC and ancillary law: input `config` 𝔮 (6+n), outputs `zeta` ζ and `nominal` (𝔮̄, ζ̄).
 
     The state is the plan. It is made at t = 0, h, 2h, ..., from the state that the last one
@@ -369,7 +369,7 @@ class KinematicController(LeafSystem):
         return EventStatus.Succeeded()
 
 
-class DisturbedKinematics(LeafSystem):
+class DisturbedKinematics(WiredSystem):
     """Robot: inputs `zeta` ζ (6+n) and `disturbance` w (6), output `config`, its state 𝔮 (6+n).
 
     J is computed from Drake's MultibodyPlant, not from the controller's model.
@@ -448,7 +448,7 @@ def posed(scenario: Scenario) -> tuple[ContactModel, np.ndarray, Bounds]:
                 getattr(scenario, key), "left out, where the velocity is the input")
     require(isinstance(scenario.ancillary, Transpose | Resolved), "ancillary",
             type(scenario.ancillary).__name__, "!Transpose or !Resolved")
-    scenario.ancillary.check()
+    check_values(scenario.ancillary)
     require(isinstance(scenario.disturbance, OpenLoopDisturbance), "disturbance",
             type(scenario.disturbance).__name__, "a function of time alone")
     with within("task"):
@@ -475,7 +475,8 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Run:
     robot = builder.AddNamedSystem("robot", DisturbedKinematics(
         scenario.model, scenario.start.config, np.asarray(scenario.task.frame, dtype=float)))
     controller = builder.AddNamedSystem("controller", KinematicController(mpc, scenario.ancillary))
-    w = disturbance.add_source(builder, 6, scenario.seed).get_output_port()
+    w = builder.AddNamedSystem(
+        "disturbance", disturbance.system(6, scenario.seed)).get_output_port()
     config, zeta = robot.GetOutputPort("config"), controller.GetOutputPort("zeta")
     for port, system in ((config, controller), (zeta, robot), (w, robot)):
         builder.Connect(port, system.GetInputPort(port.get_name()))

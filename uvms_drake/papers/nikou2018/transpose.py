@@ -20,12 +20,13 @@ estimates. Theory: papers/nikou2018/theory.md#tube-of-the-law-transpose.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from uvms_drake.common.constraints import Positive
 from uvms_drake.common.kinds import register
-from uvms_drake.control.laws.law import AncillaryLaw, Deviation, Pair, check_gains
+from uvms_drake.control.laws.law import AncillaryLaw, Deviation, Pair
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import pose_difference
@@ -40,8 +41,7 @@ from uvms_drake.tube.constants import (
 )
 from uvms_drake.tube.law_tube import Basis, LawTube, register_tube
 from uvms_drake.tube.laws.resolved_remainders import jacobian_rate_times
-from uvms_drake.tube.row_gains import Tube, attitude_radii
-from uvms_drake.tube.row_gains import check_gains as check_sizes
+from uvms_drake.tube.row_gains import Tube, attitude_radii, check_gains
 from uvms_drake.tube.search.search_problem import Product
 
 THEOREM = "papers/nikou2018/theory.md#tube-of-the-law-transpose"
@@ -58,9 +58,9 @@ TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
 class Transpose(AncillaryLaw):
     """The law `transpose` and its gains."""
 
-    k: float = 20.0
+    k: Annotated[float, Positive] = 20.0
     """Gain of the velocity error [1/s]."""
-    sigma: float = 1.0
+    sigma: Annotated[float, Positive] = 1.0
     """σ, gain of the task error [1/s]."""
     joints: bool = False
     """Whether 𝔢_y is fed back with J_x instead of 𝔢 with J: the arm's self-motion too, which the
@@ -74,9 +74,6 @@ class Transpose(AncillaryLaw):
     def fed_back(self) -> slice:
         """Rows of 𝔢_y and J_x that are fed back."""
         return slice(None) if self.joints else slice(0, 6)
-
-    def check(self) -> None:  # noqa: D102  see AncillaryLaw
-        check_gains(self)
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> np.ndarray:
@@ -138,7 +135,7 @@ def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: f
         sigma: σ.
         d_bound: d̃, bound of ‖d‖₂.
     """
-    check_sizes(k, sigma, d_bound)
+    check_gains(k, sigma, d_bound)
     c, J = constants, constants.J_max
     a = sigma * c.J_min - c.L_c
     b = k - c.L_2 - sigma * J**2

@@ -14,7 +14,7 @@ from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from uvms_drake.actuation import IdealWrench, Thrusters
 from uvms_drake.common.constraints import AtMost, NotNegative, OneOf, Positive, Vector
-from uvms_drake.common.errors import require, shortened, vector, within
+from uvms_drake.common.errors import require, shortened, vector
 from uvms_drake.common.schema import check_values, conform, dump_typed, read_yaml
 from uvms_drake.control.laws import AncillaryLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
@@ -174,8 +174,6 @@ class Scenario:
                 "with angles within ±2π")
         require(self.log_period <= self.duration, "log_period", self.log_period,
                 f"at most the duration, {self.duration:g} s")
-        with within("mission"):
-            self.mission.checked()
         require(not self.mission.steps or self.contact.declared_wall() is not None,
                 "mission.steps", self.mission.steps, "left out, without a sensed contact")
         # Parts and faults, and the integrator.
