@@ -16,7 +16,6 @@ from uvms_drake.actuation.joint_brake import StuckJoint, braked
 from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
 from uvms_drake.actuation.thrusters import Thrusters, largest_error, with_errors
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import added
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
@@ -187,9 +186,9 @@ def test_the_allocation_alone_commands_what_gives_the_wrench(other):
     tau, state, force = (builder.AddSystem(ConstantVectorSource(value)).get_output_port()
                          for value in (TAU, np.append(AT, np.ones(10)), PRESSED))
     thrusters = ThrusterModel.of(other.thrusters)
-    system = added(
-        builder, "allocation", ThrusterAllocation(other, Allocation.to(thrusters)), tau=tau,
-        state=state, force=force)
+    system = ThrusterAllocation.AddToBuilder(
+        builder, other, Allocation.to(thrusters), name="allocation", tau=tau, state=state,
+        force=force)
     context = system.GetMyContextFromRoot(builder.Build().CreateDefaultContext())
     for name, wrench in (("command", TAU[:6]), ("hover", hovering(other)[:6])):
         command = system.GetOutputPort(name).Eval(context)

@@ -10,7 +10,6 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 from support.tiny_robots import drill
 
-from uvms_drake.common.wiring import added
 from uvms_drake.mission import law
 from uvms_drake.mission.steps import REACHED, Approach, Hold, Mission, Retreat, Slide
 from uvms_drake.mission.system import PROGRESS, MissionControl
@@ -255,8 +254,8 @@ def simulator(mission=MISSION, **signals):
         "state": state, "force": lambda time: [0.0, 10.0 * (time < BACK), 0.0, 0.0, 0.0, 0.0],
         "touched": lambda time: [float(time < BACK)], "lost": lambda time: [0.0],
         "stop": lambda time: [0.0], **signals}))
-    system = added(
-        builder, "mission", MissionControl(mission, drill(), SURFACE, ORIGIN, period=PERIOD),
+    system = MissionControl.AddToBuilder(
+        builder, mission, drill(), SURFACE, ORIGIN, period=PERIOD, name="mission",
         state=script.GetOutputPort("state"), force_last_valid=script.GetOutputPort("force"),
         touched=script.GetOutputPort("touched"), force_lost=script.GetOutputPort("lost"))
     builder.Connect(script.GetOutputPort("stop"), system.GetInputPort("stop"))

@@ -8,7 +8,6 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Integrator, LinearSystem
 
-from uvms_drake.common.wiring import added
 from uvms_drake.plant import disturbance
 from uvms_drake.plant.adversary import KINDS, PREVIEW_TIME, ROWS, AdversarialDisturbance, Adversary
 
@@ -166,9 +165,8 @@ def test_in_the_cascade_it_reaches_the_radius_of_the_weighted_tube(model, states
         split = builder.AddSystem(Demultiplexer([10, 10]))
         builder.Connect(cascade.get_output_port(), split.get_input_port())
         source = builder.AddSystem(ConstantVectorSource(state))
-        adversary = added(
-            builder, "adversary",
-            Adversary(model, AdversarialDisturbance(BOUND, kind, rows, DIRECTION, weights=AIMED)),
+        adversary = Adversary.AddToBuilder(
+            builder, model, AdversarialDisturbance(BOUND, kind, rows, DIRECTION, weights=AIMED),
             state=source.get_output_port(), e_y=split.get_output_port(1),
             r=split.get_output_port(0))
         builder.Connect(adversary.get_output_port(), cascade.get_input_port())

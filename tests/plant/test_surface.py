@@ -13,7 +13,6 @@ from support.shapes import LAWS, SHAPES, turned
 from support.tank import link, plant_of, robot
 
 import uvms_drake as uv
-from uvms_drake.common.wiring import added
 from uvms_drake.model.frames.euler import euler_angles, rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant.surface import (
@@ -105,8 +104,8 @@ def thrown(surface, tangent, weight):
     """
     builder = DiagramBuilder()
     plant = plant_of(BALL, builder)
-    contact = added(
-        builder, "surface", CompliantSurface(plant, plant.GetFrameByName("tip"), surface),
+    contact = CompliantSurface.AddToBuilder(
+        builder, plant, plant.GetFrameByName("tip"), surface, name="surface",
         plant_state=plant.get_state_output_port())
     pull = builder.AddSystem(ConstantVectorSource(np.append(np.zeros(3), weight)))
     total = builder.AddSystem(Adder(2, 6))

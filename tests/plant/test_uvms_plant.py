@@ -18,7 +18,6 @@ from support.surfaces import Sphere
 from support.tank import plant_of
 
 import uvms_drake as uv
-from uvms_drake.common.wiring import added
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
 from uvms_drake.model.uvms import Uvms, add_uvms
@@ -48,8 +47,8 @@ def converted(robot, kind, output, **inputs):
     x[:4] = RollPitchYaw(0.7, -0.4, 2.1).ToQuaternion().wxyz()
     plant_context = plant.CreateDefaultContext()
     plant.SetPositionsAndVelocities(plant_context, x)
-    system = added(builder, "order", kind(coordinates),
-                   plant_state=plant.get_state_output_port())
+    system = kind.AddToBuilder(builder, coordinates, name="order",
+                               plant_state=plant.get_state_output_port())
     context = system.CreateDefaultContext()
     for name, value in {"plant_state": x, **inputs}.items():
         system.GetInputPort(name).FixValue(context, value)

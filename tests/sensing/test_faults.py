@@ -7,7 +7,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
 from support.scripts import Script, use_fixed_steps
 
-from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.sensing import faults
 from uvms_drake.sensing.measurements import HoldLastValue
@@ -65,9 +64,8 @@ def measured(time):
 def test_the_last_finite_vector_goes_on_through_a_gap_also_in_a_clone():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(measured=measured))
-    last = added(
-        builder, "hold_last_value", HoldLastValue(script.get_output_port().size()),
-        measured=script.get_output_port())
+    last = HoldLastValue.AddToBuilder(
+        builder, script.get_output_port().size(), measured=script.get_output_port())
     moving = builder.AddSystem(Integrator(1))  # A continuous state makes steps.
     one = builder.AddSystem(ConstantVectorSource([1.0]))
     builder.Connect(one.get_output_port(), moving.get_input_port())
@@ -92,9 +90,9 @@ def test_the_last_finite_vector_goes_on_through_a_gap_also_in_a_clone():
 def test_in_a_gap_release_zeroes_the_last_vector():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(measured=measured, release=lambda time: [time > 0.55]))
-    last = added(
-        builder, "hold_last_value", HoldLastValue(script.GetOutputPort("measured").size()),
-        measured=script.GetOutputPort("measured"), release=script.GetOutputPort("release"))
+    last = HoldLastValue.AddToBuilder(
+        builder, script.GetOutputPort("measured").size(), measured=script.GetOutputPort("measured"),
+        release=script.GetOutputPort("release"))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     own = last.GetMyMutableContextFromRoot(context)

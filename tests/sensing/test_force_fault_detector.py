@@ -8,7 +8,6 @@ from pydrake.systems.primitives import LogVectorOutput
 from support.scripts import Script
 from support.tiny_robots import drill
 
-from uvms_drake.common.wiring import added
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.surface.law import check_surface
@@ -33,8 +32,8 @@ def passed(force, state=turning, until=3.0, model=None, start=0.0, **options):
     """Returns instants and values of a reader with the period of the detector."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=force, state=state))
-    watch = added(
-        builder, "detector", detector.ForceFaultDetector(model or drill(), T, **options),
+    watch = detector.ForceFaultDetector.AddToBuilder(
+        builder, model or drill(), T, **options, name="detector",
         state=script.GetOutputPort("state"), force_measured=script.GetOutputPort("force"))
     logs = [LogVectorOutput(watch.get_output_port(i), builder, T) for i in range(2)]
     simulator = Simulator(builder.Build())
@@ -132,9 +131,9 @@ def test_zeros_during_the_tare_are_readings_and_later_ones_are_not(start):
 def test_a_clone_goes_on_as_the_run_does():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=frozen_in("world"), state=turning))
-    watch = added(
-        builder, "force_fault_detector", detector.ForceFaultDetector(drill(), T),
-        state=script.GetOutputPort("state"), force_measured=script.GetOutputPort("force"))
+    watch = detector.ForceFaultDetector.AddToBuilder(
+        builder, drill(), T, state=script.GetOutputPort("state"),
+        force_measured=script.GetOutputPort("force"))
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.15)

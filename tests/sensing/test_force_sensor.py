@@ -12,7 +12,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script, use_fixed_steps
 
-from uvms_drake.common.wiring import added
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import rotation_matrix
@@ -62,8 +61,8 @@ class Bench:
         builder = DiagramBuilder()
         shown = builder.AddSystem(Script(
             force=self.force, state=state, measured=measured or state))
-        self.sensor = added(
-            builder, "wrist_sensor", WristSensor(model, settings, off or settings.imperfection(0)),
+        self.sensor = WristSensor.AddToBuilder(
+            builder, model, settings, off or settings.imperfection(0),
             force=shown.GetOutputPort("force"),
             chi=self._pose(builder, shown.GetOutputPort("state")),
             measured_chi=self._pose(builder, shown.GetOutputPort("measured")))

@@ -20,7 +20,6 @@ from support.coarse_sensors import (
 from support.scripts import Script
 
 import uvms_drake as uv
-from uvms_drake.common.wiring import added
 from uvms_drake.sensing.faults import FrozenForce
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector, ForceStatus
 from uvms_drake.sensing.force_sensor import error_bound
@@ -60,16 +59,14 @@ def read(scenario, freezes, until, force):
     script = builder.AddSystem(Script(
         force=lambda time: force if time > sensor.tare + 0.1 else np.zeros(6),
         chi=lambda time: chi, state=lambda time: still))
-    wrist = added(
-        builder, "wrist_sensor", WristSensor(model, sensor, sensor.imperfection(3)),
-        force=script.GetOutputPort("force"), chi=script.GetOutputPort("chi"),
-        measured_chi=script.GetOutputPort("chi"))
+    wrist = WristSensor.AddToBuilder(
+        builder, model, sensor, sensor.imperfection(3), force=script.GetOutputPort("force"),
+        chi=script.GetOutputPort("chi"), measured_chi=script.GetOutputPort("chi"))
     measured = FrozenForce(freezes, 9.0).add_to(
         builder, model, wrist.GetOutputPort("force_measured"), uv.Signals(), 0)
-    detector = added(builder, "force_fault_detector", ForceFaultDetector(
-        model, sensing.period, repeats=sensing.repeats, tare=reading.tare,
-        largest=reading.largest),
-        state=script.GetOutputPort("state"), force_measured=measured)
+    detector = ForceFaultDetector.AddToBuilder(
+        builder, model, sensing.period, repeats=sensing.repeats, tare=reading.tare,
+        largest=reading.largest, state=script.GetOutputPort("state"), force_measured=measured)
     log = LogVectorOutput(detector.GetOutputPort("force_status"), builder, sensing.period)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(until)

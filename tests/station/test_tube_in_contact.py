@@ -13,7 +13,6 @@ from pydrake.systems.primitives import LogVectorOutput
 from support.tube_bounds import resolved_velocity_radius
 
 import uvms_drake as uv
-from uvms_drake.common.wiring import added
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT, TubeMonitor
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.papers.nikou2018 import Transpose
@@ -59,12 +58,12 @@ def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, 
         scenario.model, surface=scenario.surface, disturbance=None))
     controller = builder.AddNamedSystem("controller", uv.make_tube_mpc(ocp, law))
     state, d = (plant.GetOutputPort(name) for name in ("state", "disturbance"))
-    monitor = added(
-        builder, "tube_monitor", TubeMonitor(model, law, D_BOUND, radii or {}, period=0.0),
-        state=state, disturbance=d, nominal_state=controller.GetOutputPort("nominal_state"))
-    adversary = added(
-        builder, "adversary", Adversary(model, attack), state=state,
-        e_y=monitor.GetOutputPort("e_y"), r=monitor.GetOutputPort("r"))
+    monitor = TubeMonitor.AddToBuilder(
+        builder, model, law, D_BOUND, radii or {}, period=0.0, state=state, disturbance=d,
+        nominal_state=controller.GetOutputPort("nominal_state"))
+    adversary = Adversary.AddToBuilder(
+        builder, model, attack, state=state, e_y=monitor.GetOutputPort("e_y"),
+        r=monitor.GetOutputPort("r"))
     cascade = builder.AddNamedSystem("cascade", Cascade(model))
     builder.Connect(adversary.get_output_port(), plant.GetInputPort("disturbance"))
     builder.Connect(state, controller.GetInputPort("state"))

@@ -9,7 +9,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from support.meshcat import packed_transform, press
 
-from uvms_drake.common.wiring import added
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.visual import controls
@@ -65,7 +64,7 @@ def test_the_button_ends_a_run_as_one_of_a_shorter_duration(meshcat):
 
 
 def test_the_slider_says_what_the_task_does_until_it_is_moved(meshcat):
-    slider = added(DiagramBuilder(), "force_slider", ForceSlider(FORCE_DES, meshcat))
+    slider = ForceSlider.AddToBuilder(DiagramBuilder(), FORCE_DES, meshcat)
     port = slider.GetOutputPort("force")
     context = slider.CreateDefaultContext()
     np.testing.assert_array_equal(port.Eval(context), FORCE_DES)
@@ -92,9 +91,8 @@ def test_without_meshcat_or_force_there_is_no_slider(force, meshcat):
 def test_a_part_of_the_disturbance_is_let_through(meshcat):
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(np.array([0.3, -0.1])))
-    slider = added(
-        builder, "disturbance_slider", DisturbanceSlider(source.get_output_port().size(), meshcat),
-        disturbance=source.get_output_port())
+    slider = DisturbanceSlider.AddToBuilder(
+        builder, source.get_output_port().size(), meshcat, disturbance=source.get_output_port())
     diagram = builder.Build()
     for percent, part in ((None, 1.0), (40.0, 0.4), (0.0, 0.0)):
         if percent is not None:

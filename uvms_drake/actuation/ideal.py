@@ -7,7 +7,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.constraints import OneOf, Period
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
@@ -72,8 +71,7 @@ class SampledCommand(Actuator):
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `SampledVector`; see `Part`."""
         clock = Clock(range(port.size()), self.period, self.delay)
-        sampled = added(
-            builder, "sampled_command", SampledVector(port.size(), [clock]),
-            vector=port).get_output_port()
+        sampled = SampledVector.AddToBuilder(
+            builder, port.size(), [clock], name="sampled_command", vector=port).get_output_port()
         signals["zoh_command"] = sampled
         return sampled

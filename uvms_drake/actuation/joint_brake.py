@@ -9,7 +9,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.constraints import NotNegative
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.fault import Fault, FaultySignal
 from uvms_drake.model.signals.sensor_actuator import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -57,6 +56,6 @@ class StuckJoint(Fault, Part):
         require(self.joint < model.num_joints, "joint", self.joint,
                 f"an index from 0 to {model.num_joints - 1}")
         state, law = signals["state"], partial(braked, model, self.joint)
-        return added(
-            builder, "joint_brake", FaultySignal(self, law, port.size(), state.size()),
-            signal=port, watched=state).get_output_port()
+        return FaultySignal.AddToBuilder(
+            builder, self, law, port.size(), state.size(), name="joint_brake", signal=port,
+            watched=state).get_output_port()

@@ -1,15 +1,15 @@
 """Thrusters as systems: allocation of a wrench to commands, and the forces that follow them."""
 
 import numpy as np
-from pydrake.systems.framework import Context, ContinuousState, DiscreteValues, LeafSystem, State
+from pydrake.systems.framework import Context, ContinuousState, DiscreteValues, State
 
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import UvmsModel
 
 
-class ThrusterAllocation(LeafSystem):
+class ThrusterAllocation(WiredSystem):
     """Thruster commands for a wrench; see `Allocation`.
 
     .. pydrake_system::
@@ -60,7 +60,7 @@ class ThrusterAllocation(LeafSystem):
         return self._command(tau[:6])
 
 
-class ThrusterDynamics(LeafSystem):
+class ThrusterDynamics(WiredSystem):
     """Forces of thrusters: their curves behind a dead time and a first-order lag.
 
     .. pydrake_system::

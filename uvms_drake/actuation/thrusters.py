@@ -26,7 +26,6 @@ from pydrake.systems.primitives import Adder, MatrixGain
 from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
 from uvms_drake.common.constraints import Period, Positive
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.common.wiring import added
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.command_path import CommandPath
@@ -93,14 +92,14 @@ class Thrusters(Actuator):
         """Adds the systems of the module's diagram; see `Part`."""
         # The allocation, by the controller's model of the thrusters.
         known = self.known(model)
-        allocation = added(
-            builder, "allocation", ThrusterAllocation(model, Allocation.to(known)), tau=port,
+        allocation = ThrusterAllocation.AddToBuilder(
+            builder, model, Allocation.to(known), name="allocation", tau=port,
             state=signals["state"], force=signals["force"])
         steps, size = self._steps(known.dead_time), model.size
 
         def add(name: str, thrusters: ThrusterModel) -> OutputPort:
-            system = added(
-                builder, name, ThrusterDynamics(thrusters, self.period, steps),
+            system = ThrusterDynamics.AddToBuilder(
+                builder, thrusters, self.period, steps, name=name,
                 command=allocation.GetOutputPort("command"),
                 hover=allocation.GetOutputPort("hover"))
             return system.get_output_port()

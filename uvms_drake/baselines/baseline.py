@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from uvms_drake.baselines.compliant_laws import (
     Admittance,
@@ -31,7 +31,7 @@ from uvms_drake.baselines.sliding_mode import (
 )
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import load_typed, read_yaml
-from uvms_drake.common.wiring import cached, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.model.uvms_model import UvmsModel
 
 FOLDER = Path(__file__).parent
@@ -169,7 +169,7 @@ def next_approach(gains: ApproachGains, n: np.ndarray, old: np.ndarray, tip: np.
     return np.concatenate([x, v, [force, float(touched), since]])
 
 
-class Baseline(LeafSystem):
+class Baseline(WiredSystem):
     """Controller of a press: approach, a sum of laws, and the limit of their sum.
 
     ::

@@ -16,7 +16,6 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
     OutputPort,
     System,
 )
@@ -24,7 +23,7 @@ from pydrake.systems.framework import (
 from uvms_drake.baselines.baseline import read_gains
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.kinds import register
-from uvms_drake.common.wiring import added, output_of, release
+from uvms_drake.common.wiring import WiredSystem, output_of, release
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
@@ -51,7 +50,7 @@ STEPS = 20
 """Evaluations of a law from which its processor time follows."""
 
 
-class AfterTouch(LeafSystem):
+class AfterTouch(WiredSystem):
     """Source of a function of the time since the first touch.
 
     .. pydrake_system::
@@ -98,9 +97,9 @@ class TouchImpulse(Disturbance):
                signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds the source of d; see `Disturbance`."""
         sway = self.bound * np.eye(model.size)[1]
-        return added(builder, "impulse", AfterTouch(
-            lambda since: sway * (0.0 <= since < 1.0), model.size), force=signals["force"]
-        ).get_output_port()
+        return AfterTouch.AddToBuilder(
+            builder, lambda since: sway * (0.0 <= since < 1.0), model.size, name="impulse",
+            force=signals["force"]).get_output_port()
 
 
 @dataclass(frozen=True)
@@ -145,8 +144,9 @@ def run_press(scenario: Scenario, model: ContactModel, controller: System, cours
     station = builder.AddNamedSystem(
         "station", make_station(scenario, controller=controller, model=model))
     if station.HasInputPort("place"):
-        source = added(builder, "place", AfterTouch(
-            lambda since: place + course.moved(since), 3), force=station.GetOutputPort("force"))
+        source = AfterTouch.AddToBuilder(
+            builder, lambda since: place + course.moved(since), 3, name="place",
+            force=station.GetOutputPort("force"))
         builder.Connect(source.get_output_port(), station.GetInputPort("place"))
     loop, force = builder.Build(), station.GetOutputPort("force")
     ended, touch = "", np.inf

@@ -1,7 +1,9 @@
 """Wiring of a system in a Diagram, declaration of the functions of its Context, and its release."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeVar
+from inspect import signature
+from typing import Any, Self
 
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
@@ -17,23 +19,32 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-S = TypeVar("S", bound=System)
 
+class WiredSystem(LeafSystem):
+    """LeafSystem that a builder gets with its inputs connected by their names."""
 
-def added(builder: DiagramBuilder, name: str, system: S, **sources: OutputPort | None) -> S:
-    """Adds a system to a builder, connects its inputs, and returns it.
+    @classmethod
+    def AddToBuilder(cls, builder: DiagramBuilder, *args: Any, name: str = "", **named: Any
+                     ) -> Self:
+        """Makes a system, adds it to a builder, connects its inputs, and returns it.
 
-    Args:
-        builder: Builder to add to.
-        name: Name of the system in it.
-        system: The system.
-        **sources: Output ports by the names of its inputs; None leaves one unconnected.
-    """
-    builder.AddNamedSystem(name, system)
-    for port, source in sources.items():
-        if source is not None:
+        Args:
+            builder: Builder to add to.
+            *args: Arguments of the constructor.
+            name: Name of the system in the builder; by default its class's, as `tube_monitor`.
+            **named: Further arguments of the constructor; and output ports by the names of the
+                inputs, None to leave one unconnected.
+        """
+        sources = {key: named.pop(key) for key, value in list(named.items())
+                   if isinstance(value, OutputPort)}
+        settings = signature(cls.__init__).parameters
+        system = cls(*args, **{key: value for key, value in named.items()
+                               if key in settings or value is not None})
+        builder.AddNamedSystem(
+            name or re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower(), system)
+        for port, source in sources.items():
             builder.Connect(source, system.GetInputPort(port))
-    return system
+        return system
 
 
 def outputs(system: System) -> dict[str, OutputPort]:

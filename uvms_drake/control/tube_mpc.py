@@ -5,7 +5,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added, outputs, wire
+from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.contact.press_control import PressControl
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.feedback.disturbance_observer import add_observer, export_inputs
@@ -97,15 +97,13 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
     measured = state.get_output_port()
     committed = committed_intervals(law, command_path, ocp.time_step)
     pressing = None if press is None else press.add_to(builder, ocp, measured, committed)
-    mpc = added(
-        builder, "nominal_mpc",
-        NominalMpc(solver or make_solver(ocp), targets=targets, committed=committed),
-        state=measured)
+    mpc = NominalMpc.AddToBuilder(
+        builder, solver or make_solver(ocp), targets=targets, committed=committed, state=measured)
     if pressing is not None:
         pressing.connect(builder, mpc)
     # Feedback about the plan, with the plan's forces in advance.
-    feedback = added(
-        builder, "ancillary", AncillaryFeedback(ocp.model, law, limits), state=measured)
+    feedback = AncillaryFeedback.AddToBuilder(
+        builder, ocp.model, law, limits, name="ancillary", state=measured)
     wire(builder, feedback, outputs(mpc))
     add_feedforward_preview(
         builder, ocp.model, law, feedback, command_path, nominal=mpc,

@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, EventStatus
 from pydrake.systems.framework import State as ContextState
 
 from uvms_drake.common.errors import require, vector
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.mission.law import Due, Measured, State, advance, begin, due_at
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -17,7 +18,7 @@ PROGRESS = ("step", "outcome", "reason", "failures", "tries")
 """Entries of the port `progress`: fields of `law.State`."""
 
 
-class MissionControl(LeafSystem):
+class MissionControl(WiredSystem):
     """State machine of a mission, updated every `period`: references of force and place.
 
     .. pydrake_system::

@@ -14,13 +14,12 @@ from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     DiscreteValues,
-    LeafSystem,
     OutputPort,
 )
 
 from uvms_drake.common.constraints import Finite, NotNegative, OneOf, Positive
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import added
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance, unit_vector
 
@@ -74,9 +73,9 @@ class AdversarialDisturbance(Disturbance):
         """Adds an `Adversary`; see `Disturbance`."""
         require("e_y" in signals, "kind", self.kind, "another: a function of time alone, or in a "
                 "station with a tube MPC, which has the errors that aim it")
-        return added(
-            builder, "adversary", Adversary(model, self), state=signals["state"],
-            e_y=signals["e_y"], r=signals["r"]).get_output_port()
+        return Adversary.AddToBuilder(
+            builder, model, self, state=signals["state"], e_y=signals["e_y"],
+            r=signals["r"]).get_output_port()
 
 
 def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -88,7 +87,7 @@ def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return unit_vector(vector, len(aim)) if np.any(vector) else direction
 
 
-class Adversary(LeafSystem):
+class Adversary(WiredSystem):
     """A disturbance d with ‖Ŵ⁻¹d‖₂ ≤ d̃ that is aimed at the tube.
 
     .. pydrake_system::

@@ -11,8 +11,9 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.plant.hydrodynamics import declare_workspace
 
 
@@ -34,7 +35,7 @@ def generalized_force(plant: MultibodyPlant, context: Context,
     return total
 
 
-class AppliedForces(LeafSystem):
+class AppliedForces(WiredSystem):
     """Sum of forces in the form of a `MultibodyPlant`, for a robot under water.
 
     At a port of the plant they would move its dry mass only. As an input of `Hydrodynamics` they

@@ -25,7 +25,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.constraints import Above, Finite, NotNegative, Positive, Rate
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -178,7 +178,7 @@ class RandomDisturbance(OpenLoopDisturbance):
         return RandomPoints(self.axes(size), self.bandwidth, seed)
 
 
-class DirectedDisturbance(LeafSystem):
+class DirectedDisturbance(WiredSystem):
     """A disturbance d(t) = g(t) a along one direction.
 
     .. pydrake_system::
@@ -202,7 +202,7 @@ class DirectedDisturbance(LeafSystem):
                   lambda c: amplitude * factor(c.get_time()), {self.time_ticket()})
 
 
-class RandomPoints(LeafSystem):
+class RandomPoints(WiredSystem):
     """A disturbance that takes a random point of an ellipsoid every 1/(2 bandwidth).
 
     It goes from one to the next by a convex combination, which stays inside; the weight is a

@@ -33,7 +33,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import added, cached, output_of
+from uvms_drake.common.wiring import cached, output_of
 from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
@@ -266,8 +266,8 @@ class Hydrodynamics(LeafSystem):
         Raises:
             InvalidParameter: One of these ports is connected already.
         """
-        system = added(builder, "hydrodynamics", Hydrodynamics(plant, parameters),
-                       plant_state=plant.get_state_output_port())
+        system = Hydrodynamics.AddToBuilder(
+            builder, plant, parameters, plant_state=plant.get_state_output_port())
         for port, nothing in (
             (plant.get_applied_spatial_force_input_port(),
              ExternallyAppliedSpatialForceMultiplexer(num_inputs=0)),

@@ -13,11 +13,11 @@ from typing import Annotated
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from uvms_drake.common.constraints import AtLeast, Constraint
 from uvms_drake.common.errors import require
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.surface.contact_laws import STEEPEST, slip_factor
 from uvms_drake.model.uvms import Uvms
 
@@ -68,7 +68,7 @@ def friction_torque(friction: JointFriction, rates: np.ndarray) -> np.ndarray:
     return -size * slip_factor(speed / friction.creep) * rates / friction.creep
 
 
-class DryJoints(LeafSystem):
+class DryJoints(WiredSystem):
     """Dry friction in the joints of a robot.
 
     .. pydrake_system::

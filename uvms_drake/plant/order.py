@@ -1,13 +1,13 @@
 """Conversion between the orders of `MultibodyPlant` and of the paper; see `model.coordinates`."""
 
 import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.coordinates import Coordinates
 
 
-class ToPaperOrder(LeafSystem):
+class ToPaperOrder(WiredSystem):
     """Conversion of the state of a plant to (𝔮, ζ), and of its acceleration to ζ̇.
 
     With v = T(𝔮) ζ, T orthogonal, ζ̇ = Tᵀ(v̇ − Ṫζ).
@@ -48,7 +48,7 @@ class ToPaperOrder(LeafSystem):
                   {self.all_input_ports_ticket()})
 
 
-class ToDrakeOrder(LeafSystem):
+class ToDrakeOrder(WiredSystem):
     """Conversion of a generalised force τ or acceleration from the paper's order to the plant's.
 
     With v = T(𝔮) ζ, T orthogonal, the output is T w: a force keeps its power, and d added to ζ̇ is

@@ -15,9 +15,10 @@ from typing import Annotated
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from uvms_drake.common.constraints import Between, NotNegative, Vector, Within
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.model.description.hydrodynamics_file import AddedMass, BodyHydrodynamics
 from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.uvms import Uvms
@@ -112,7 +113,7 @@ def with_payload(plant: MultibodyPlant, uvms: Uvms, payload: Payload) -> Uvms:
         parameters, bodies={**parameters.bodies, NAME: water}))
 
 
-class PayloadWrench(LeafSystem):
+class PayloadWrench(WiredSystem):
     """Wrench by which the hand holds a payload, see (1).
 
     .. pydrake_system::

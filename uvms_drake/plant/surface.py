@@ -13,10 +13,10 @@ import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from uvms_drake.common.constraints import Between, Constraint, Vector
-from uvms_drake.common.wiring import cached, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.model.frames.euler import WORLD, euler_angles, rate_matrix
 from uvms_drake.model.frames.spatial import skew
 from uvms_drake.model.surface.law import Surface, check_surface
@@ -58,7 +58,7 @@ def _on_robot(_: np.ndarray, J: np.ndarray, force: np.ndarray) -> np.ndarray:
     return reaction
 
 
-class CompliantSurface(LeafSystem):
+class CompliantSurface(WiredSystem):
     """Reaction of a `Surface` on the tip of a robot.
 
     The generalised force on the robot is −J_χᵀ 𝔉(χ, χ̇), of power −𝔉ᵀχ̇.

@@ -8,7 +8,6 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, PassThrough
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.common.wiring import added
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import WORLD
 from uvms_drake.model.robot import Robot
@@ -126,18 +125,19 @@ def make_uvms_plant(
 
     # All forces but the water's, in the plant's order, and their sum.
     with within("surface"):
-        contact = None if surface is None else added(
-            builder, "surface", CompliantSurface(plant, uvms.tip, surface, task_frame),
-            plant_state=plant_state)
-    tau = added(builder, "tau_to_drake_order", ToDrakeOrder(coordinates), plant_state=plant_state)
-    applied = added(builder, "applied_forces", AppliedForces(plant), plant_state=plant_state)
+        contact = None if surface is None else CompliantSurface.AddToBuilder(
+            builder, plant, uvms.tip, surface, task_frame, name="surface", plant_state=plant_state)
+    tau = ToDrakeOrder.AddToBuilder(
+        builder, coordinates, name="tau_to_drake_order", plant_state=plant_state)
+    applied = AppliedForces.AddToBuilder(builder, plant, plant_state=plant_state)
     forces = [tau.GetOutputPort("drake_order"), applied.GetOutputPort("generalized_force")]
     if contact is not None:
         forces.insert(1, contact.GetOutputPort("generalized_force"))
     if error is not None and error.joint_friction.largest > 0.0:
         with within("model_error.joint_friction"):
-            dry = added(builder, "joint_friction", DryJoints(plant, uvms, error.joint_friction),
-                        plant_state=plant_state)
+            dry = DryJoints.AddToBuilder(
+                builder, plant, uvms, error.joint_friction, name="joint_friction",
+                plant_state=plant_state)
         forces.append(dry.get_output_port())
     total = Adder(num_inputs=len(forces), size=plant.num_velocities())
     builder.AddNamedSystem("total_force", total)
@@ -145,8 +145,8 @@ def make_uvms_plant(
         builder.Connect(port, total.get_input_port(i))
 
     # The disturbance of the acceleration.
-    d_drake = added(builder, "disturbance_to_drake_order", ToDrakeOrder(coordinates),
-                    plant_state=plant_state)
+    d_drake = ToDrakeOrder.AddToBuilder(
+        builder, coordinates, name="disturbance_to_drake_order", plant_state=plant_state)
     if disturbance is None:
         d_source = builder.AddNamedSystem("disturbance", PassThrough(coordinates.size))
         builder.ExportInput(d_source.get_input_port(), "disturbance")
@@ -163,14 +163,14 @@ def make_uvms_plant(
     builder.Connect(
         d_drake.GetOutputPort("drake_order"), water.GetInputPort("acceleration_disturbance"))
 
-    state = added(builder, "to_paper_order", ToPaperOrder(coordinates), plant_state=plant_state)
+    state = ToPaperOrder.AddToBuilder(builder, coordinates, plant_state=plant_state)
     builder.Connect(water.GetOutputPort("acceleration"), state.GetInputPort("v_dot"))
 
     # The payload, for a wrist sensor.
-    payload = None if error is None or not error.payload.present else added(
-        builder, "payload", PayloadWrench(plant, uvms, error.payload), **{
-            name: plant.GetOutputPort(name) for name in (
-                "body_poses", "body_spatial_velocities", "body_spatial_accelerations")})
+    payload = None if error is None or not error.payload.present else PayloadWrench.AddToBuilder(
+        builder, plant, uvms, error.payload, name="payload",
+        **{name: plant.GetOutputPort(name) for name in (
+            "body_poses", "body_spatial_velocities", "body_spatial_accelerations")})
 
     # The ports.
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")

@@ -19,12 +19,12 @@ from functools import partial
 from typing import Annotated
 
 import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from uvms_drake.common.constraints import Between, Finite, Positive
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 
 STEEPEST = 0.446
@@ -93,7 +93,7 @@ def water_motion(current: np.ndarray, waves: Sequence[Wave], time: float
     return velocity, acceleration
 
 
-class WaterMotion(LeafSystem):
+class WaterMotion(WiredSystem):
     """The water's motion, to the ports of the same names of the plant.
 
     .. pydrake_system::

@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.constraints import NotNegative, Positive, Vector
-from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.fault import Fault, FaultySignal
 from uvms_drake.model.signals.sensor_actuator import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -32,10 +31,9 @@ class SensorFault(Fault, Part):
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `FaultySignal`; see `Part`."""
-        faulty = FaultySignal(self, lambda true, frozen, _: self.faulty(true, frozen),
-                              port.size(), port.size())
-        return added(
-            builder, "faulty_sensor", faulty, signal=port, watched=port).get_output_port()
+        return FaultySignal.AddToBuilder(
+            builder, self, lambda true, frozen, _: self.faulty(true, frozen), port.size(),
+            port.size(), name="faulty_sensor", signal=port, watched=port).get_output_port()
 
 
 @dataclass

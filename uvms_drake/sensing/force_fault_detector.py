@@ -16,11 +16,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.end_effector import force_in_tip
 from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.uvms_model import UvmsModel
@@ -123,7 +123,7 @@ def run_of_frozen(repeated: float) -> int:
     return 1 + math.ceil(ratio - 1e-12)
 
 
-class ForceFaultDetector(LeafSystem):
+class ForceFaultDetector(WiredSystem):
     """Passes the measured force on while it is valid, and else NaN; see the module.
 
     .. pydrake_system::

@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.keyed_random import generator_of
-from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
     PAYLOAD,
@@ -151,11 +150,10 @@ class ForceSensor(WristSettings, Sensor):
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `WristSensor`, which takes its measured attitude from `port`; see `Part`."""
-        sensor = added(
-            builder, "wrist_sensor", WristSensor(model, self, self.imperfection(seed)),
-            force=signals["force"], chi=signals["chi"],
-            measured_chi=tip_pose(builder, model, port, signals), payload=signals.get(PAYLOAD),
-            payload_at_rest=signals.get(PAYLOAD_AT_REST))
+        sensor = WristSensor.AddToBuilder(
+            builder, model, self, self.imperfection(seed), force=signals["force"],
+            chi=signals["chi"], measured_chi=tip_pose(builder, model, port, signals),
+            payload=signals.get(PAYLOAD), payload_at_rest=signals.get(PAYLOAD_AT_REST))
         signals[MEASURED_FORCE] = sensor.GetOutputPort("force_measured")
         signals["force_raw"] = sensor.GetOutputPort("reading")
         return port

@@ -5,17 +5,16 @@ from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     DiscreteValues,
-    LeafSystem,
     OutputPort,
 )
 
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 
-class HoldLastValue(LeafSystem):
+class HoldLastValue(WiredSystem):
     """Zero-order hold: a vector while it is finite, and else its last finite value.
 
     A gap of a sensor is a longer hold, whose error is the change of the vector meanwhile. The age
@@ -65,7 +64,7 @@ class HoldLastValue(LeafSystem):
         return context.get_discrete_state_vector().value()
 
 
-class TipPose(LeafSystem):
+class TipPose(WiredSystem):
     """Pose χ of the end-effector in a state.
 
     .. pydrake_system::
@@ -101,4 +100,4 @@ def tip_pose(builder: DiagramBuilder, model: UvmsModel, state: OutputPort, signa
     """Returns the port of χ (6) in a measured state; that of the true one exists already."""
     if state is signals["state"]:
         return signals["chi"]
-    return added(builder, "tip_pose", TipPose(model), state=state).get_output_port()
+    return TipPose.AddToBuilder(builder, model, state=state).get_output_port()

@@ -30,7 +30,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from uvms_drake.common.constraints import Between, Fraction, NotNegative, Rate, Vector
 from uvms_drake.common.errors import require
 from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
-from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Sensor, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -213,9 +212,8 @@ class Navigation(Sensor):
             clocks.append(Clock(rows, 1.0 / channel.rate, channel.latency,
                                 partial(self.error, key, len(rows), seed),
                                 channel.propagated))
-        measured = added(
-            builder, "navigation", SampledVector(port.size(), clocks),
-            vector=port).get_output_port()
+        measured = SampledVector.AddToBuilder(
+            builder, port.size(), clocks, name="navigation", vector=port).get_output_port()
         signals["measured_state"] = measured
         return measured
 

@@ -26,7 +26,6 @@ from pydrake.systems.framework import (
     ContinuousState,
     DiscreteValues,
     InputPort,
-    LeafSystem,
     State,
 )
 
@@ -36,7 +35,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.keyed_random import normal_numbers
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.frames.euler import rotated_back, rotation_matrix
 from uvms_drake.model.frames.spatial import block_diagonal, cross, skew
@@ -192,7 +191,7 @@ class WristSettings:
         return round(self.tare * self.rate)
 
 
-class WristSensor(LeafSystem):
+class WristSensor(WiredSystem):
     """Measures the wrench on the surface; see the equations of this module.
 
     .. pydrake_system::

@@ -11,7 +11,7 @@ from pydrake.systems.primitives import Gain, PassThrough
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import added, outputs, wire
+from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.contact.press_control import PressControl
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.control.mpc.planner import Targets
@@ -275,18 +275,16 @@ def add_measured_force(builder: DiagramBuilder, scenario: Scenario, model: Conta
     estimates, given = "force_lost" in signals, {}
     if estimates:
         contact, reading = sensed_contact(scenario), reading_of(scenario)
-        detector = added(builder, "force_fault_detector", ForceFaultDetector(
-            model, contact.period, repeats=sensing_of(scenario).repeats, tare=reading.tare,
-            largest=reading.largest), state=state, force_measured=valid)
+        detector = ForceFaultDetector.AddToBuilder(
+            builder, model, contact.period, repeats=sensing_of(scenario).repeats, tare=reading.tare,
+            largest=reading.largest, state=state, force_measured=valid)
         given["force_valid"] = valid = detector.GetOutputPort("force_valid")
         signals["force_status"] = detector.GetOutputPort("force_status")
-    force = signals["force_last_valid"] = added(
-        builder, "hold_last_value", HoldLastValue(valid.size()), measured=valid,
-        release=signals.get("force_lost")).get_output_port()
+    force = signals["force_last_valid"] = HoldLastValue.AddToBuilder(
+        builder, valid.size(), measured=valid, release=signals.get("force_lost")).get_output_port()
     if estimates and contact.tangential_lag > 0.0:
-        force = signals["force_filtered"] = added(
-            builder, "tangential_filter",
-            TangentialFilter(contact.direction, contact.tangential_lag, contact.period),
+        force = signals["force_filtered"] = TangentialFilter.AddToBuilder(
+            builder, contact.direction, contact.tangential_lag, contact.period,
             measured=force).get_output_port()
     return {**given, MEASURED_FORCE: force}
 

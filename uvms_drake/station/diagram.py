@@ -10,7 +10,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import within
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import added, outputs, wire
+from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii, resolved_radii, tighten
@@ -143,9 +143,8 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
             scenario.disturbance, scenario.model_error.share, scenario.faults).add_to(
                 builder, model, scenario.seed, errors | signals)
     if meshcat is not None:
-        disturbance = added(
-            builder, "disturbance_slider", DisturbanceSlider(disturbance.size(), meshcat),
-            disturbance=disturbance).get_output_port()
+        disturbance = DisturbanceSlider.AddToBuilder(
+            builder, disturbance.size(), meshcat, disturbance=disturbance).get_output_port()
     builder.Connect(disturbance, uvms.GetInputPort("disturbance"))
 
     # Logs, outputs and the picture.

@@ -6,10 +6,10 @@ from contextlib import suppress
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from uvms_drake.common.errors import vector
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 
 STOP, CLOSE = "Stop the run", "Close the page's server"
 POLL = 0.05  # s
@@ -48,7 +48,7 @@ def wait_for_end(meshcat: Meshcat) -> None:
             time.sleep(POLL)
 
 
-class ForceSlider(LeafSystem):
+class ForceSlider(WiredSystem):
     """Source of the desired force: the task's, or with Meshcat the task's scaled by a slider.
 
     .. pydrake_system::
@@ -88,7 +88,7 @@ class ForceSlider(LeafSystem):
         output.SetFromVector(factor * self._force)
 
 
-class HomeButton(LeafSystem):
+class HomeButton(WiredSystem):
     """Operator stop of a mission: a button that stays pressed.
 
     .. pydrake_system::
@@ -113,7 +113,7 @@ class HomeButton(LeafSystem):
                   {self.time_ticket()})
 
 
-class DisturbanceSlider(LeafSystem):
+class DisturbanceSlider(WiredSystem):
     """Gain of a slider on a disturbance, 0 to 100 %: never above the disturbance's bound.
 
     .. pydrake_system::

@@ -6,8 +6,9 @@ from typing import cast
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, Rgba
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus
 
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.frames.euler import pose_difference
@@ -251,7 +252,7 @@ class Scene:
             moment.state, moment.u, moment.nominal_state, moment.nominal_input))
 
 
-class Illustration(LeafSystem):
+class Illustration(WiredSystem):
     """Sink that draws its input signals in Meshcat; see `Scene`.
 
     .. pydrake_system::

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 from support.tiny_robots import drill
 
-from uvms_drake.common.wiring import added, outputs, wire
+from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import (
     EstimatorSettings,
@@ -56,11 +56,11 @@ def force(time, load=wall):
 def pressing(measured=force, true=state, sensing=SENSING):
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(state=true, force=measured, desired=lambda time: [20.0]))
-    estimator = added(
-        builder, "contact_estimator", ContactEstimator(drill(), SURFACE, sensing, margin=MARGIN),
-        state=script.GetOutputPort("state"), force_measured=script.GetOutputPort("force"))
-    target = added(builder, "press_target", PressTarget(SURFACE.direction, PLACE),
-                   desired_force=script.GetOutputPort("desired"))
+    estimator = ContactEstimator.AddToBuilder(
+        builder, drill(), SURFACE, sensing, margin=MARGIN, state=script.GetOutputPort("state"),
+        force_measured=script.GetOutputPort("force"))
+    target = PressTarget.AddToBuilder(
+        builder, SURFACE.direction, PLACE, desired_force=script.GetOutputPort("desired"))
     wire(builder, target, outputs(estimator))
     return Simulator(builder.Build()), estimator, target
 

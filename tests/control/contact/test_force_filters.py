@@ -7,7 +7,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.tangential_filter import TangentialFilter, followed
 
@@ -42,7 +41,7 @@ def test_a_clipped_force_gives_one_warning_when_it_begins(caplog):
     forces = np.array([20.0, 45.0, 50.0, 20.0, np.nan, 20.0, -3.0])
     source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.ZeroOrderHold(
         np.arange(8.0), np.outer(np.append(N, np.zeros(3)), np.append(forces, 20.0)))))
-    system = added(builder, "desired_force", DesiredForce(N, 12.0, 30.0))
+    system = DesiredForce.AddToBuilder(builder, N, 12.0, 30.0)
     builder.Connect(source.get_output_port(), system.GetInputPort("desired_force"))
     simulator = Simulator(builder.Build())
     for time in np.arange(0.25, 8.0, 0.25):
@@ -79,9 +78,8 @@ class Setup:
     def __init__(self, force: np.ndarray):
         builder = DiagramBuilder()
         self.source = builder.AddSystem(ConstantVectorSource(force))
-        self.system = added(
-            builder, "tangential_filter", TangentialFilter(NORMAL, LAG, PERIOD),
-            measured=self.source.get_output_port())
+        self.system = TangentialFilter.AddToBuilder(
+            builder, NORMAL, LAG, PERIOD, measured=self.source.get_output_port())
         self.simulator = Simulator(builder.Build())
 
     def give(self, force: np.ndarray) -> None:

@@ -15,7 +15,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
 import uvms_drake as uv
-from uvms_drake.common.wiring import added, outputs, wire
+from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.press_target import PressTarget
@@ -85,26 +85,23 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
     start = at_rest(ocp, POSITION)
     builder = DiagramBuilder()
     robot = builder.AddNamedSystem("robot", FollowsExactly(ocp.model, start, place, stiffness))
-    mpc = added(
-        builder, "nominal_mpc", NominalMpc(SequentialConvexSolver(ocp)),
-        state=robot.GetOutputPort("state"))
+    mpc = NominalMpc.AddToBuilder(
+        builder, SequentialConvexSolver(ocp), state=robot.GetOutputPort("state"))
     builder.Connect(mpc.GetOutputPort("nominal_acceleration"), robot.get_input_port())
     sampled = builder.AddSystem(Sampled(sensing.period, 0.5 * sensing.noise))
     builder.Connect(robot.GetOutputPort("force"), sampled.get_input_port())
     given = sampled.get_output_port()
     if fault is not None:
         given = fault.add_to(builder, ocp.model, given, uv.Signals(), 0)
-    watch = added(
-        builder, "force_fault_detector",
-        ForceFaultDetector(ocp.model, sensing.period, repeats=sensing.repeats),
+    watch = ForceFaultDetector.AddToBuilder(
+        builder, ocp.model, sensing.period, repeats=sensing.repeats,
         state=robot.GetOutputPort("state"), force_measured=given)
-    estimator = added(
-        builder, "contact_estimator",
-        ContactEstimator(ocp.model, WALLS, sensing.watched, margin=MARGIN),
+    estimator = ContactEstimator.AddToBuilder(
+        builder, ocp.model, WALLS, sensing.watched, margin=MARGIN,
         state=robot.GetOutputPort("state"), force_measured=watch.GetOutputPort("force_valid"))
     desired = builder.AddSystem(ConstantVectorSource([DESIRED]))
-    target = added(builder, "press_target", PressTarget(DIRECTION, POSITION),
-                   desired_force=desired.get_output_port())
+    target = PressTarget.AddToBuilder(
+        builder, DIRECTION, POSITION, desired_force=desired.get_output_port())
     wire(builder, target, outputs(estimator))
     builder.Connect(target.get_output_port(), mpc.GetInputPort("target"))
     builder.Connect(estimator.GetOutputPort("facet_depths"), mpc.GetInputPort("safe_depth"))

@@ -11,7 +11,6 @@ from support.tube_bounds import resolved_preimage_tube, rise
 
 import uvms_drake as uv
 from uvms_drake.common.alarm import LOGGER
-from uvms_drake.common.wiring import added
 from uvms_drake.control.feedback.tube_monitor import ALARMS, FIELDS, SAID, TubeMonitor
 from uvms_drake.control.laws.law import Deviation, pair_of
 from uvms_drake.control.laws.resolved import gains_and_growth
@@ -81,9 +80,9 @@ def scripted(model, law=LAW, radii=None, state=None, nominal=None, disturbance=N
     if disturbance is not None:
         signals["disturbance"] = disturbance
     script = builder.AddSystem(Script(**signals))
-    monitor = added(
-        builder, "tube_monitor", TubeMonitor(model, law, D_BOUND, radii or {}, **options),
-        state=script.GetOutputPort("state"), nominal_state=script.GetOutputPort("nominal"),
+    monitor = TubeMonitor.AddToBuilder(
+        builder, model, law, D_BOUND, radii or {}, **options, state=script.GetOutputPort("state"),
+        nominal_state=script.GetOutputPort("nominal"),
         disturbance=script.GetOutputPort("disturbance") if disturbance is not None else None)
     simulator = Simulator(builder.Build())
     use_fixed_steps(simulator)

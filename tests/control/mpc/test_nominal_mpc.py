@@ -12,7 +12,6 @@ from support.limits import with_limits
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
 import uvms_drake as uv
-from uvms_drake.common.wiring import added
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import (
     DROPPED,
@@ -73,8 +72,8 @@ class Setup:
         solver.ocp.iterations = iterations
         builder = DiagramBuilder()
         self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
-        self.mpc = added(
-            builder, "nominal_mpc", NominalMpc(solver, targets=targets, committed=committed),
+        self.mpc = NominalMpc.AddToBuilder(
+            builder, solver, targets=targets, committed=committed,
             state=self.source.get_output_port())
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)

@@ -9,7 +9,6 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
 from uvms_drake.actuation import IdealWrench, SampledCommand, Thrusters
-from uvms_drake.common.wiring import added
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 
@@ -24,9 +23,8 @@ def moving(time):
 def bench(clocks, start=0.0):
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(vector=moving))
-    system = added(
-        builder, "sampled_vector", SampledVector(script.get_output_port().size(), clocks),
-        vector=script.get_output_port())
+    system = SampledVector.AddToBuilder(
+        builder, script.get_output_port().size(), clocks, vector=script.get_output_port())
     simulator = Simulator(builder.Build())
     simulator.get_mutable_context().SetTime(start)
     simulator.Initialize()
@@ -95,12 +93,11 @@ def test_a_faster_clock_samples_what_is_passed_on_at_its_instants_always_as_late
     assert late != late_by
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(vector=moving))
-    slow = added(
-        builder, "sampled_vector",
-        SampledVector(script.get_output_port().size(), [Clock(range(3), 0.02, 0.01)]),
+    slow = SampledVector.AddToBuilder(
+        builder, script.get_output_port().size(), [Clock(range(3), 0.02, 0.01)],
         vector=script.get_output_port())
-    fast = added(
-        builder, "fast", SampledVector(slow.get_output_port().size(), [Clock(range(3), 0.01)]),
+    fast = SampledVector.AddToBuilder(
+        builder, slow.get_output_port().size(), [Clock(range(3), 0.01)], name="fast",
         vector=slow.get_output_port())
     simulator = Simulator(builder.Build())
     simulator.Initialize()

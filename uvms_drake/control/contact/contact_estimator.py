@@ -5,11 +5,11 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from pydrake.systems.framework import CacheEntry, Context, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.framework import CacheEntry, Context, DiscreteValues, EventStatus
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import cached, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.contact.contact_state import (
     ContactState,
     EstimatorSettings,
@@ -35,7 +35,7 @@ def _output(of: Callable[[ContactState], np.ndarray], now: CacheEntry, context: 
     return np.atleast_1d(of(now.Eval(context)))
 
 
-class ContactEstimator(LeafSystem):
+class ContactEstimator(WiredSystem):
     """Estimator of safe region, stiffness and inclination at every reading of a force sensor.
 
     .. pydrake_system::

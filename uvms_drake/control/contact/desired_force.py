@@ -1,11 +1,11 @@
 """Desired force, clipped to the range along n that is accepted."""
 
 import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, unit_vector
-from uvms_drake.common.wiring import output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 
 GIVEN, CUT, ACROSS, LOST = range(4)
 """Outcomes of a desired force: accepted, clipped, without its part across n, or not finite."""
@@ -32,7 +32,7 @@ def along_of(wanted: np.ndarray, direction: np.ndarray, largest: float) -> tuple
     return given, ACROSS if np.max(np.abs(across)) > slack else GIVEN
 
 
-class DesiredForce(LeafSystem):
+class DesiredForce(WiredSystem):
     """Desired force along a direction, clipped to its accepted range.
 
     The logger `uvms_drake` warns when a desired force begins to differ from the accepted one.

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from uvms_drake.common.wiring import added, output_of, outputs, wire
+from uvms_drake.common.wiring import WiredSystem, output_of, outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 from uvms_drake.control.contact.desired_force import DesiredForce
@@ -72,16 +72,13 @@ class PressControl:
         """
         assert isinstance(ocp, TrackingOcp), "a measured force is pressed by a TrackingOcp"
         walls, sensing = self.walls, self.sensing
-        estimator = added(
-            builder, "contact_estimator",
-            ContactEstimator(ocp.model, walls, sensing.watched, margin=self.margin), state=state)
-        desired = added(
-            builder, "desired_force", DesiredForce(walls.direction, self.force, self.largest))
+        estimator = ContactEstimator.AddToBuilder(
+            builder, ocp.model, walls, sensing.watched, margin=self.margin, state=state)
+        desired = DesiredForce.AddToBuilder(builder, walls.direction, self.force, self.largest)
         search_lead = ocp.following_lag(committed) * search_speed(
             1.0, walls.stiffness, touch_to_plan(ocp.time_step, committed, sensing))
-        press = added(
-            builder, "press_target",
-            PressTarget(walls.direction, ocp.y_des[:3], search_lead=search_lead),
+        press = PressTarget.AddToBuilder(
+            builder, walls.direction, ocp.y_des[:3], search_lead=search_lead,
             desired_force=desired.GetOutputPort("along"))
         wire(builder, press, outputs(estimator))
         return PressSystems(ocp, walls, estimator, desired, press)
@@ -103,9 +100,8 @@ class PressSystems:
                              (self.estimator.GetOutputPort("facet_depths"), "safe_depth")):
             if port in self.ocp.inputs_given:
                 builder.Connect(source, mpc.GetInputPort(port))
-        extent = added(
-            builder, "plan_extent", PlanExtent(self.ocp, self.walls),
-            plan=mpc.GetOutputPort("plan"))
+        extent = PlanExtent.AddToBuilder(
+            builder, self.ocp, self.walls, plan=mpc.GetOutputPort("plan"))
         builder.Connect(extent.get_output_port(), self.estimator.GetInputPort("extent"))
 
     def export(self, builder: DiagramBuilder) -> None:
@@ -137,7 +133,7 @@ def plan_extent(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
     return np.concatenate([knots, between, ocp.reference(plan)[None, :3]])
 
 
-class PlanExtent(LeafSystem):
+class PlanExtent(WiredSystem):
     """Lateral extent of the current plan, see `safe_region.dominates`.
 
     .. pydrake_system::

@@ -16,10 +16,11 @@ control/contact/theory.md#retreat-without-readings. The target is in no limit of
 import math
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from uvms_drake.common.errors import require, unit_vector, vector
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 
 SEARCH_DEPTH = 0.1
@@ -95,7 +96,7 @@ def retreat_depth(reading: np.ndarray, contact_depth: np.ndarray) -> np.ndarray:
     return np.fmin(reading[0], contact_depth) - CLEARANCE
 
 
-class PressTarget(LeafSystem):
+class PressTarget(WiredSystem):
     """Target of the tip at which the wall should give the desired force, or of its retreat.
 
     .. pydrake_system::

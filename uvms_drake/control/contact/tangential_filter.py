@@ -13,10 +13,11 @@ control/contact/theory.md#tangential-filter.
 """
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from uvms_drake.common.errors import require, unit_vector
 from uvms_drake.common.finite import is_finite
+from uvms_drake.common.wiring import WiredSystem
 
 LARGEST_RATIO = 1.5
 """Largest ratio of 𝔣 to the force along n, for friction and the tilt of the wall; more is a
@@ -37,7 +38,7 @@ def followed(slow: np.ndarray, force: np.ndarray, direction: np.ndarray, ratio: 
     return across + np.exp(-ratio) * (slow - across)
 
 
-class TangentialFilter(LeafSystem):
+class TangentialFilter(WiredSystem):
     """First-order lag of the part of a force across n; the part along n passes.
 
     .. pydrake_system::

@@ -14,12 +14,12 @@ from functools import partial
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import cached, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
@@ -72,7 +72,7 @@ def _of_joints(u_limit: np.ndarray, tau_limit: np.ndarray | None
             None if tau_limit is None else np.append(none, tau_limit[6:]))
 
 
-class AncillaryFeedback(LeafSystem):
+class AncillaryFeedback(WiredSystem):
     """Ancillary law from nominal trajectory and measured state to acceleration and force.
 
     .. pydrake_system::

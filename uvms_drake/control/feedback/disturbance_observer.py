@@ -20,12 +20,11 @@ from pydrake.systems.framework import (
     ContinuousState,
     DiagramBuilder,
     DiscreteValues,
-    LeafSystem,
     OutputPort,
 )
 
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import added, output_of
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw, Observed, Pair
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
@@ -57,7 +56,7 @@ def prediction(model: UvmsModel, observed: Observed, now: Pair) -> Prediction:
     return Prediction(out.rate[0], out.bias[0] - G @ b, G)
 
 
-class RowObserver(LeafSystem):
+class RowObserver(WiredSystem):
     """Observer of the disturbance of a law's outputs.
 
     .. pydrake_system::
@@ -164,8 +163,9 @@ def add_observer(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
     observed = law.observed(model)
     if observed is None:
         return None
-    observer = added(builder, "observer", RowObserver(model, observed), state=state,
-                     pair=feedback.GetOutputPort("pair"), tau=feedback.GetOutputPort("tau"))
+    observer = RowObserver.AddToBuilder(
+        builder, model, observed, name="observer", state=state, pair=feedback.GetOutputPort("pair"),
+        tau=feedback.GetOutputPort("tau"))
     builder.Connect(observer.get_output_port(), feedback.GetInputPort("estimate"))
     return observer
 

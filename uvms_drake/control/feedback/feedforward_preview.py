@@ -19,7 +19,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from uvms_drake.common.wiring import added, outputs, wire
+from uvms_drake.common.wiring import WiredSystem, outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
@@ -69,7 +69,7 @@ def previewed_forces(
     return change
 
 
-class FeedforwardPreview(LeafSystem):
+class FeedforwardPreview(WiredSystem):
     """Change of the plan's forces over the delay of the actuators.
 
     .. pydrake_system::
@@ -153,8 +153,8 @@ def add_feedforward_preview(
     """
     if not law.takes_wrench or not any(command_path.preview):
         return None
-    preview = added(
-        builder, "previewed_forces", FeedforwardPreview(model, command_path, direction),
+    preview = FeedforwardPreview.AddToBuilder(
+        builder, model, command_path, direction, name="previewed_forces",
         plan=nominal.GetOutputPort("plan"))
     wire(builder, preview, outputs(nominal))
     if estimator is not None:

@@ -20,13 +20,12 @@ from pydrake.systems.framework import (
     ContinuousState,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
 )
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import cached, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -74,7 +73,7 @@ def beyond(norms: np.ndarray | float, bounds: np.ndarray | float, slack: float, 
     return norms > (1.0 + slack) * bounds + floor
 
 
-class TubeMonitor(LeafSystem):
+class TubeMonitor(WiredSystem):
     """Monitor of the deviation from the nominal motion; it counts exits from the tube.
 
     It warns of each exit on the logger `uvms_drake`, see `uvms_drake.common.alarm`.

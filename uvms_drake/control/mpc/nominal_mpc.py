@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem, State
+from pydrake.systems.framework import Context, EventStatus, InputPort, State
 
-from uvms_drake.common.wiring import cached, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.mpc.planner import MPC_REPORT, SOLVED, MpcMemory, Planner, Sample, Targets
 from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.plan.plan import Plan
 
 
-class NominalMpc(LeafSystem):
+class NominalMpc(WiredSystem):
     """Planner that solves the FHOCP at t = 0, h, 2h, ...; its output is the nominal trajectory.
 
     The first plan is made at initialization, from the measured state; every later one starts at the

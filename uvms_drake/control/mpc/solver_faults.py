@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from uvms_drake.common.constraints import Fraction, NotNegative, Positive
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
 from uvms_drake.model.signals.fault import Fault
 
@@ -80,7 +81,7 @@ def solver_fault(faults: Sequence[SolverFault], seed: int, index: int, period: f
     return SOLVED
 
 
-class SolverFaults(LeafSystem):
+class SolverFaults(WiredSystem):
     """Schedule of the samples at which the solver of a `NominalMpc` fails, times out or is dropped.
 
     .. pydrake_system::

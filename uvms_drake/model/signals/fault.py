@@ -8,9 +8,9 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
-    LeafSystem,
 )
 
+from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.model.signals.sensor_actuator import Component
 
 ONLY_ONCE = 1e9
@@ -39,7 +39,7 @@ class Fault(Component):
             self.duration is None or time < self.start + self.duration)
 
 
-class FaultySignal(LeafSystem):
+class FaultySignal(WiredSystem):
     """Signal with a fault, which may depend on a vector at the fault's start.
 
     A sample at the instant of the fault's start is taken before it, and so is a step's end.

@@ -6,12 +6,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from uvms_drake.common.wiring import WiredSystem
 
 SAME = 1e-6
 """Fraction of a period within which two instants are the same."""
@@ -62,7 +59,7 @@ def _index(rows: Sequence[int]) -> slice | list[int]:
     return slice(first, last + 1) if consecutive else list(rows)
 
 
-class SampledVector(LeafSystem):
+class SampledVector(WiredSystem):
     """Delayed sample and hold: the sample of kh from kh + δ to (k + 1)h + δ, for each clock.
 
     Propagated components are the present vector plus the error of the sample.

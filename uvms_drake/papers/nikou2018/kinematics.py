@@ -27,7 +27,6 @@ from pydrake.systems.framework import (
     ContinuousState,
     DiagramBuilder,
     EventStatus,
-    LeafSystem,
     State,
 )
 from pydrake.systems.primitives import LogVectorOutput
@@ -35,7 +34,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from uvms_drake.common.errors import RunFailed, require, vector, within
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import output_of, release
+from uvms_drake.common.wiring import WiredSystem, output_of, release
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.limits import Limits, TubeRadii, joint_limits, resolved_radii
@@ -323,7 +322,7 @@ def velocity(law: AncillaryLaw, model: ContactModel, config: np.ndarray, nominal
                            - law.sigma * error)
 
 
-class KinematicController(LeafSystem):
+class KinematicController(WiredSystem):
     """Nominal MPC and ancillary law: input `config` 𝔮 (6+n), outputs `zeta` ζ and `nominal` (𝔮̄, ζ̄).
 
     The state is the plan. It is made at t = 0, h, 2h, ..., from the state that the last one
@@ -370,7 +369,7 @@ class KinematicController(LeafSystem):
         return EventStatus.Succeeded()
 
 
-class DisturbedKinematics(LeafSystem):
+class DisturbedKinematics(WiredSystem):
     """Robot: inputs `zeta` ζ (6+n) and `disturbance` w (6), output `config`, its state 𝔮 (6+n).
 
     J is computed from Drake's MultibodyPlant, not from the controller's model.

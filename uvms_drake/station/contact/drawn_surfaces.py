@@ -154,7 +154,7 @@ def draw_shape(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reac
         reach: Distance from the point within which it has to hold [m].
         rng: Random generator.
     """
-    kind = rng.integers(4)
+    kind = int(rng.integers(4))
     into, axis = tilted(n, angle if kind == 0 else flat * angle, rng)
     bent = (1.0 - flat) * angle
     if kind == 0:
