@@ -266,8 +266,8 @@ class Hydrodynamics(LeafSystem):
         Raises:
             InvalidParameter: One of these ports is connected already.
         """
-        system = Hydrodynamics.AddToBuilder(
-            builder, plant, parameters, plant_state=plant.get_state_output_port())
+        system = builder.AddNamedSystem("hydrodynamics", Hydrodynamics(plant, parameters))
+        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         for port, nothing in (
             (plant.get_applied_spatial_force_input_port(),
              ExternallyAppliedSpatialForceMultiplexer(num_inputs=0)),
