@@ -175,7 +175,7 @@ def test_the_commands_write_log_summary_and_figures(tmp_path, capsys):
     ("current=[0.1, 0, 0]", "current"), ("model_error.mass=0.1", "model_error"),
     ("disturbance=!AdversarialDisturbance {bound: 0.1}", "disturbance"),
     ("ancillary=!TipFirst {}", "ancillary"), ("mpc.weight_y=[0,1,1,1,1,1,1,1,1,1]", "weight_y"),
-    ("limits.pitch=2.0", "limits.pitch"), ("tube.e=1.5", "tube"),
+    ("tube.e=1.5", "tube"),
     ("faults=[!SolverFailure {}]", "faults")])
 def test_what_has_no_meaning_there_is_refused(override, expected):
     with pytest.raises(ValueError, match=expected):
