@@ -1,10 +1,10 @@
-"""Computes the certificate of a scenario: constants, tube, sets, terminal set, first plan.
+"""Computes the certificate of a scenario, stage by stage.
 
-    limits ──▶ declared set ──▶ constants ──▶ tube ──▶ tightened sets ──▶ terminal set ──▶ plan
+    constants ──▶ tube ──▶ unknowns ──▶ margins ──▶ second search ──▶ terminal set ──▶ first plan
 
-Each of the `STAGES` adds its claims and conditions to a draft, and the first whose conditions do
-not hold is the last. The tube depends on the law, see `tube.laws.TUBES`; a law that is not there
-has no certificate.
+Each of the `STAGES` adds its claims and conditions to a draft; certification stops at the first
+with a condition that does not hold. The tube depends on the law, see `tube.laws.TUBES`; a law that
+is not there has no certificate.
 """
 
 import math

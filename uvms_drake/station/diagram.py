@@ -34,7 +34,7 @@ from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.scene import Illustration, LimitUse, Setting
 
 UNLOGGED = {"plant_state", "configuration"}
-"""Outputs of vectors of a plant that are no signals: they are `state` in other coordinates."""
+"""Vector outputs of the plant that are not logged: they repeat `state` in other coordinates."""
 
 MONITOR_SLACK = 0.01
 """Relative excess that is not an exit: a constant d takes the deviation to its bound exactly, and
@@ -64,8 +64,8 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     sensors and of actuators, next to the robot. The logs and a `TubeMonitor` read the true state
     and the commanded τ. The signal `force_measured` of a part of sensing goes to the law, see
     `controller.add_measured_force`, the signal `vehicle_wrench` of a part of actuation to a law
-    that `takes_wrench`. An observer reads the output of the parts of actuation, with this wrench,
-    as the applied input; it does not know of faults.
+    that `takes_wrench`. The disturbance observer takes the output of the parts of actuation, with
+    this wrench, for the applied input; a fault injected behind them is hidden from it.
 
     A controller of one's own has the input port `state`, in general `force_measured`, and others of
     these names if it wants to; and the output port `tau`. Its other outputs of vectors are logged.
@@ -107,7 +107,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     """
     builder, model = DiagramBuilder(), model or load_model(scenario)
     check_values(scenario)
-    own, start = controller is None, scenario.start.config
+    with_mpc, start = controller is None, scenario.start.config
     if controller is None:
         ocp = make_ocp(scenario, model)
         start = start_state(scenario, ocp)[: model.size]
@@ -115,7 +115,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
 
     # Plant and controller, and the parts between them.
     uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(scenario, None, start))
-    builder.AddNamedSystem("tube_mpc" if own else "controller", controller)
+    builder.AddNamedSystem("tube_mpc" if with_mpc else "controller", controller)
     signals = Signals({name: port for name, port in (
         outputs(uvms) | signals_of(controller)).items() if name not in UNLOGGED})
     true = uvms.GetOutputPort("state")
@@ -129,7 +129,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
 
     # The monitor, and the disturbance, which may be aimed with the monitor's errors.
     errors: dict[str, OutputPort] = {}
-    if own:
+    if with_mpc:
         pair = controller.GetOutputPort("pair") if measured is true and (
             controller.HasOutputPort("pair")) else None
         monitor = add_monitor(builder, scenario, model, signals, pair, certified=certified)
@@ -158,7 +158,7 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
             LogVectorOutput(port, builder, scenario.mpc.time_step).set_name(f"log.{name}")
     if controller.HasOutputPort("plan"):
         builder.ExportOutput(controller.GetOutputPort("plan"), "plan")
-    if meshcat is not None and own:
+    if meshcat is not None and with_mpc:
         picture = builder.AddNamedSystem("illustration", Illustration(
             meshcat, setting_of(scenario, model, certified=certified)))
         wire(builder, picture, {**signals, "plan": controller.GetOutputPort("plan")})
@@ -242,13 +242,13 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
         return logs
     # A root Context from GetMyContextFromRoot would keep itself alive for ever.
     alone = station.GetSystemPathname() == f"::{station.get_name()}"
-    own = context if alone else station.GetMyContextFromRoot(context)
+    inside = context if alone else station.GetMyContextFromRoot(context)
     if station.HasOutputPort("tube_report"):
-        logs["tube_report"] = station.GetOutputPort("tube_report").Eval(own).copy()
+        logs["tube_report"] = station.GetOutputPort("tube_report").Eval(inside).copy()
     # A sink publishes before the update of the same instant: the last sample is in the Context.
     ports = [station.GetOutputPort(name) for name in SAMPLED]
     samples = np.vstack([
-        np.hstack([port.Eval(own) for port in ports]),
+        np.hstack([port.Eval(inside) for port in ports]),
         np.vstack([log(name).data() for name in SAMPLED]).T])
     _, first = np.unique(samples[:, 0], return_index=True)
     for i, field in enumerate(MPC_REPORT):

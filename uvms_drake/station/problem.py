@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.errors import InvalidParameter, require, vector, within
 from uvms_drake.common.schema import check_values
 from uvms_drake.control.contact.contact_state import initial_contact_state, updated_contact_state
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH
@@ -213,7 +213,8 @@ def _check_pose(limits: dict[str, Limit], at: Points,
     """
     of_pose = [limit for limit in limits.values() if limit.about == "pose"]
     for limit in sorted(of_pose, key=lambda limit: list(owners).index(limit.owner)):
-        require(bool(np.all(limit.excess(at) <= 0.0)), *owners[limit.owner], limit.complaint(at))
+        if np.any(limit.excess(at) > 0.0):
+            raise InvalidParameter(*owners[limit.owner], limit.complaint(at))
 
 
 def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> ContactModel:

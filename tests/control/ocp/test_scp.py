@@ -263,7 +263,7 @@ def closed_loop(ocp: Ocp, first: Plan, solve, samples: int) -> tuple[float, np.n
     plan, cost, states = first, 0.0, []
     for _ in range(samples):
         xi = ocp.errors(plan, ocp.unwrapped(ocp.model.task_pose(plan.config)))[0]
-        du = ocp.inputs(plan)[0][0] - ocp.u_ref
+        du = ocp.inputs(plan)[0][0] - ocp.u_eq
         cost += ocp.time_step * (xi @ ocp.Q @ xi + du @ ocp.R @ du)
         states.append(plan.start)
         plan = solve(ocp.continued(plan))

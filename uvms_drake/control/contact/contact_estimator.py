@@ -66,7 +66,7 @@ class ContactEstimator(WiredSystem):
     - `facet_depths` (4, or 1 for α = 0): bounds of the facets [m], for plans; see
       `safe_region.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
-    - `touched` (1): 1 if the last reading was a touch, else 0.
+    - `touched` (1): 1 if the last reading was a touch, else 0: no contact, or lost again.
     - `reading` (4): place of the tip at the last reading (3) [m], and its force n·𝐅 [N].
     - `stiffness_estimate`, `stiffness_std` (1): mean and standard deviation of the estimated
       stiffness [N/m]; NaN before the first touch.

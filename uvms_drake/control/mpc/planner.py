@@ -233,8 +233,9 @@ class Planner:
         solution = solver.solve(free, ocp.iterations)
         if solution.plan is None:
             return memory.force, solution, FAILED
-        better = ocp.is_sound(solution.evaluation) or not ocp.is_sound(ocp.evaluate(free))
-        return memory.force, solution, SOLVED if better else KEPT
+        # An unsound new plan is taken only if the one that goes on is unsound, too.
+        accepted = ocp.is_sound(solution.evaluation) or not ocp.is_sound(ocp.evaluate(free))
+        return memory.force, solution, SOLVED if accepted else KEPT
 
     def _retargeted(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, free: Plan
                     ) -> Solution | None:
