@@ -1,9 +1,8 @@
-"""Short runs and certificates that tests share: one of each scenario in a session."""
+"""Short runs that tests share: one of each scenario in a session."""
 
 from functools import cache
 
 import uvms_drake as uv
-from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.station.record import Record
 
 
@@ -11,9 +10,3 @@ from uvms_drake.station.record import Record
 def simulated(scenario: str, seconds: float, *overrides: str) -> Record:
     """Returns the record of a scenario's first seconds; do not change it."""
     return uv.simulate(uv.load_scenario(scenario, [f"duration={seconds}", *overrides]))
-
-
-@cache
-def certified(scenario: str, *overrides: str) -> Certificate:
-    """Returns the certificate of a scenario; do not change it."""
-    return uv.certify(uv.load_scenario(scenario, list(overrides)))

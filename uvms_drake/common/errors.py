@@ -47,11 +47,6 @@ def require(condition: bool, key: str, value: object, allowed: str) -> None:
         raise InvalidParameter(key, value, allowed)
 
 
-def require_period(key: str, period: float) -> None:
-    """Raises `InvalidParameter` unless a clock has this period [s]: a faster one never ends."""
-    require(SHORTEST <= period < np.inf, key, period, f"at least {SHORTEST:g} s")
-
-
 def shortened(text: str, most: int = 60) -> str:
     """Returns a text of at most `most` characters, a longer one without its middle."""
     half = (most - 5) // 2
