@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 from conftest import SMOKE
+from support.pages import PACKAGE
 
 import uvms_drake
 
-PACKAGE = Path(uvms_drake.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 ROOMS = (

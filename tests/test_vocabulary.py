@@ -9,10 +9,8 @@ from pathlib import Path
 from tokenize import COMMENT, generate_tokens
 
 import pytest
+from support.pages import PACKAGE
 
-import uvms_drake
-
-PACKAGE = Path(uvms_drake.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 GLOSSARY = (PACKAGE / "glossary.md").read_text(encoding="utf-8")
 HEADLESS = ("What", "How", "Where", "From", "Who")

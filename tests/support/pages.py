@@ -3,10 +3,8 @@
 import re
 from pathlib import Path
 
-import uvms_drake
-
-PACKAGE = Path(uvms_drake.__file__).parent
-ROOT = PACKAGE.parent
+ROOT = Path(__file__).resolve().parents[2]  # Of the sources: the tested package is installed.
+PACKAGE = ROOT / "uvms_drake"
 READMES = sorted(path for path in ROOT.rglob("README.md")
                  if not any(part.startswith(".") or part in ("build", "out")
                             for part in path.relative_to(ROOT).parts))

@@ -5,13 +5,12 @@ import gc
 from pathlib import Path
 
 import pytest
+from support.pages import PACKAGE
 from support.sockets import LOCAL, listening_addresses
 
-import uvms_drake
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.visual.stage import open_meshcat
 
-PACKAGE = Path(uvms_drake.__file__).parent
 LINUX = pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs Linux's /proc")
 
 
