@@ -108,7 +108,7 @@ class FaultyThrusters(Thrusters):
     """Thrusters of a scenario with its faults of them."""
 
     faults: tuple[ThrusterFault, ...] = ()
-    """Faults of them, each on what the one before it leaves."""
+    """Faults of them, one after another."""
 
     def received(self, builder: DiagramBuilder, thrusters: ThrusterModel, command: OutputPort
                  ) -> OutputPort:
