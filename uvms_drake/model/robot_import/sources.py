@@ -2,8 +2,9 @@
 
 uuv_simulator, and dave and plankton, which have its code: matrices in FRD.
 `HMFossen::ApplyHydrodynamicForces` takes `ToNED` of both velocities in the link (y and z change
-sign), multiplies, and takes `FromNED` of the force. The centre of buoyancy is in the link's axes: `BuoyantObject::ApplyBuoyancyForce` has
-`AddForceAtRelativePosition(force, GetCoB())`. Quadratic drag is its diagonal.
+sign), multiplies, and takes `FromNED` of the force. The centre of buoyancy is in the link's axes:
+`BuoyantObject::ApplyBuoyancyForce` has `AddForceAtRelativePosition(force, GetCoB())`. Quadratic
+drag is its diagonal.
 
 gz-sim: matrices in the link's axes. `Hydrodynamics::PreUpdate` turns the world's velocity less the
 current by the link's pose alone. A current is in the world's axes, z up, as in uuv_simulator.
@@ -28,7 +29,7 @@ class Source:
 
     name: str
     axes: str
-    """Of its matrices, with the evidence."""
+    """Axes of its matrices, with the evidence."""
     turn: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Diagonal of the rotation from these axes to the link's."""
 
