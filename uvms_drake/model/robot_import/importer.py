@@ -47,10 +47,10 @@ def import_robot(file: Path, name: str) -> Imported:
     # The file, and its robot: bodies of a vehicle and its arm.
     notes = Notes(f"{name}.sdf")
     tree = read_robot(file, notes)
-    tell_unread(tree, notes)
     # Plugins speak of links in their own axes, and their rotors are not joints of an arm.
     waters = read_water(tree, notes)
     thrusters, rotors = read_thrusters(tree, notes)
+    tell_unread(tree, notes)
     chain = choose_chain(tree, rotors, notes)
     flips = z_is_up(tree, chain, waters, notes)
     bodies = lump(tree, chain, waters, notes, flips)
@@ -233,11 +233,13 @@ def format_thrusters(name: str, placed: list[Thruster],
         known = thruster.force.size >= 2
         command = thruster.command if known else np.array([-force, 0.0, force])
         values = thruster.force if known else command
-        key = (tuple(command), tuple(values), thruster.lag)
+        key = (tuple(command), tuple(values), thruster.lag, thruster.smallest)
         if key not in kinds:
             kinds[key] = f"thruster_{len(kinds) + 1}"
             lines += [f"  {kinds[key]}:", f"    lag: {_yaml(thruster.lag or LAG)}  # [s]"
                       + ("" if thruster.lag else " ESTIMATE"),
+                      *([f"    smallest: {_yaml(thruster.smallest)}  # [N], of its dead band"]
+                        if thruster.smallest else []),
                       "    curves:  # command, and the force at it [N]"
                       + ("" if known else " ESTIMATE"),
                       f"      - command: {listing(command)}", f"        force: {listing(values)}"]

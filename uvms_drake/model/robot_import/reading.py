@@ -124,9 +124,12 @@ class _Source:
     def take(self, root: Node, scope: str, depth: int) -> str:
         """Takes the model of a file, in a scope of names, and returns the text for Drake."""
         kind = "urdf" if root.tag == "robot" else "sdf"
+        if twins := [f"{node.tag} (line {node.line})" for node in _without_twins(root)]:
+            self.notes.changed.append(f"there twice and equal, taken once: {listed(twins)}")
         for link in (node for node in root.walk() if node.tag == "link" and kind == "sdf"):
             for inertial in link.all("inertial"):
-                if inertial.value("inertia") is None and inertial.value("mass"):
+                if inertial.value("inertia") is None and inertial.value("mass") and not (
+                        inertial.is_true("auto")):
                     inertial.children.append(element(
                         "inertia", inertial.line, dict.fromkeys(INERTIA, 0.0), urdf=False))
                     self.notes.changed.append(
@@ -147,6 +150,10 @@ class _Source:
             self._add(self.tree.links, self._link(node, scope + node.name(), materials))
         for node in list(model.all("joint")):
             self._joint(node, model, scope)
+        for node in (*model.all("link"), *model.all("gazebo")):  # SDFormat's and URDF's.
+            name = node.value("reference") or node.value("name") or ""
+            if (link := self.tree.links.get(scope + name)) is not None:
+                link.sensors += [each.value("type") or "" for each in node.all("sensor")]
         for node in model.all("transmission"):
             self._motor(node)
         self.tree.frames |= {scope + node.name(): ("", node.pose()) for node in model.all("frame")}
@@ -200,7 +207,15 @@ class _Source:
     def _link(self, node: Node, name: str, materials: dict[str, Node]) -> Link:
         link = Link(name, node)
         if (inertial := node.find("inertial")) is not None:
-            _check_inertial(node, inertial, self.notes)
+            if inertial.is_true("auto"):
+                require(any(node.all("collision/geometry")) and not any(
+                    node.all("collision/geometry/mesh")), f"{inertial.place()} auto", "true",
+                        "left out, with mass and inertia given: that of a mesh, or of no collision "
+                        "shape, is not computed here")
+                self.notes.taken.append(f"mass and inertia of '{name}': of its collision shapes, "
+                                        "as SDFormat has it (auto)")
+            else:
+                _check_inertial(node, inertial, self.notes)
             if (added := inertial.find("fluid_added_mass")) is not None:
                 link.added_mass = np.array([[added.number(
                     ADDED[min(i, j)] + ADDED[max(i, j)]) for j in range(6)] for i in range(6)])
@@ -225,7 +240,7 @@ class _Source:
             return
         # Its numbers, where the format has them; URDF takes 0 for one of two limits.
         joint, axis = Joint(scope + node.name(), kind, node), node if urdf else node.find("axis")
-        if axis is not None:
+        if axis is not None and not node.mistakes:
             one = 0.0 if urdf and (axis.value("limit/lower") or axis.value("limit/upper")
                                    ) else np.inf
             if kind != "continuous":
@@ -262,8 +277,22 @@ class _Source:
                            transmission.number("actuator/drake:gear_ratio", 1.0))
 
 
+def _without_twins(root: Node) -> list[Node]:
+    """Takes out of an element all below it that are there twice and equal, and returns them."""
+    twins: list[Node] = []
+    for node in root.walk():
+        kept: list[Node] = []
+        for child in node.children:
+            (twins if any(map(child.equals, kept)) else kept).append(child)
+        node.children = kept
+    return twins
+
+
 def _kept(node: Node, table: dict[str, Element]) -> Node:
     """Returns an element with the parts that are left to Drake."""
+    if any(inertial.is_true("auto") for inertial in node.all("inertial")):
+        return replace(node, children=[child for child in node.children if child.tag in (
+            "pose", "inertial", "collision")])
     given = {key: text for key, text in node.attributes.items()
              if key in table[node.tag].attributes.split() and key != "auto"}
     return replace(node, attributes=given, children=[
