@@ -16,7 +16,7 @@ from uvms_drake.model.robot_import.bodies import Body, lump, place_thrusters, un
 from uvms_drake.model.robot_import.chain import choose_chain
 from uvms_drake.model.robot_import.estimates import LAG, estimate, estimate_thrust
 from uvms_drake.model.robot_import.plugins import Thruster, read_thrusters, read_water, tell_unread
-from uvms_drake.model.robot_import.reading import read_robot
+from uvms_drake.model.robot_import.reading import read_file, read_robot
 from uvms_drake.model.robot_import.shapes import drawn
 from uvms_drake.model.robot_import.tip import place_tip
 from uvms_drake.model.robot_import.tree import Notes, Shape, listed
@@ -46,6 +46,10 @@ def import_robot(file: Path, name: str) -> Imported:
     """
     # The file, and its robot: bodies of a vehicle and its arm.
     notes = Notes(f"{name}.sdf")
+    if own := _own_folder(file, name):
+        notes.taken.append(f"all of the folder {file.parent}: it is a robot's already (a link "
+                           "'vehicle', a frame 'tip', hydrodynamics.yaml), and copied as it is")
+        return Imported(own, notes)
     tree = read_robot(file, notes)
     # Plugins speak of links in their own axes, and their rotors are not joints of an arm.
     waters = read_water(tree, notes)
@@ -81,6 +85,31 @@ def import_robot(file: Path, name: str) -> Imported:
                   "wrench on the vehicle has no limit")
     files["README.md"] = f"# {name}\n\nMade of `{file.name}`.\n\n{notes.format()}"
     return Imported({key: text.encode() for key, text in files.items()} | pictures.files, notes)
+
+
+def _own_folder(file: Path, name: str) -> dict[str, bytes]:
+    """Returns the files of the robot's folder that has a file, by a new name; none if it is none.
+
+    Args:
+        file: URDF or SDFormat.
+        name: Of the new folder.
+    """
+    folder, found = file.parent, dict[str, bytes]()
+    if not (folder / "hydrodynamics.yaml").is_file():
+        return found
+    names = {(node.tag, node.attributes.get("name")) for node in read_file(file).walk()}
+    if not names >= {("link", "vehicle"), ("frame", "tip")}:
+        return found
+    package = folder / "package.xml"
+    old = (read_file(package).value("name") if package.is_file() else None) or folder.name
+    for path in (path for path in sorted(folder.rglob("*")) if path.is_file()):
+        content = path.read_bytes()
+        if path.suffix in (".sdf", ".urdf", ".xml"):
+            for before in ("://{}/", "<name>{}</name>"):
+                content = content.replace(before.format(old).encode(), before.format(name).encode())
+        found[str(path.relative_to(folder))] = content
+    found[f"{name}{file.suffix}"] = found.pop(file.name)
+    return {"package.xml": format_package(name, file.name).encode()} | found
 
 
 def number(value: float) -> str:

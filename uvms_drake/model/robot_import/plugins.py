@@ -2,8 +2,9 @@
 
 gz-sim's Hydrodynamics has Fossen's derivatives: M_A = −X_u̇ and D = −X_u, so that they are negative
 (its first version had +X_u̇, as some files still have). uuv_simulator's has M_A itself, and damping
-as derivatives, D = −(X_u + X_u|u| |u|). Both act at the link's origin, in its axes, and so does
-SDFormat's `fluid_added_mass`, which is M_A. Signs are the physical ones: M_A and D are positive.
+as derivatives, D = −(X_u + X_u|u| |u|). Both act at the link's origin, and so does SDFormat's
+`fluid_added_mass`, which is M_A; their axes are in `sources`. Here they are turned into the link's
+axes, with the physical signs: M_A and D are positive.
 
 A thruster of gz-sim pushes its link along the joint's axis; that of uuv_simulator pushes it along
 the link's own x. A rotor that has no plugin is taken to push along its joint's axis.
@@ -19,6 +20,7 @@ from uvms_drake.model.description.plausibility import check_foreign
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.description.xml_tree import Node
 from uvms_drake.model.robot_import.chain import ROTOR
+from uvms_drake.model.robot_import.sources import GZ, SDF, UUV, Source
 from uvms_drake.model.robot_import.tree import Joint, Link, Notes, Tree, listed
 
 FORCES, RATES = "xyzkmn", "UVWPQR"
@@ -56,6 +58,8 @@ class Waters:
     density: float | None = None
     shapes_float: bool = False
     """Whether it is for gz-sim, where collision shapes displace water."""
+    sources: set[Source] = field(default_factory=set)
+    """Whose conventions the matrices of the file had."""
 
 
 def read_water(tree: Tree, notes: Notes) -> Waters:
@@ -71,8 +75,12 @@ def read_water(tree: Tree, notes: Notes) -> Waters:
     for link in tree.links.values():
         if link.added_mass is not None:
             water = waters.links.setdefault(link.name, Water())
-            water.added_mass = symmetric(f"{link.name}: fluid_added_mass", link.added_mass, notes)
+            M = symmetric(f"{link.name}: fluid_added_mass", link.added_mass, notes)
+            water.added_mass = SDF.in_link(M)
             notes.taken.append(f"added mass of '{link.name}': fluid_added_mass")
+            waters.sources.add(SDF)
+    notes.taken += [f"axes of matrices of {source.name}: {source.axes}"
+                    for source in (GZ, UUV, SDF) if source in waters.sources]
     return waters
 
 
@@ -119,6 +127,7 @@ def _read_gz(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Notes
     if link is None:
         return
     waters.density = plugin.number("water_density", plugin.number("waterDensity", 998.0))
+    waters.sources.add(GZ)
     key = f"{link.name}: Hydrodynamics (line {plugin.line})"
     # Derivatives, by SNAME's letters.
     M = np.array([[plugin.number(f"{f}Dot{v}") for v in RATES] for f in FORCES])
@@ -134,8 +143,8 @@ def _read_gz(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Notes
     # As positive numbers, and all that is left out.
     water = waters.links.setdefault(link.name, Water())
     if np.any(M):
-        water.added_mass = symmetric(f"{key}: added mass", M, notes)
-    _take_damping(key, water, -linear, -quadratic, notes)
+        water.added_mass = GZ.in_link(symmetric(f"{key}: added mass", M, notes))
+    _take_damping(key, water, GZ.in_link(-linear), GZ.in_link(-quadratic), notes)
     notes.taken.append(f"water of '{link.name}': plugin Hydrodynamics of gz-sim, line {plugin.line}"
                        + _missing(water))
 
@@ -156,6 +165,7 @@ def _read_uuv(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Note
         water.center = node.numbers("center_of_buoyancy", 3, np.zeros(3))
         if (model := node.find("hydrodynamic_model")) is not None:
             _read_fossen(key, model, water, notes)
+            waters.sources.add(UUV)
         notes.taken.append(f"water of '{link.name}': plugin of uuv_simulator, line {node.line}"
                            + _missing(water))
 
@@ -168,11 +178,12 @@ def _read_fossen(key: str, model: Node, water: Water, notes: Notes) -> None:
         return
     if (added := model.find("added_mass")) is not None:
         scale = model.number("scaling_added_mass", 1.0)
-        water.added_mass = symmetric(f"{key}: added_mass", scale * _square(added), notes)
+        water.added_mass = UUV.in_link(
+            symmetric(f"{key}: added_mass", scale * _square(added), notes))
     damping = []
     for name in ("linear_damping", "quadratic_damping"):
         node = model.find(name)
-        damping.append(-_square(node) if node is not None else np.zeros((6, 6)))
+        damping.append(UUV.in_link(-_square(node)) if node is not None else np.zeros((6, 6)))
     _take_damping(key, water, damping[0], damping[1], notes)
     if np.any(model.numbers("linear_damping_forward_speed", None, 0.0)):
         notes.changed.append(f"{key}: linear_damping_forward_speed left out: drag is by axis here")

@@ -53,7 +53,7 @@ def read_robot(file: Path, notes: Notes) -> Tree:
     Raises:
         InvalidParameter: The file cannot be read, or is no robot.
     """
-    root, lost = _read_file(file), list[str]()
+    root, lost = read_file(file), list[str]()
     models = sorted(_models(root, lost, 0), key=_joints, reverse=True)
     require(bool(models), "--from", str(file), "a file with a <model>")
     lost += [f"model {node.name()}, beside the robot" for each in models[1:]
@@ -70,7 +70,12 @@ def read_robot(file: Path, notes: Notes) -> Tree:
     return source.tree
 
 
-def _read_file(file: Path) -> Node:
+def read_file(file: Path) -> Node:
+    """Returns the outermost element of a file; of a URDF without a name, by the file's.
+
+    Raises:
+        InvalidParameter: It cannot be read, or is no XML.
+    """
     try:
         text = file.read_text(encoding="utf-8")
     except OSError as error:
@@ -79,7 +84,7 @@ def _read_file(file: Path) -> Node:
     except ValueError:
         raise InvalidParameter("--from", str(file), "a text in UTF-8") from None
     root = read_xml(text, file)
-    require(root.tag in ("sdf", "robot"), "--from", str(file),
+    require(root.tag in ("sdf", "robot", "package"), "--from", str(file),
             f"URDF (<robot>) or SDFormat (<sdf>), not <{root.tag}>")
     if root.tag == "robot":
         root.attributes.setdefault("name", file.stem)
@@ -99,7 +104,7 @@ def _models(root: Node, lost: list[str], depth: int) -> Iterator[Node]:
         if file is None:  # A sun, a ground plane.
             lost.append(f"include {include.value('uri')}, which is not there")
         elif not include.is_true("static"):
-            yield from _models(_read_file(file), lost, depth + 1)
+            yield from _models(read_file(file), lost, depth + 1)
 
 
 def _joints(root: Node, depth: int = 0) -> int:
@@ -107,7 +112,7 @@ def _joints(root: Node, depth: int = 0) -> int:
     files = [] if depth > DEEPEST else [
         file for node in root.walk() if node.tag == "include" and (file := _model_file(node))]
     return sum(node.tag == "joint" for node in root.walk()) + sum(
-        _joints(_read_file(file), depth + 1) for file in files)
+        _joints(read_file(file), depth + 1) for file in files)
 
 
 class _Source:
@@ -191,7 +196,7 @@ class _Source:
             raise InvalidParameter(f"{node.place()} uri", uri, "the file of a model, in a folder "
                                    "of that name beside this file or above it")
         require(depth <= DEEPEST, f"{node.place()} uri", uri, "a file that does not include itself")
-        root = _read_file(file)
+        root = read_file(file)
         model = root if root.tag == "robot" else next(root.all("model"), None)
         if model is None:
             raise InvalidParameter("--from", str(file), "a file with a <model>")
