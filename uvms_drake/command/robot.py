@@ -114,26 +114,25 @@ def write_robot(file: Path, robot: Path) -> int:
     from uvms_drake.model.robot_import.importer import import_robot
     from uvms_drake.plant.model_check import sound_robot
 
-    notes = []
+    found = []
 
     def imported(name: str) -> dict[str, bytes]:
-        found = import_robot(file, name)
-        notes.append(found.notes.format())
-        return found.files
+        found.append(import_robot(file, name))
+        return found[0].files
 
     try:
         _write_folder(robot, "--from", imported, sound_robot)
     except InvalidFile as error:
-        if not notes:
+        if not found:
             raise
         # The checks of `robot`, at the end of the list: numbers that the file has are at fault.
-        print(f"{notes[0]}\nRefused, and nothing is written, for these numbers of the file, by the "
+        print(f"{found[0].notes.format()}\nRefused, and nothing is written, for these numbers of the file, by the "
               "place where they would be:", flush=True)
         for complaint in error.complaints:
             print(f"{PROGRAM}: error: {complaint}", file=sys.stderr)
         return 2
-    print(notes[0])
-    print(f"written to {robot}, with this list in README.md; '{PROGRAM} robot {robot}' shows it")
+    listed = "" if found[0].is_copy else ", with this list in README.md"
+    print(f"{found[0].notes.format()}\nwritten to {robot}{listed}; '{PROGRAM} robot {robot}' shows it")
     return 0
 
 

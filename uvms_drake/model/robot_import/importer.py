@@ -32,6 +32,8 @@ class Imported:
     files: dict[str, bytes]
     """By path in the folder."""
     notes: Notes
+    is_copy: bool = False
+    """Whether it was a robot's folder already."""
 
 
 def import_robot(file: Path, name: str) -> Imported:
@@ -49,7 +51,7 @@ def import_robot(file: Path, name: str) -> Imported:
     if own := _own_folder(file, name):
         notes.taken.append(f"all of the folder {file.parent}: it is a robot's already (a link "
                            "'vehicle', a frame 'tip', hydrodynamics.yaml), and copied as it is")
-        return Imported(own, notes)
+        return Imported(own, notes, is_copy=True)
     tree = read_robot(file, notes)
     # Plugins speak of links in their own axes, and their rotors are not joints of an arm.
     waters = read_water(tree, notes)

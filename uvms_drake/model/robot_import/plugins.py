@@ -398,7 +398,8 @@ def _gz_curve(plugin: Node, thruster: Thruster, pilot: tuple[float, float] | Non
             "below the largest force")
     edges, still = np.interp([-band, band], f, x), np.interp(0.0, f, x)
     inner = still + (1.0 - JUMP) * (edges - still)
-    outside, beyond = np.abs(f) > band, np.array([-f[0], f[-1]]) > band
+    more = (1.0 + JUMP) * band
+    outside, beyond = np.abs(f) > more, np.array([-f[0], f[-1]]) > more
     x = np.concatenate([x[outside], edges[beyond], inner])
     f = np.concatenate([f[outside], np.array([-band, band])[beyond], np.zeros(2)])
     order = np.argsort(x)
