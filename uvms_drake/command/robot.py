@@ -126,13 +126,14 @@ def write_robot(file: Path, robot: Path) -> int:
         if not found:
             raise
         # The checks of `robot`, at the end of the list: numbers that the file has are at fault.
-        print(f"{found[0].notes.format()}\nRefused, and nothing is written, for these numbers of the file, by the "
-              "place where they would be:", flush=True)
+        print(f"{found[0].notes.format()}\nRefused, and nothing is written, for these numbers of "
+              "the file, by the place where they would be:", flush=True)
         for complaint in error.complaints:
             print(f"{PROGRAM}: error: {complaint}", file=sys.stderr)
         return 2
     listed = "" if found[0].is_copy else ", with this list in README.md"
-    print(f"{found[0].notes.format()}\nwritten to {robot}{listed}; '{PROGRAM} robot {robot}' shows it")
+    print(f"{found[0].notes.format()}\nwritten to {robot}{listed}; '{PROGRAM} robot {robot}' shows "
+          "it")
     return 0
 
 
