@@ -19,7 +19,7 @@ from uvms_drake.model.description.water_center import center_of_water
 from uvms_drake.model.robot_import.bodies import Body
 from uvms_drake.model.robot_import.plugins import Thruster, Waters
 from uvms_drake.model.robot_import.shapes import volume_of
-from uvms_drake.model.robot_import.sizes import believed_size
+from uvms_drake.model.robot_import.sizes import plausible_size
 from uvms_drake.model.robot_import.tree import Notes, listed
 
 FRESH = 1000.0
@@ -233,7 +233,7 @@ def _shadow_drag(body: Body, density: float, notes: Notes) -> list[Drag]:
 
     ½ ρ C_D A, and ½ ρ C_D A e³ / 32 of a strip of length e; without shapes, of a cube.
     """
-    cube, size = (body.volume or 1e-3) ** (1.0 / 3.0), believed_size(body, density, notes)
+    cube, size = (body.volume or 1e-3) ** (1.0 / 3.0), plausible_size(body, density, notes)
     edge = np.full(3, cube) if size is None else np.ptp(size[0], axis=0)
     areas = np.full(3, cube**2) if size is None else size[1]
     turning = areas[[1, 2, 1]] * edge[[2, 0, 0]] ** 3

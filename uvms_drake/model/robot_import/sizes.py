@@ -47,7 +47,7 @@ def shadow(triangles: np.ndarray, axis: int) -> float:
 
 
 def size_by_shapes(body: Body) -> Size | None:
-    """Returns the size by what is drawn of a body, or else by what collides; None without any."""
+    """Returns the size by visuals of a body, or else by its collision shapes; None without any."""
     for shapes in (body.visuals, body.collisions):
         found = [each for shape in shapes if (each := triangles_of(shape)) is not None]
         if found:
@@ -57,7 +57,7 @@ def size_by_shapes(body: Body) -> Size | None:
     return None
 
 
-def believed_size(body: Body, density: float, notes: Notes) -> Size | None:
+def plausible_size(body: Body, density: float, notes: Notes) -> Size | None:
     """Returns the size by shapes for an estimate, and asks if it is not of the displaced volume.
 
     Args:

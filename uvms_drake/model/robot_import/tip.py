@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.model.robot_import.bodies import FRD_FROM_FLU, Body
-from uvms_drake.model.robot_import.sizes import Size, believed_size, size_by_shapes
+from uvms_drake.model.robot_import.sizes import Size, plausible_size, size_by_shapes
 from uvms_drake.model.robot_import.tree import Notes, Tree
 
 NAMES = tuple(re.compile(pattern, re.I) for pattern in (
@@ -35,7 +35,7 @@ def place_tip(tree: Tree, bodies: list[Body], density: float, notes: Notes, flip
     along = _direction(last)
     found = _named(tree, last)
     if found is None:
-        reach = _reach(last, believed_size(last, density, notes), along)
+        reach = _reach(last, plausible_size(last, density, notes), along)
         X = RigidTransform(_upright(last, along), reach * along)
         notes.ask(notes.sdf, "frame tip, pose",
                   f"no link or frame of the file is a tip by its name. ESTIMATE: the end of "

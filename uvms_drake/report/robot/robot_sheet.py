@@ -71,7 +71,7 @@ class RobotSheet:
     bodies: list[tuple[str, float, float, np.ndarray]]
     """Name, mass, mass of displaced water [kg], added mass in surge, sway and heave (3,) [kg]."""
     water: dict[str, tuple[str, bool]]
-    """Of each body, where its added mass acts, and whether that fits to its buoyancy."""
+    """By body, the place of its added mass as a line, and whether that fits to its buoyancy."""
     joints: list[tuple[str, float, float, float, float]]
     """Name, limits, inertia of the motor at the joint, damping."""
     units: list[tuple[str, str, str]]
