@@ -70,7 +70,7 @@ WEAKEST = 0.2
 TILT = 0.25
 """Limit of roll and pitch of the vehicle [rad]."""
 STATES, ABOVE = 200, 1.1
-"""Random postures of the suprema in a declared tube, and the factor on what they give."""
+"""Random postures of the suprema in a declared tube, and the factor on their largest values."""
 REMAINDER = 2.0
 """Factor for the remainders of velocities, attitude and inputs in it."""
 TERMINAL = 0.1

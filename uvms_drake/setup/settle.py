@@ -1,6 +1,6 @@
 """A first scenario with the advice of its certificate put in, until it certifies.
 
-Its numbers are estimates; the certificate computes what they are about. A condition that fails has
+Its numbers are estimates, and the certificate computes them. A condition that fails has
 an advice where a value is known, such as a smaller `disturbance.bound`: that is taken, as an owner
 would take it, or else the disturbance is made smaller, and the certificate computed again.
 """
