@@ -9,8 +9,13 @@ from itertools import pairwise
 import numpy as np
 from pydrake.math import RigidTransform
 
-from uvms_drake.model.description.hydrodynamics_file import AddedMass, Drag
+from uvms_drake.model.description.hydrodynamics_file import (
+    AddedMass,
+    Drag,
+    added_mass_about_origin,
+)
 from uvms_drake.model.description.thruster_file import undriven_axes
+from uvms_drake.model.description.water_center import doubt_about_water
 from uvms_drake.model.robot_import.bodies import Body
 from uvms_drake.model.robot_import.plugins import Thruster, Waters
 from uvms_drake.model.robot_import.shapes import box_of, volume_of
@@ -51,6 +56,7 @@ def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Not
         notes: Ask for each number.
     """
     density = waters.density or FRESH
+    known = [body for body in bodies if body.added_mass]
     if waters.shapes_float:
         _take_collisions(bodies, density, notes)
     _estimate_water(bodies, tip, waters, notes)
@@ -62,6 +68,10 @@ def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Not
         notes.ask(WATER, "bodies.vehicle.displaced_volume",
                   f"the robot weighs {mass:.4g} kg and displaces {displaced:.4g} kg of water; with "
                   f"floats or ballast for neutral trim: {volume:.6g} m³")
+    for body in known:
+        if doubt := doubt_about_water(added_mass_about_origin(body.added_mass), body.volume or 0.0,
+                                      body.center, density):
+            notes.ask(WATER, f"bodies.{body.name}.added_mass", doubt)
     _estimate_motors(bodies, notes)
     return density
 
