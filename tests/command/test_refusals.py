@@ -51,7 +51,7 @@ REFUSED = {
     "certify --runs 0": "--runs = 0: must be at least 1",
     "certify --runs 2 --confidence 1": "--confidence = 1.0: must be at least 0.5 and below 1",
     "certify --runs 2 --set seed=4": "--set = 'seed=4': must be left out",
-    "certify --runs 2 --seed 4": "unrecognized arguments: --seed 4",
+    "certify --runs 2 --seed 4": "unrecognized arguments: --seed",
     "campaign --seed 4294967296": "--seed = 4294967296: must be zero or positive, below",
     "certify --runs 2 --largest seed": "--largest = 'seed': must be left out with --runs",
     "certify --workers 2": "--workers = 2: must be left out without --runs",
