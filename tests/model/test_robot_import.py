@@ -10,8 +10,8 @@ from support.robot_files import FILES, FLIP, NAMES, PlainUrdf, turn
 import uvms_drake as uv
 from uvms_drake.command.robot import write_robot
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
+from uvms_drake.model.description.meshes import bounding_box, format_obj, mesh_volume
 from uvms_drake.model.description.thruster_file import thrust_map
-from uvms_drake.model.description.visuals import bounding_box, format_obj, mesh_volume
 from uvms_drake.model.robot_import.importer import import_robot
 from uvms_drake.model.robot_import.plugins import symmetric
 from uvms_drake.model.robot_import.tree import Notes

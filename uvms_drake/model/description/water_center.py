@@ -30,9 +30,9 @@ def water_center(M_A: np.ndarray) -> np.ndarray | None:
     return np.asarray(np.linalg.lstsq(np.transpose(columns), C.ravel(), rcond=None)[0])
 
 
-def doubt_about_water(M_A: np.ndarray, volume: float, center: np.ndarray, density: float
-                      ) -> str | None:
-    """Returns the reason why an added mass does not fit to the displaced volume; None if it does.
+def center_of_water(M_A: np.ndarray, volume: float, center: np.ndarray, density: float
+                    ) -> tuple[str, bool]:
+    """Returns where an added mass acts, as a line, and whether that fits to the displaced volume.
 
     Args:
         M_A: Added mass (6, 6) about the body's origin [kg, kg m, kg m²].
@@ -40,21 +40,21 @@ def doubt_about_water(M_A: np.ndarray, volume: float, center: np.ndarray, densit
         center: Centre of buoyancy (3,) [m].
         density: Of the water [kg/m³].
     """
-    largest, p = float(np.max(np.abs(M_A[:3, :3]))), water_center(M_A)
+    largest, p, edge = float(np.max(np.abs(M_A[:3, :3]))), water_center(M_A), volume ** (1.0 / 3.0)
     if volume > 0.0 and largest > MOST * density * volume:
-        return (f"the added mass of {largest:.4g} kg is {largest / (density * volume):.3g} times "
-                "the displaced water, which is much: of a box it is about 1")
-    if volume <= 0.0 or p is None:
-        return None
-    edge, off = volume ** (1.0 / 3.0), float(np.linalg.norm(p - center))
-    mirrored = p * [1.0, -1.0, -1.0]
-    turned = MIRRORED * edge < off > 2.0 * float(np.linalg.norm(mirrored - center))
-    if not turned and off <= APART * edge:
-        return None
-    said = (f"by its couplings the added mass acts at {_row(p)} m, but buoyancy at {_row(center)} "
-            f"m, {off:.3g} m away, of a body of {edge:.3g} m (the edge of a cube of its volume)")
-    return said + (f": turned by diag(1, -1, -1) it would act at {_row(mirrored)} m, so that it "
-                   "may be in other axes" if turned else ": it may be in other axes or units")
+        return (f"added mass of {largest:.4g} kg, {largest / (density * volume):.3g} times the "
+                "displaced water: of a box it is about 1"), False
+    line = f"buoyancy at {_row(center)} m, added mass "
+    if p is None:
+        return line + "without couplings", True
+    off, mirrored = float(np.linalg.norm(p - center)), p * [1.0, -1.0, -1.0]
+    line += f"by its couplings at {_row(p)} m"
+    if volume <= 0.0 or off <= MIRRORED * edge:
+        return line, True
+    far = f", {off:.3g} m away, of a body of {edge:.3g} m: it may be in other axes"
+    if off > 2.0 * float(np.linalg.norm(mirrored - center)):
+        return line + far + f"; turned by diag(1, -1, -1) it is at {_row(mirrored)} m", False
+    return (line, True) if off <= APART * edge else (line + far + " or units", False)
 
 
 def _row(values: np.ndarray) -> str:

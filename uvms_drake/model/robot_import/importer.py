@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from uvms_drake.common.errors import require
 from uvms_drake.model.robot_import.bodies import Body, lump, place_thrusters, unique, z_is_up
 from uvms_drake.model.robot_import.chain import choose_chain
-from uvms_drake.model.robot_import.estimates import LAG, estimate, estimate_thrust
+from uvms_drake.model.robot_import.estimates import FRESH, LAG, estimate, estimate_thrust
 from uvms_drake.model.robot_import.plugins import Thruster, read_thrusters, read_water, tell_unread
 from uvms_drake.model.robot_import.reading import read_file, read_robot
 from uvms_drake.model.robot_import.shapes import drawn
@@ -69,7 +69,7 @@ def import_robot(file: Path, name: str) -> Imported:
         if body.mass <= 0.0:
             notes.ask(notes.sdf, f"link {body.name}, inertial", "no mass in the file")
     # Missing numbers are guessed from the others.
-    tip = place_tip(tree, bodies, notes, flips)
+    tip = place_tip(tree, bodies, waters.density or FRESH, notes, flips)
     density = estimate(bodies, tip, waters, notes)
     placed = place_thrusters(bodies[0], thrusters, notes)
     # Pictures are spoken of last: the list begins with physics.
