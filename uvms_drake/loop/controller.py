@@ -63,8 +63,8 @@ class Controller:
             loop, with the delay from a tick until thrusters and joints get its command.
         certificate: Its certificate, whose tube is used; None: the declared tube.
         period: Period of the ticks [s], if the scenario has no `SampledCommand`; by default 0.02 s.
-        wait: Longest time that a step waits for a plan [s], which a process of its own computes
-            ahead, see `mpc.in_advance`; None: the step computes it itself, however long that takes.
+        wait: Longest time that a step waits for a plan [s], which a process of its own computes,
+            see `mpc.in_advance`; None: the step computes it itself, however long that takes.
         longest_gap: Time without a sample of use after which it stops [s].
 
     Raises:

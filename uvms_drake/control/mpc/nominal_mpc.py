@@ -142,7 +142,7 @@ class NominalMpc(WiredSystem):
         self._planner.clock = clock
 
     def compute_by(self, computer: Computer) -> None:
-        """Has plans that are computed in advance computed by another; one that is late times out."""
+        """Has plans `in_advance` computed by a `Computer`; one that is late times out."""
         self._computer = computer
 
     def computed(self, sample: Sample, memory: MpcMemory) -> MpcMemory:

@@ -10,8 +10,8 @@ and the problem is the one without actuation delay, from the state at t_i + nh. 
 issued changes, and every problem is feasible if it was so without: proofs in
 control/plan/theory.md#committed-horizon. Before the first plan the robot coasts; at rest it hovers.
 
-With `mpc.in_advance` the plan of t_i comes at t_{i+1}, so that a computer may take h for it, and one
-more interval is committed. Until it comes, the last plan goes on, which is the same over the
+With `mpc.in_advance` the plan of t_i comes at t_{i+1}, so that a computer may take h for it, and
+one more interval is committed. Until it comes, the last plan goes on, which is the same over the
 committed part; and it is taken only if it is sound with the inputs of t_{i+1}, which may have
 changed, unless the last plan is not either.
 """
@@ -94,8 +94,8 @@ class MpcMemory:
     solve_seconds: float = 0.0
     """Wall time of the last step [s]; the only value that is not reproducible."""
     coming: "MpcMemory | None" = None
-    """Memory with the plan of the last sample, which comes at the next one, if it is computed in advance
-    and has not been late."""
+    """Memory with the plan of the last sample, which comes at the next one, if it is
+    computed in advance and not late."""
     awaits: bool = False
     """Whether the plan of the last sample is to come at the next one."""
 
