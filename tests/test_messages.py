@@ -13,6 +13,7 @@ from support.refusals import OBJECT
 
 import uvms_drake as uv
 import uvms_drake.papers.nikou2018  # It has a law of its own.
+from uvms_drake.certificate.text import violation
 from uvms_drake.command.keys import keys_of
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
@@ -20,6 +21,7 @@ from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParamete
 from uvms_drake.model.description.thruster_file import ThrusterParameters
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scenario.scenario_file import GONE_KEYS
+from uvms_drake.tube.conditions import Condition
 
 KEYS = {re.sub(r"!\w+", "", key) for key, _ in keys_of(Scenario())}
 ROOTS = "|".join(sorted({key.partition(".")[0] for key in KEYS}))
@@ -125,3 +127,9 @@ def test_a_direction_of_three_digits_gets_length_one(direction):
     np.testing.assert_allclose(loaded.contact.direction, direction, atol=1e-3)
     with pytest.raises(ScenarioError, match=r"contact.direction = .* must be a unit vector"):
         uv.load_scenario("girona500_contact", ["contact.direction=[0.99, 0, 0]"])
+
+
+def test_a_condition_that_fails_by_nothing_has_no_size():
+    failed = Condition("terminal set, ε", 0.0, ">", 0.0, theorem="")
+    assert violation(failed) == "terminal set, ε: 0 > 0 does not hold"
+    assert violation(Condition("x", 1.0, "<", 0.5, theorem="")).endswith("does not hold by 0.5")
