@@ -182,10 +182,11 @@ def _press_control(scenario: Scenario) -> PressControl:
     require(pressing_force(scenario) < largest, "task.force", scenario.task.force,
             f"less than {largest:.3g} N: contact.force less the parts of sensor, tube, angle and "
             "stiffness")
-    reading = known_reading(scenario)
-    require(reading is None or largest + contact.force_error < reading.largest,
-            "sensing", scenario.sensing,
-            f"with a range of more than {largest + contact.force_error:.3g} N")
+    reading, needed = known_reading(scenario), largest + contact.force_error
+    for key, part in keyed("sensing", scenario.sensing).items():
+        if reading is not None and part.reading(0.0, 0.0) is not None:
+            require(needed < reading.largest, f"{key}.range", getattr(part, "range", part),
+                    f"more than {needed:.3g} N")
     for i, step in enumerate(scenario.mission.steps):
         require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                 f"less than {largest:.3g} N, like task.force")
@@ -234,8 +235,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         require(MEASURED_FORCE in signals, key, type(fault).__name__,
                 "left out: no part measures the force")
     require(MEASURED_FORCE in signals or not controller.HasInputPort("force_valid"), "sensing",
-            scenario.sensing, "with a part that measures the force, such as !ForceSensor, for a "
-            "sensed contact")
+            scenario.sensing, "with a part that measures the force, such as !ForceSensor")
     if MEASURED_FORCE in signals:
         require(scenario.ancillary.takes_force, "ancillary", scenario.law,
                 "a law that takes the measured force, such as resolved")
