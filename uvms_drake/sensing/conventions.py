@@ -126,8 +126,8 @@ def check_frames(conventions: Conventions, time: np.ndarray, attitude: np.ndarra
                  specific_force: np.ndarray, turning: np.ndarray) -> str:
     """Returns the axes whose sense the samples have shown; raises for one that is contradicted.
 
-    A vehicle starts upright. At rest an accelerometer reads −g, up. And a turn of the attitude between the first and the last
-    sample is, for small turns, the integral of the angular velocity.
+    A vehicle starts upright. At rest an accelerometer reads −g, up. And a turn of the attitude
+    between the first and the last sample is, for small turns, the integral of the angular velocity.
 
     Args:
         conventions: The declared conventions.
@@ -142,21 +142,26 @@ def check_frames(conventions: Conventions, time: np.ndarray, attitude: np.ndarra
     C_B, declared = BODIES[conventions.body], f"{conventions.body} in {conventions.world}"
     R = np.array([conventions.rotation(each) for each in attitude])
     up = np.mean(R @ C_B @ np.asarray(specific_force)[..., None], axis=0)[:, 0]
-    tilt = np.arccos(np.clip(-up[2] / np.linalg.norm(up), -1.0, 1.0))
-    require(R[0, 2, 2] > 0.0, "signals.yaml", declared,
-            "other axes: the vehicle would be upside down")
-    require(bool(tilt < TILT) and 0.5 < np.linalg.norm(up) / STANDARD_GRAVITY < 1.5,
-            "signals.yaml", declared, f"other axes: at rest the accelerometer points {np.rad2deg(tilt):.0f} degrees off up")
+    size = float(np.linalg.norm(up))
+    tilt = float(np.arccos(np.clip(-up[2] / max(size, 1e-9), -1.0, 1.0)))
+    _require_axes(bool(R[0, 2, 2] > 0.0), declared, "the vehicle would be upside down")
+    _require_axes(tilt < TILT and 0.5 < size / STANDARD_GRAVITY < 1.5, declared,
+                  f"at rest the accelerometer has {size:.3g} m/s2, {np.rad2deg(tilt):.0f} degrees "
+                  "off up")
     # The turn by the gyro, and that of the attitude, in axes of the body at the first sample.
     rates = (C_B @ np.asarray(turning)[..., None])[..., 0]
     sensed = np.sum(0.5 * (rates[1:] + rates[:-1]) * np.diff(time)[:, None], axis=0)
     rpy = np.array([euler_angles(each) for each in R])
     seen = np.linalg.solve(rate_matrix(rpy[0]), wrap_angle(rpy[-1] - rpy[0]))
-    shown = []
+    largest, shown = np.maximum(np.abs(seen), np.abs(sensed)), []
     for axis, name in enumerate(("roll", "pitch", "yaw")):
-        if max(abs(seen[axis]), abs(sensed[axis])) > TURNED:
-            require(abs(seen[axis] - sensed[axis]) < 0.5 * max(abs(seen[axis]), abs(sensed[axis])),
-                    "signals.yaml", declared, f"other axes: the attitude turns by {seen[axis]:.2g} rad in {name} where the "
-                    f"gyro turns by {sensed[axis]:.2g} rad")
+        if largest[axis] > TURNED:
+            _require_axes(bool(abs(seen[axis] - sensed[axis]) < 0.5 * largest[axis]), declared,
+                          f"the attitude turns by {seen[axis]:.2g} rad in {name} where the gyro "
+                          f"turns by {sensed[axis]:.2g} rad")
             shown.append(name)
     return ", ".join(shown) or "none but up"
+
+
+def _require_axes(condition: bool, declared: str, why: str) -> None:
+    require(condition, "signals.yaml", declared, f"other axes: {why}")
