@@ -81,7 +81,7 @@ class PlannerProcess:
     def _receive(self, wait: float | None) -> MpcMemory | None:
         try:
             answer = self._pipe.recv()
-        except (EOFError, ConnectionResetError):
+        except (EOFError, OSError):
             raise RunFailed("the process of the planner has ended") from None
         self._at_work = False
         if isinstance(answer, str):
@@ -103,13 +103,14 @@ def serve(descriptor: int) -> None:
     model = load_model(scenario)
     mpc: NominalMpc = make_tube(
         scenario, model, make_ocp(scenario, model)).GetSubsystemByName("nominal_mpc")
-    pipe.send(None)
+    answer: MpcMemory | str | None = None
     while True:
         try:
+            pipe.send(answer)
             sample, memory = pipe.recv()
-        except (EOFError, ConnectionResetError):
+        except (EOFError, OSError):
             return
         try:
-            pipe.send(mpc.computed(sample, memory))
+            answer = mpc.computed(sample, memory)
         except RunFailed as error:
-            pipe.send(str(error))
+            answer = str(error)
