@@ -14,7 +14,7 @@ from uvms_drake.model.surface.law import TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.report.mission import summarise_mission
-from uvms_drake.report.summary import broken
+from uvms_drake.report.verdict import broken
 from uvms_drake.station.contact.bounds import largest_force, mission_conditions
 from uvms_drake.station.contact.drawn_mission import (
     ends_of,

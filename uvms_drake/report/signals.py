@@ -11,9 +11,9 @@ from uvms_drake.control.plan.points import Points
 from uvms_drake.mission.law import REASONS, RUNNING
 from uvms_drake.mission.system import PROGRESS
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.station.diagram import bounds_disturbance
-from uvms_drake.station.problem import limits_of
+from uvms_drake.station.problem import limits_of, true_surface
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -62,15 +62,20 @@ def constraints(record: Record) -> dict[str, Constraint]:
     """Returns the constraints of a run by name.
 
     The static force is that of the pose, at rest, on the controller's model of the surface: a limit
-    of the penetration.
+    of the penetration. `contact.force` limits that on the real surface, which a controller with a
+    sensed contact does not know.
     """
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
     at = Points(record.model, record.config, y, record.zeta, record.u, record.tau)
-    return {name: Constraint(
+    found = {name: Constraint(
         values, bound, limit.unit_of(name),
         values - bound if name.endswith("_min") else bound - values)
         for limit in real_limits(record).values()
         for name, (values, bound) in limit.signals(at).items() if np.isfinite(bound)}
+    if (wall := record.scenario.contact.declared_wall()) is not None:
+        static = check_surface(true_surface(record.scenario)).static_force(record.chi)
+        found["contact.force"] = Constraint(static, wall.force, "N", wall.force - static)
+    return found
 
 
 def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:

@@ -103,6 +103,8 @@ class Record:
     """Norms of the deviation, see `laws.law.FIELDS` (T, 6)."""
     tube_bound: np.ndarray
     """Bounds of the norms along the run (T, 6)."""
+    failure: np.ndarray = field(default_factory=lambda: np.array(""))
+    """Time and cause, as text, of the exception that ended the run early; empty: none did."""
     signals: dict[str, np.ndarray] = field(default_factory=dict)
     """Signals of the parts of sensing and actuation (T, size), by name."""
 
