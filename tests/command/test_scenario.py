@@ -58,7 +58,7 @@ def test_a_sound_scenario_is_compared_with_its_base(tmp_path, capsys):
 
 
 def test_places_of_a_mission_are_told_by_the_compass():
-    """D18: of (a, b) one has to know t₁ and t₂; for n = north they are down and west."""
+    """Of a wall to the north (a, b) are down and west."""
     scenario = load_scenario("girona500_inspection", [
         "mission.steps=[!Approach {at: [0.1, -0.2]}, !Slide {along: [0.0, 0.3]}, !Retreat {}]"])
     assert place_words(scenario) == [
