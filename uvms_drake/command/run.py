@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
-from uvms_drake.command.certificates import announce, kept_certificate, new_certificate, note
+from uvms_drake.command.certificates import (
+    announce,
+    compare_class,
+    kept_certificate,
+    new_certificate,
+    note,
+)
 from uvms_drake.command.files import (
     DATA_FILES,
     MAIN_SCENARIO,
@@ -109,6 +115,8 @@ def run_scenario(args: argparse.Namespace) -> int:
         return run_own(args, scenario, source, path)
     with reported_in(source):
         model = load_model(scenario) if args.uncertified else check_inputs(scenario)
+        if args.uncertified:
+            compare_class(scenario, model)
     kept = None if args.uncertified else kept_certificate(
         path / CERTIFICATE_FILE, scenario, source,
         ["certify", args.scenario, *set_options(args.overrides), "--output", str(path)])

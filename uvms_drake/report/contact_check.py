@@ -18,6 +18,7 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.report.signals import attempts_of, has_mission
 from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.contact.true_wall import Departure
 from uvms_drake.station.contact.tube_in_contact import STANDING
 from uvms_drake.station.record import Record
 from uvms_drake.tube.contact.sensor_error import ripple
@@ -118,15 +119,6 @@ def summarise_bands(record: Record) -> dict[str, Any]:
                 found.error[there]))), "least_bound": float(np.min(found.bound[there])),
             "worst_ratio": float(np.max(ratio)), "exits": int(np.count_nonzero(ratio > 1.0))}
     return {"force_bands": out}
-
-
-class Departure(NamedTuple):
-    """Bound of the class that was exceeded, in the unit of the bound."""
-
-    specified: float
-    """Specified bound."""
-    observed: float
-    """Observed value."""
 
 
 def departures(specified: UnknownContact, time: np.ndarray, tip: np.ndarray, velocity: np.ndarray,

@@ -19,11 +19,11 @@ from uvms_drake.report.signals import (
     nominal_limits,
     real_limits,
     settling_index,
-    surface_depth,
     surface_slope,
     wrench_unit,
 )
 from uvms_drake.station.contact.bounds import safe_depth_margin, sensed_contact
+from uvms_drake.station.contact.true_wall import surface_depth
 from uvms_drake.station.diagram import PAINTED
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record

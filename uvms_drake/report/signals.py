@@ -19,8 +19,6 @@ from uvms_drake.station.scenario.scenario import Scenario
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
 """Relative and absolute rounding [m/s², rad/s²] of a disturbance of exactly d̃."""
-AROUND, HALVINGS = 0.5, 20
-"""Search distance for a surface [m], and number of bisections of 5 mm of it."""
 STEP = 1e-5
 """Step of the difference for the slope of a force [m]."""
 UNFINISHED = "not over"
@@ -82,27 +80,6 @@ def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:
     """Returns the unit of 𝔉 and its errors for 𝔉_des (6,): of a force, a torque or both."""
     force, torque = np.any(desired[:3]), np.any(desired[3:])
     return "N, N m" if force and torque else "N m" if torque else "N"
-
-
-def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Returns the depth n·𝔭 (T,) [m] at which the tip first touches the surface along n.
-
-    The search is over `AROUND` on both sides of the tip; NaN if there is no surface.
-
-    Args:
-        surface: The surface.
-        chi: Poses of the end-effector (T, 6) [m, rad].
-        direction: Unit vector n into the surface (3,).
-    """
-    along, steps = np.pad(direction, (0, 3)), np.linspace(-AROUND, AROUND, 201)
-    inside = np.array([surface.penetration(chi + step * along) > 0.0 for step in steps])
-    first = np.argmax(inside, axis=0)
-    low, high = steps[first - 1], steps[first]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        deep = surface.penetration(chi + middle[:, None] * along) > 0.0
-        low, high = np.where(deep, low, middle), np.where(deep, middle, high)
-    return np.where(first > 0, chi[:, :3] @ direction + high, np.nan)
 
 
 def surface_slope(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> np.ndarray:

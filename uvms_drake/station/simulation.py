@@ -111,7 +111,7 @@ def finite_part(logs: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], str
 
 
 def _run(simulator: Simulator, scenario: Scenario) -> tuple[float, BaseException | None]:
-    """Simulates and logs a run, and its end; returns the wall time [s], and an error that ended it."""
+    """Simulates a run and logs it; returns the wall time [s], and the error that ended it."""
     station, context = simulator.get_system(), simulator.get_mutable_context()
     started, error = time.perf_counter(), None
     try:
