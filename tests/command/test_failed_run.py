@@ -11,6 +11,7 @@ from support.synthetic import synthetic_record
 
 import uvms_drake as uv
 from uvms_drake.campaign.campaign import make_campaign
+from uvms_drake.campaign.draws import Drawn
 from uvms_drake.campaign.failures import failures_of
 from uvms_drake.campaign.run import run_one
 from uvms_drake.command.main import main
@@ -115,7 +116,8 @@ def test_figures_report_and_comparison_tell_the_failure(break_in, tmp_path, caps
 def test_a_campaign_counts_a_run_that_an_exception_ended(monkeypatch):
     record = synthetic_record(1.0, failure=np.array("at t = 1.000 s: no way on"))
     monkeypatch.setattr("uvms_drake.campaign.run.simulate", lambda scenario: record)
-    monkeypatch.setattr("uvms_drake.campaign.run.vary", lambda campaign, index: record.scenario)
+    monkeypatch.setattr("uvms_drake.campaign.run.draw",
+                        lambda campaign, index: Drawn(record.scenario, 1, 1, corner=False))
     result = run_one(make_campaign(record.scenario, 0, None), 0)
     assert result["error"] == "RunFailed: at t = 1.000 s: no way on"
     assert failures_of(result) == ("exception",)

@@ -21,8 +21,8 @@ BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
 """Relative and absolute rounding [m/s², rad/s²] of a disturbance of exactly d̃."""
 STEP = 1e-5
 """Step of the difference for the slope of a force [m]."""
-UNFINISHED = "not over"
-"""Outcome of a step at the end of the run."""
+UNFINISHED, DONE_STEP = "not over", "done"
+"""Outcome of a step at the end of the run, and of one that was completed."""
 
 
 def disturbance_above(record: Record) -> np.ndarray:
@@ -153,6 +153,6 @@ def attempts_of(record: Record) -> list[Attempt]:
     for begin, end in zip(begins, ends, strict=True):
         failed = end < len(step) and progress["failures"][end] > progress["failures"][begin]
         ended = (UNFINISHED if end == len(step)
-                 else REASONS[progress["reason"][end]] if failed else "done")
+                 else REASONS[progress["reason"][end]] if failed else DONE_STEP)
         out.append(Attempt(int(step[begin]), slice(int(begin), int(end)), ended))
     return out
