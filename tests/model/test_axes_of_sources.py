@@ -246,3 +246,12 @@ def test_the_published_water_of_rexrov_is_where_its_buoyancy_is(tmp_path):
     folder.mkdir()
     _, asked = lines_of(text.replace(numbers(M), numbers(TURN @ M @ TURN)), folder)
     assert any("turned by diag(1, -1, -1)" in line for line in asked)
+
+
+def test_a_scaling_that_the_simulator_does_not_read_is_told_and_not_applied(tmp_path):
+    """`HMFossen` sets it to 1, and changes it by a service alone."""
+    text = urdf(uuv(FRD)).replace("<type>", "<scaling_added_mass>2</scaling_added_mass><type>")
+    M, _ = lines_of(text, tmp_path)
+    np.testing.assert_allclose(M, FRD, atol=1e-9)
+    changed = import_robot(tmp_path / "file.urdf", "scout").notes.changed
+    assert any("scaling_added_mass = 2" in line for line in changed)
