@@ -181,6 +181,14 @@ def test_a_matrix_that_was_written_with_z_up_is_asked_about(tmp_path):
     assert "turned by diag(1, -1, -1) it is at (0, 0, -0.2) m" in line
 
 
+def test_a_link_that_is_frd_has_its_matrix_turned_by_the_simulator_and_is_asked_about(tmp_path):
+    """Its z is down, and `ToNED` changes the signs of y and z all the same."""
+    text = urdf(uuv(FRD, link="base_link_frd", center="0 0 -0.2"), "base_link_frd")
+    M, asked = lines_of(text, tmp_path)
+    np.testing.assert_allclose(M, FLU, atol=1e-9)
+    assert any("turned by diag(1, -1, -1) it is at (0, 0, -0.2) m" in line for line in asked)
+
+
 @pytest.mark.parametrize(("scale", "said"), [(1e3, "times the displaced water"), (1.0, None)])
 def test_an_added_mass_in_grams_is_asked_about(scale, said, tmp_path):
     _, asked = lines_of(urdf(uuv(scale * FRD)), tmp_path)
