@@ -177,9 +177,7 @@ def _read_fossen(key: str, model: Node, water: Water, notes: Notes) -> None:
         notes.changed.append(f"{key}: the model '{kind}' is not read, only 'fossen'")
         return
     if (added := model.find("added_mass")) is not None:
-        scale = model.number("scaling_added_mass", 1.0)
-        water.added_mass = UUV.in_link(
-            symmetric(f"{key}: added_mass", scale * _square(added), notes))
+        water.added_mass = UUV.in_link(symmetric(f"{key}: added_mass", _square(added), notes))
     damping = []
     for name in ("linear_damping", "quadratic_damping"):
         node = model.find(name)
