@@ -14,11 +14,11 @@ from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.draws import Drawn
 from uvms_drake.campaign.failures import failures_of
 from uvms_drake.campaign.run import run_one
+from uvms_drake.certificate.run_verdict import FAILED
 from uvms_drake.command.main import main
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.mpc.planner import Planner
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
-from uvms_drake.report.verdict import FAILED
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.station.record import load_record
 from uvms_drake.station.simulation import SIGNALS, finite_part

@@ -9,12 +9,12 @@ from support.probability import made
 from support.synthetic import synthetic_record
 
 from uvms_drake.certificate.certificate import Certificate, write_certificate
+from uvms_drake.certificate.run_verdict import BROKEN, verdict_of
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.report.figures import make_figures
 from uvms_drake.report.html import format_report, load_run
 from uvms_drake.report.summary import EVENT_LINES, summarise
-from uvms_drake.report.verdict import BROKEN, verdict_of
 from uvms_drake.station.record import save_record
 from uvms_drake.tube.conditions import Condition
 

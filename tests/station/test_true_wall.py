@@ -11,9 +11,9 @@ from uvms_drake.command.main import main
 from uvms_drake.model.surface import Cylinder, UnilateralPlane
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import draw_wall
-from uvms_drake.station.contact.true_wall import in_words, outside, path_of, surface_depth
 from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
+from uvms_drake.station.true_wall import in_words, outside, path_of, surface_depth
 
 SENSED = [name for name in shipped_scenarios() if not uv.load_scenario(name).simulation
           and uv.load_scenario(name).contact.declared_wall() is not None]

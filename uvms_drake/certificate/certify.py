@@ -42,7 +42,6 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.contact.mission_legs import legs_of
-from uvms_drake.station.contact.true_wall import in_words, outside
 from uvms_drake.station.contact.tube_in_contact import force_bounds, in_contact
 from uvms_drake.station.problem import (
     check_inputs,
@@ -54,6 +53,7 @@ from uvms_drake.station.problem import (
 )
 from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.true_wall import in_words, outside
 from uvms_drake.tube.conditions import Condition, assumption, setting
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.estimates import Estimate, unrefuted

@@ -22,9 +22,9 @@ from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.cache import stored
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.contact.true_wall import in_words, outside
 from uvms_drake.station.scenario.scenario import Scenario, remarks
 from uvms_drake.station.scenario.scenario_file import reported_in
+from uvms_drake.station.true_wall import in_words, outside
 
 AnyCert = TypeVar("AnyCert", Certificate, AnyCertificate)
 

@@ -41,6 +41,7 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.certificate.certify import certified_once
+from uvms_drake.certificate.run_verdict import BROKEN
 from uvms_drake.certificate.text import format_probability
 from uvms_drake.command.certificates import note, sound
 from uvms_drake.command.files import (
@@ -57,7 +58,6 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_summary
-from uvms_drake.report.verdict import BROKEN
 from uvms_drake.station.problem import check_inputs
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario

@@ -94,8 +94,8 @@ def summary_of(record: Record, certificate: AnyCertificate | None = None) -> dic
     One of the declared distribution of a certificate in probability fails as the certificate's own
     would.
     """
+    from uvms_drake.certificate.run_verdict import NAMED, broken, verdict_of
     from uvms_drake.report.summary import summarise
-    from uvms_drake.report.verdict import NAMED, broken, verdict_of
 
     summary = summarise(record, certificate)
     claim = summary["in_probability"]

@@ -12,13 +12,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from uvms_drake.certificate.run_verdict import BROKEN
 from uvms_drake.command.files import folder, take_quiet
 from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.output import output_folder
 from uvms_drake.common.progress import part_of
-from uvms_drake.report.verdict import BROKEN
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scenario.scenario_file import reported_in
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
+from uvms_drake.certificate.run_verdict import BROKEN, FAILED
 from uvms_drake.command.certificates import (
     announce,
     compare_class,
@@ -34,7 +35,6 @@ from uvms_drake.command.progress import alarms_above, bar
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.report.verdict import BROKEN, FAILED
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, set_options, shipped_scenarios

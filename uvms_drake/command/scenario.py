@@ -15,7 +15,6 @@ from uvms_drake.common.wiring import release
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.contact.true_wall import in_words, outside
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario, remarks
 from uvms_drake.station.scenario.scenario_file import (
     base_of,
@@ -24,6 +23,7 @@ from uvms_drake.station.scenario.scenario_file import (
     scenario_path,
     shipped_scenarios,
 )
+from uvms_drake.station.true_wall import in_words, outside
 
 
 def add_scenario(commands: argparse._SubParsersAction) -> None:

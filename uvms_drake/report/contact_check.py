@@ -18,9 +18,9 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.report.signals import attempts_of, has_mission
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.contact.true_wall import Departure
 from uvms_drake.station.contact.tube_in_contact import STANDING
 from uvms_drake.station.record import Record
+from uvms_drake.station.true_wall import Departure
 from uvms_drake.tube.contact.sensor_error import ripple
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 

@@ -23,10 +23,10 @@ from uvms_drake.report.signals import (
     wrench_unit,
 )
 from uvms_drake.station.contact.bounds import safe_depth_margin, sensed_contact
-from uvms_drake.station.contact.true_wall import surface_depth
 from uvms_drake.station.diagram import PAINTED
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
+from uvms_drake.station.true_wall import surface_depth
 
 AT_TASK = 1e-3
 """Error of the nominal pose from which on the plan counts as at the task [m, rad]."""

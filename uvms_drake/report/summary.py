@@ -11,12 +11,12 @@ import numpy as np
 from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
 from uvms_drake.certificate.certificate import AnyCertificate
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
+from uvms_drake.certificate.run_verdict import BANDS, verdict_of
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
 from uvms_drake.report.metrics import LAST_SECONDS, metrics
 from uvms_drake.report.signals import wrench_unit
-from uvms_drake.report.verdict import BANDS, verdict_of
 from uvms_drake.station.record import Record
 
 COUNTERS = ("solves", "failures", "late", "fallbacks", "dropped", "kept", "refused_targets")
