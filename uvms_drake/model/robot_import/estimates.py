@@ -57,6 +57,7 @@ def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Not
         notes: Ask for each number.
     """
     density = waters.density or FRESH
+    require(density > 0.0, "fluid density of the plugins", density, "positive [kg/m³]")
     known = [body for body in bodies if body.added_mass]
     if waters.shapes_float:
         _take_collisions(bodies, density, notes)
