@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from pydrake.math import RigidTransform
 
+from uvms_drake.common.errors import require
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     Drag,
