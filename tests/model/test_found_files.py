@@ -356,3 +356,9 @@ def test_numbers_that_it_writes_itself_are_never_refused(mass, arm, tmp_path, ca
     hull = (f'<link name="hull"><inertial><mass>{mass}</mass><inertia><ixx>{inertia}</ixx><iyy>'
             f"{inertia}</iyy><izz>{inertia}</izz></inertia></inertial></link>")
     taken(sdf(tmp_path, hull, chain(arm) if arm else ""), tmp_path, capsys)
+
+
+def test_a_robot_of_stonefish_is_refused_with_the_reason(tmp_path, capsys):
+    file = tmp_path / "auv.scn"
+    file.write_text('<scenario><robot name="auv"/></scenario>', encoding="utf-8")
+    assert "not <scenario>: Stonefish has the masses" in refused(file, tmp_path, capsys)

@@ -33,8 +33,8 @@ POINTS = 8
 """Number of commands on a parabola, each way."""
 GZ_MOST = 1000.0
 """Size of gz-sim's commands in a file without a limit: none that is meant."""
-NONZERO, WORDS = re.compile(r"[1-9]"), re.compile(r"[^-+.\d\seE]")
-"""Texts of plugins that are numbers, not all zero."""
+NUMBERS = re.compile(r"(?=.*[1-9])([-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?(\s+|$))+", re.I | re.S)
+"""Numbers that are not all zero."""
 JUMP = 1e-6
 """Share of a dead band over which the force rises to that of its edge."""
 
@@ -93,8 +93,8 @@ def tell_unread(tree: Tree, notes: Notes) -> None:
     lost: dict[str, list[int]] = {}
     for _, plugin in tree.plugins:
         for node in plugin.walk() if _kind(plugin) else ():
-            if not node.used and NONZERO.search(node.text) and not (
-                    WORDS.search(node.text) or node.tag.endswith("ID")):
+            if not node.used and NUMBERS.fullmatch(node.text.strip()) and not (
+                    node.tag.endswith("ID")):
                 lost.setdefault(f"{node.tag} = {' '.join(node.text.split())}", []).append(node.line)
     if lost:
         notes.changed.append("numbers of these plugins left out: " + listed([
