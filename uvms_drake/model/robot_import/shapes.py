@@ -115,8 +115,9 @@ def _mesh(shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]) -> 
         if file is None or box is None:
             return None
         if file.suffix.lower() == ".dae" and up_axis(file) != "Z_UP":
-            fates.setdefault(f"of COLLADA with {up_axis(file)}, turned to z up as it says (RViz and "
-                             "Gazebo do not; with Z_UP in it they stay as there)", []).append(name)
+            fates.setdefault(f"of COLLADA with {up_axis(file)}, turned to z up as it says (RViz "
+                             "and Gazebo do not; with Z_UP in it they stay as there)",
+                             []).append(name)
         low, high = np.sort(box * shape.size, axis=0)
         X = shape.X @ RigidTransform(0.5 * (low + high))
         return Shape("box", np.maximum(high - low, 1e-3), X, color=shape.color)
