@@ -97,7 +97,6 @@ def test_user_defined_waves_accelerate_the_vehicle_both_ways(run):
     ("own_cost.py", "mpc.terms[0], SlowElbow, which the terminal set leaves out"),
     ("own_surface.py", None),
     ("thrusters.py", None),
-    ("controller_alone.py", None),
     ("two_robots.py", None)])
 def test_the_force_settles_with_a_user_defined_part_and_a_missing_certificate_has_its_reason(
         name, reason, run):
