@@ -90,6 +90,7 @@ def outcome(record: Record) -> dict[str, Any]:
     wall, mission = found["wall"], found["mission"]
     margins = relative_margins(found["constraints"])
     name = min(margins, key=lambda key: margins[key])
+    # The part of the disturbance that comes from model errors and water.
     induced = record.effective_disturbance - record.disturbance
     bound = disturbance["bound"]
     return {
