@@ -44,7 +44,7 @@ from uvms_drake.station.contact.bounds import (
 )
 from uvms_drake.station.problem import load_model, make_ocp, retargeted_ocp
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.parts import command_path_of, faults_at, keyed
+from uvms_drake.station.scenario.parts import command_path_of, faults_at, keyed, with_faults
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.visual.controls import ForceSlider, HomeButton
 
@@ -235,7 +235,8 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
             list(solver_faults.values()), scenario.seed, scenario.mpc.time_step)).get_output_port()
     # Actuation, of which some controllers read the effect.
     command = controller.GetOutputPort("tau")
-    applied = chain(command, keyed("actuation", scenario.actuation))
+    applied = chain(command, keyed("actuation", with_faults(
+        scenario.actuation, faults, model)))
     if applied is not command:
         given["applied"] = applied
     if VEHICLE_WRENCH in signals and scenario.ancillary.takes_wrench:

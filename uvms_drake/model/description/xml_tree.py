@@ -31,6 +31,11 @@ class Node:
     """All text between its tags that is in none of its children."""
     children: list["Node"] = field(default_factory=list)
     file: Path = Path()
+    mistakes: list[str] = field(default_factory=list, compare=False)
+    """Complaints about the limits and losses of a joint in a file of others, which matter only if
+    it is one of the arm's."""
+    used: bool = field(default=False, compare=False)
+    """Whether its text was asked for."""
 
     def all(self, path: str) -> "Iterator[Node]":
         """Yields the elements at a path of tags, such as `geometry/box`."""
@@ -67,8 +72,18 @@ class Node:
         node = self.find(above) if above else self
         if node is None or name in node.attributes:
             return None if node is None else node.attributes[name].strip()
-        child = node.find(name)
-        return None if child is None else child.attributes.get("value", child.text).strip()
+        if (child := node.find(name)) is None:
+            return None
+        child.used = True
+        return child.attributes.get("value", child.text).strip()
+
+    def equals(self, other: "Node") -> bool:
+        """Whether two elements say the same: numbers count by their values, places not at all."""
+        return (self.tag == other.tag and _words(self.text) == _words(other.text)
+                and self.attributes.keys() == other.attributes.keys()
+                and all(_words(self.attributes[key]) == _words(other.attributes[key])
+                        for key in self.attributes) and len(self.children) == len(other.children)
+                and all(map(Node.equals, self.children, other.children)))
 
     def is_true(self, path: str) -> bool:
         """Whether the text at a path is a yes."""
@@ -96,6 +111,7 @@ class Node:
         Without a default they have to be there.
         """
         key, text = f"{self.place()} {path}".strip(), self.value(path) if path else self.text
+        self.used |= not path
         if text is None:
             require(default is not None, key, None,
                     f"given, {'one number' if count == 1 else f'{count} numbers'}")
@@ -136,6 +152,17 @@ class Node:
         """Returns file, line and tag, for the key of an error."""
         named = f" name={self.attributes['name']!r}" if "name" in self.attributes else ""
         return f"{self.file}: line {self.line}: <{self.tag}{named}>"
+
+
+def _words(text: str) -> list[float | str]:
+    """Returns the words of a text, numbers as such."""
+    found: list[float | str] = []
+    for word in text.split():
+        try:
+            found.append(float(word))
+        except ValueError:
+            found.append(word)
+    return found
 
 
 def element(tag: str, line: int, values: dict[str, object], urdf: bool) -> Node:
