@@ -11,6 +11,7 @@ import uvms_drake as uv
 from uvms_drake.control.contact.contact_state import MEAN
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.report.contact_check import force_bands, has_stood, summarise_bands
+from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.wrist_sensor import Imperfection
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import load_model
@@ -24,7 +25,7 @@ HOLD = HoldRadii(time=1.3 + MEAN, depth=4.8e-4, position=6.8e-4, advance=0.0175,
 
 
 @dataclass
-class SquareWaveSensor(uv.ForceSensor):
+class SquareWaveSensor(ForceSensor):
     """A force sensor whose noise is at its bound along all axes, with a sign of a period."""
 
     wave: float = 0.4

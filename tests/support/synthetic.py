@@ -73,7 +73,7 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
 
 
 def aimed_at(target: np.ndarray) -> dict[str, np.ndarray]:
-    """Returns the signals of a press target (T, 3) that nothing clips, by readings without noise."""
+    """Returns the signals of a press target (T, 3) that nothing clips, without noise."""
     return {"target": target, "unclipped_target": target, "target_of_reading": target}
 
 

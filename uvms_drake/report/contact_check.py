@@ -64,7 +64,8 @@ def force_bands(record: Record) -> ForceBands:
     """Returns the error of the force and its band, likewise."""
     contact, tube = sensed_contact(record.scenario), record.scenario.tube
     goal, touched = desired_force(record), record.signals["touched"][:, 0] > 0.0
-    lags, of_reading = (short_of(record, name) for name in ("unclipped_target", "target_of_reading"))
+    lags, of_reading = (
+        short_of(record, name) for name in ("unclipped_target", "target_of_reading"))
     holds = touched & has_stood(record) & (contact.stiffness * lags <= AT_TARGET)
     recedes = np.zeros(len(goal))
     for attempt in attempts_of(record) if has_mission(record) else ():

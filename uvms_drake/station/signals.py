@@ -76,7 +76,7 @@ SIGNALS: dict[str, Signal] = {
     "penetration": Signal((("", "m"),), "", "plant: depth of the end-effector in the surface"),
     "target": Signal(POSITION, "Σ_I", "press target: desired position of the end-effector"),
     "unclipped_target": Signal(POSITION, "Σ_I", "the same, whatever the largest depth"),
-    "target_of_reading": Signal(POSITION, "Σ_I", "the same, by the last reading of the force alone"),
+    "target_of_reading": Signal(POSITION, "Σ_I", "the same, by the last reading alone"),
     "safe_depth": Signal((("", "m"),), "", "contact estimator: largest admissible depth"),
     "contact_depth": Signal((("", "m"),), "", "contact estimator: depth of the undeformed wall"),
     "stiffness_estimate": Signal((("", "N/m"),), "", "stiffness estimate: mean of the filter"),

@@ -250,7 +250,7 @@ def test_a_mean_reading_is_of_the_touches_at_the_place_of_the_last_one():
     taken = recent[np.abs(recent[:, 3] - 20.0) < 1.5]
     assert 0.5 * count < len(taken) < count
     assert known.mean_reading == pytest.approx(np.mean(taken, axis=0))
-    assert known.mean_reading == pytest.approx([*near, 20.0], abs=0.05)
+    assert known.mean_reading == pytest.approx([*near, 20.0], abs=0.2), "a tenth of the noise"
     for _ in range(count):
         known = read(known, near, 12.0)
     assert known.mean_reading == pytest.approx([*near, 12.0])

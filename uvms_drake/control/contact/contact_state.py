@@ -85,7 +85,8 @@ class ContactState(NamedTuple):
     @property
     def mean_reading(self) -> np.ndarray:
         """Mean position (3) [m] and force [N] of the recent touches at the place of the last
-        reading, within `APART` (4,); the last reading itself if that is no touch."""
+        reading, within `APART` (4,); the last reading itself if that is no touch.
+        """
         rows = self.recent.reshape(-1, 4)
         off = rows[:, :3] - self.reading[:3]
         near = (off * off).sum(axis=1) <= APART**2

@@ -1,7 +1,8 @@
 """Depth target of a press: the depth at which the wall should give the desired force.
 
 In contact x_target = x + (F_des − F)/κ̂ − 𝔱·(𝔲 − 𝔭), x the depth of the tip 𝔭 [m], F the force [N]
-of the mean reading at its place (`ContactState.mean_reading`), κ̂ [N/m] and 𝔱 the estimated stiffness and inclination and 𝔲 the desired place.
+of the mean reading at its place (`ContactState.mean_reading`), κ̂ [N/m] and 𝔱 the estimated
+stiffness and inclination and 𝔲 the desired place.
 The force error contracts by 1 − κ/κ̂ a step: iff κ̂ > κ/2, without overshoot iff κ̂ ≥ κ; see
 control/contact/theory.md#contraction-of-a-press, in motion
 control/contact/theory.md#press-while-the-tip-moves, with delayed plans
