@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.report.signals import attempts_of, has_mission
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.contact.tube_in_contact import STANDING
+from uvms_drake.station.contact.tube_in_contact import AT_TARGET, short_of_target, stands
 from uvms_drake.station.record import Record
 from uvms_drake.tube.contact.sensor_error import ripple
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
@@ -30,8 +29,6 @@ NOTHING = 1e-3
 CONTACT_FORCE, MOVING = 1.0, 1e-3
 """Smallest force [N] and speed [m/s] for which their ratios are evaluated."""
 ROUNDING = 1.0 + 1e-6
-AT_TARGET = 1.0
-"""Largest κ̂ℓ of a plan at its target [N]."""
 
 
 class ForceBands(NamedTuple):
@@ -64,8 +61,10 @@ def force_bands(record: Record) -> ForceBands:
     """Returns the error of the force and its band, likewise."""
     contact, tube = sensed_contact(record.scenario), record.scenario.tube
     goal, touched = desired_force(record), record.signals["touched"][:, 0] > 0.0
-    lags, of_reading = (
-        short_of(record, name) for name in ("unclipped_target", "target_of_reading"))
+    lags, of_reading = (short_of_target(  # ℓ counts κ̂ℓ.
+        contact.walls, record.chi_nominal[:, :3], record.signals[name],
+        record.signals["stiffness_used"][:, 0] / contact.stiffness) for name in (
+            "unclipped_target", "target_of_reading"))
     holds = touched & has_stood(record) & (contact.stiffness * lags <= AT_TARGET)
     recedes = np.zeros(len(goal))
     for attempt in attempts_of(record) if has_mission(record) else ():
@@ -79,15 +78,6 @@ def force_bands(record: Record) -> ForceBands:
     return ForceBands(force_error(record), bound, holds)
 
 
-def short_of(record: Record, target: str) -> np.ndarray:
-    """Returns ℓκ̂/κ₊ of the plan's distance ℓ from one of the targets (T,) [m]."""
-    contact = sensed_contact(record.scenario)
-    short = record.signals[target] - record.chi_nominal[:, :3]
-    lags = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
-    counted: np.ndarray = lags * record.signals["stiffness_used"][:, 0] / contact.stiffness
-    return counted
-
-
 def has_stood(record: Record, earlier: float = 0.0) -> np.ndarray:
     """Returns whether the plan has stood for the time of a hold (T,); never without one.
 
@@ -95,15 +85,10 @@ def has_stood(record: Record, earlier: float = 0.0) -> np.ndarray:
         record: Of a sensed contact.
         earlier: Time by which it has to have stood less [s].
     """
-    hold, zeta = record.scenario.tube.hold, record.nominal_zeta
+    hold = record.scenario.tube.hold
     if hold is None:
         return np.zeros(len(record.time), dtype=bool)
-    walls = sensed_contact(record.scenario).walls
-    velocity = times(record.model.tip_kinematics(record.nominal_config).J_chi[:, :3], zeta)
-    speeds = np.stack([np.maximum(walls.advance(velocity), walls.advance(-velocity)),
-                       *(np.linalg.norm(zeta[:, part], axis=1)
-                         for part in (slice(3, 6), slice(6, None)))], axis=-1)
-    moves = np.any(speeds > STANDING, axis=1)
+    moves = ~stands(record.model, sensed_contact(record.scenario).walls, record.nominal_state)
     last = np.maximum.accumulate(np.where(moves, record.time, -np.inf))
     stood: np.ndarray = record.time - np.maximum(last, record.time[0]) >= hold.time - earlier
     return stood

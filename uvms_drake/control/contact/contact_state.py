@@ -84,8 +84,9 @@ class ContactState(NamedTuple):
 
     @property
     def mean_reading(self) -> np.ndarray:
-        """Mean position (3) [m] and force [N] of the recent touches at the place of the last
-        reading, within `APART` (4,); the last reading itself if that is no touch.
+        """Mean position (3) [m] and force [N] of the recent touches within `APART` (4,).
+
+        The last reading itself if that is no touch.
         """
         rows = self.recent.reshape(-1, 4)
         off = rows[:, :3] - self.reading[:3]
