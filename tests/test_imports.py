@@ -22,7 +22,7 @@ ROOMS = (
     ("visual",),
     ("station",),
     ("certificate",),
-    ("report",),
+    ("report", "loop"),
     ("campaign",),
     ("setup", "benchmark"),
     ("papers",),

@@ -3,6 +3,7 @@
 import shlex
 
 import pytest
+from support.refusals import OBJECT
 from support.robot_files import FILES
 
 from uvms_drake.command.main import main
@@ -108,4 +109,5 @@ def test_a_bad_command_line_is_refused_in_a_line_and_nothing_is_written(
     assert err.startswith("uvms-drake: error: ")
     assert text in err
     assert len(err) < 800
+    assert not OBJECT.search(err)
     assert sorted(folder.rglob("*")) == before

@@ -23,7 +23,7 @@ from uvms_drake.tube.law_tube import WEIGHTED
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
-          "limits.static_force, up to which the tube is taken")
+          "limits.static_force (contact.force, where it is sensed), up to which the tube is taken")
 HELP = {
     "contact.force_error": "a larger contact.force_error or contact.delay, or a better sensor",
     "contact.clearance": "a larger contact.clearance, or a shorter tare",
@@ -103,7 +103,7 @@ def violation(condition: Condition) -> str:
     """Returns a condition that does not hold, and by how much."""
     if condition.is_count:
         return condition.name
-    by = f" by {-condition.margin:.4g}" if math.isfinite(condition.margin) else ""
+    by = f" by {-condition.margin:.4g}" if -math.inf < condition.margin < 0.0 else ""
     return f"{condition}{by}"
 
 
