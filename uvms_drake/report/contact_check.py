@@ -21,6 +21,7 @@ from uvms_drake.report.signals import attempts_of, has_mission
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.contact.tube_in_contact import AT_TARGET, short_of_target, stands
 from uvms_drake.station.record import Record
+from uvms_drake.station.true_wall import Departure
 from uvms_drake.tube.contact.sensor_error import ripple
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
@@ -66,10 +67,7 @@ def force_bands(record: Record) -> ForceBands:
         record.signals["stiffness_used"][:, 0] / contact.stiffness) for name in (
             "unclipped_target", "target_of_reading"))
     holds = touched & has_stood(record) & (contact.stiffness * lags <= AT_TARGET)
-    recedes = np.zeros(len(goal))
-    for attempt in attempts_of(record) if has_mission(record) else ():
-        step = record.scenario.mission.steps[attempt.step]
-        recedes[attempt.when] = step.speed
+    recedes = sliding(record)
     bound, off = np.full(len(goal), np.nan), tip_errors(tube)
     for i in np.flatnonzero(touched):
         bound[i] = contact.band(goal[i], off, recedes[i], of_reading[i])
@@ -78,8 +76,19 @@ def force_bands(record: Record) -> ForceBands:
     return ForceBands(force_error(record), bound, holds)
 
 
+def sliding(record: Record) -> np.ndarray:
+    """Returns the speed of the mission's step along the wall (T,) [m/s]; zero but in a slide."""
+    speed = np.zeros(len(record.time))
+    for attempt in attempts_of(record) if has_mission(record) else ():
+        speed[attempt.when] = record.scenario.mission.steps[attempt.step].speed
+    return speed
+
+
 def has_stood(record: Record, earlier: float = 0.0) -> np.ndarray:
     """Returns whether the plan has stood for the time of a hold (T,); never without one.
+
+    No step of a mission that slides is a hold, however slowly its plan begins: the tip slides, and
+    the bounds `contact.hold` are of one that does not.
 
     Args:
         record: Of a sensed contact.
@@ -88,7 +97,8 @@ def has_stood(record: Record, earlier: float = 0.0) -> np.ndarray:
     hold = record.scenario.tube.hold
     if hold is None:
         return np.zeros(len(record.time), dtype=bool)
-    moves = ~stands(record.model, sensed_contact(record.scenario).walls, record.nominal_state)
+    walls = sensed_contact(record.scenario).walls
+    moves = ~stands(record.model, walls, record.nominal_state) | (sliding(record) > 0.0)
     last = np.maximum.accumulate(np.where(moves, record.time, -np.inf))
     stood: np.ndarray = record.time - np.maximum(last, record.time[0]) >= hold.time - earlier
     return stood
@@ -115,15 +125,6 @@ def summarise_bands(record: Record) -> dict[str, Any]:
             "at": {"time_s": time[worst], "error": error[worst], "bound": bound[worst]},
             "exits": np.count_nonzero(error > bound)}
     return {"force_bands": out}
-
-
-class Departure(NamedTuple):
-    """Bound of the class that was exceeded, in the unit of the bound."""
-
-    specified: float
-    """Specified bound."""
-    observed: float
-    """Observed value."""
 
 
 def departures(specified: UnknownContact, time: np.ndarray, tip: np.ndarray, velocity: np.ndarray,
