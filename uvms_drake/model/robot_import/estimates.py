@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from pydrake.math import RigidTransform
 
+from uvms_drake.common.errors import require
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     Drag,
@@ -59,6 +60,7 @@ def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Not
         notes: Ask for each number.
     """
     density = waters.density or FRESH
+    require(density > 0.0, "fluid density of the plugins", density, "positive [kg/m³]")
     known = [body for body in bodies if body.added_mass]
     if waters.shapes_float:
         _take_collisions(bodies, density, notes)
