@@ -4,11 +4,13 @@ The process makes the planner of the same scenario, and gets memory and sample o
 pipe. It ends with the pipe.
 """
 
+import math
 import os
 import signal
 import subprocess
 import sys
 import weakref
+from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from time import perf_counter
@@ -47,12 +49,13 @@ class PlannerProcess:
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))})
         weakref.finalize(self, _end, self._pipe, process)
         self._pipe.send(dump_scenario(scenario))
-        self._receive(None)
+        self._receive()
 
     def start(self, sample: Sample, memory: MpcMemory) -> None:
         """Begins to compute the plan of a sample, unless the last one is not finished."""
         self._asked += 1
-        self._poll(0.0)
+        if self._at_work and self._pipe.poll():
+            self._receive()
         if not self._at_work:
             self._pipe.send((sample, memory))
             self._at_work, self._begun = True, self._asked
@@ -63,31 +66,26 @@ class PlannerProcess:
         Raises:
             RunFailed: There is no plan, and none to go on with; or the process has ended.
         """
-        if not self._at_work or self._begun != self._asked:
-            return None
-        return self._poll(max(self.until - perf_counter(), 0.0))
+        wait = max(self.until - perf_counter(), 0.0)
+        is_asked = self._at_work and self._begun == self._asked
+        ready = is_asked and self._pipe.poll(None if math.isinf(wait) else wait)
+        return self._receive() if ready else None
 
     def forget(self) -> None:
         """Waits for the plan that is computed, if one is, and drops it."""
         if self._at_work:
-            self._poll(None)
+            with suppress(RunFailed):
+                self._receive()
 
-    def _poll(self, wait: float | None) -> MpcMemory | None:
-        if not self._at_work or (wait is not None and not self._pipe.poll(
-                None if wait == float("inf") else wait)):
-            return None
-        return self._receive(wait)
-
-    def _receive(self, wait: float | None) -> MpcMemory | None:
+    def _receive(self) -> MpcMemory | None:
         try:
-            answer = self._pipe.recv()
+            answer: MpcMemory | str | None = self._pipe.recv()
         except (EOFError, OSError):
             raise RunFailed("the process of the planner has ended") from None
         self._at_work = False
         if isinstance(answer, str):
             raise RunFailed(answer)
-        found: MpcMemory | None = answer
-        return found
+        return answer
 
 
 def _end(pipe: Connection, process: "subprocess.Popen[bytes]") -> None:

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RotationMatrix
 
 from uvms_drake.common.constraints import OneOf, Vector
 from uvms_drake.common.errors import require
@@ -60,16 +62,13 @@ class Conventions:
                 "1 or -1 each")
 
     def rotation(self, attitude: np.ndarray) -> np.ndarray:
-        """Returns R_WB (3, 3) of a measured attitude (3,) or (4,); NaN of a quaternion of zeros."""
+        """Returns R_WB (3, 3) of a measured attitude (3,) or (4,)."""
         attitude = np.asarray(attitude, dtype=float)
         if self.attitude == "rpy":
             R = rotation_matrix(attitude)
         else:
-            order = [0, 1, 2, 3] if self.attitude == "wxyz" else [3, 0, 1, 2]
-            w, x, y, z = attitude[order] / np.linalg.norm(attitude)
-            R = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                          [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                          [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+            wxyz = np.roll(attitude, 1) if self.attitude == "xyzw" else attitude
+            R = RotationMatrix(Quaternion(wxyz / np.linalg.norm(wxyz))).matrix()
         out: np.ndarray = WORLDS[self.world] @ R @ BODIES[self.body].T
         return out
 
