@@ -52,14 +52,19 @@ class Thrusters(Actuator):
     default the file's. Up to one period more passes until a command is sent."""
     error: np.ndarray = field(default_factory=lambda: np.zeros(1))
     """Relative error of each thruster's force to the controller's model (m,), or (1,) for all. A
-    campaign draws that of each thruster, of either sign and up to this size."""
+    campaign draws that of each thruster, of either sign and up to this size. −1 is a dead one."""
+    largest_current: Annotated[float, Positive] | None = None
+    """Largest current of all thrusters together [A], beyond which their forces are reduced in
+    proportion; the `current` of each kind is in `thrusters.yaml`. None: no limit."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         if self.dead_time is not None:
             self._steps(self.dead_time)
-        require(np.ndim(self.error) == 1 and bool(np.all(np.abs(self.error) < 1.0)), "error",
-                self.error, "numbers between -1 and 1, one for all or one each")
+        error = np.asarray(self.error, dtype=float)
+        require(error.ndim == 1 and bool(np.all((error >= -1.0) & (error < 1.0))),
+                "error", self.error, "numbers from -1 to 1 (exclusive), one for all or one each; a "
+                "thruster with the other sign is !ReversedThruster of faults")
 
     def assumption(self) -> str:
         """Returns the assumption that it breaks."""
@@ -85,7 +90,15 @@ class Thrusters(Actuator):
         found = ThrusterModel.of(parameters)
         lag = found.lag if self.lag is None else np.full(found.size, self.lag)
         dead_time = found.dead_time if self.dead_time is None else self.dead_time
-        return replace(found, lag=lag, dead_time=dead_time)
+        largest = np.inf if self.largest_current is None else self.largest_current
+        require(largest == np.inf or bool(np.all(found.current > 0.0)), "largest_current", largest,
+                "left out: a kind in thrusters.yaml has no current")
+        return replace(found, lag=lag, dead_time=dead_time, largest_current=largest)
+
+    def received(self, builder: DiagramBuilder, thrusters: ThrusterModel, command: OutputPort
+                 ) -> OutputPort:
+        """Returns the port of the commands (m,) that the real thrusters get."""
+        return command
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
@@ -97,10 +110,11 @@ class Thrusters(Actuator):
             state=signals["state"], force=signals["force"])
         steps, size = self._steps(known.dead_time), model.size
 
-        def add(name: str, thrusters: ThrusterModel) -> OutputPort:
+        command = allocation.GetOutputPort("command")
+
+        def add(name: str, thrusters: ThrusterModel, command: OutputPort) -> OutputPort:
             system = ThrusterDynamics.AddToBuilder(
-                builder, thrusters, self.period, steps, name=name,
-                command=allocation.GetOutputPort("command"),
+                builder, thrusters, self.period, steps, name=name, command=command,
                 hover=allocation.GetOutputPort("hover"))
             return system.get_output_port()
 
@@ -110,13 +124,14 @@ class Thrusters(Actuator):
             return gain.get_output_port()
 
         # The real thrusters, which exert the wrench, and those of the controller's model.
-        force, modelled = add("thrusters", known.off_by(self.error)), add("thruster_model", known)
+        force = add("thrusters", known.off_by(self.error), self.received(builder, known, command))
+        modelled = add("thruster_model", known, command)
         exerted = builder.AddNamedSystem("exerted", Adder(num_inputs=2, size=size))
         for i, part in enumerate((
                 add_gain("wrench", np.eye(size, 6) @ known.B, force),
                 add_gain("torques", np.diag(np.repeat([0.0, 1.0], [6, model.num_joints])), port))):
             builder.Connect(part, exerted.get_input_port(i))
-        signals["thruster_command"] = allocation.GetOutputPort("command")
+        signals["thruster_command"] = command
         signals["thruster_force"] = force
         signals["wrench_shortfall"] = allocation.GetOutputPort("shortfall")
         signals[VEHICLE_WRENCH] = add_gain("wrench_model", known.B, modelled)

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable
@@ -113,22 +112,40 @@ def write_robot(file: Path, robot: Path) -> int:
         InvalidParameter: The file is no robot, or the folder cannot be written; nothing is left.
     """
     from uvms_drake.model.robot_import.importer import import_robot
+    from uvms_drake.plant.model_check import sound_robot
 
-    notes = []
+    found = []
 
     def imported(name: str) -> dict[str, bytes]:
-        found = import_robot(file, name)
-        notes.append(found.notes.format())
-        return found.files
+        found.append(import_robot(file, name))
+        return found[0].files
 
-    _write_folder(robot, "--from", imported)
-    print(notes[0])
-    print(f"written to {robot}, with this list in README.md; '{PROGRAM} robot {robot}' shows it")
+    try:
+        _write_folder(robot, "--from", imported, sound_robot)
+    except InvalidFile as error:
+        if not found:
+            raise
+        # The checks of `robot`, at the end of the list: numbers that the file has are at fault.
+        print(f"{found[0].notes.format()}\nRefused, and nothing is written, for these numbers of "
+              "the file, by the place where they would be:", flush=True)
+        for complaint in error.complaints:
+            print(f"{PROGRAM}: error: {complaint}", file=sys.stderr)
+        return 2
+    listed = "" if found[0].is_copy else ", with this list in README.md"
+    print(f"{found[0].notes.format()}\nwritten to {robot}{listed}; '{PROGRAM} robot {robot}' shows "
+          "it")
     return 0
 
 
-def _write_folder(robot: Path, option: str, files: Callable[[str], dict[str, bytes]]) -> None:
+def _write_folder(robot: Path, option: str, files: Callable[[str], dict[str, bytes]],
+                  check: Callable[[str], object] = str) -> None:
     """Writes the files of a robot into a folder that appears when all of them are there.
+
+    Args:
+        robot: The folder.
+        option: Of the command line, that asked for it.
+        files: Function of the robot's name that returns the files, by path in the folder.
+        check: Function of the path of the folder, before it appears, that raises if it is not good.
 
     Raises:
         InvalidParameter: The folder is there, cannot be written, or its name is none for a robot.
@@ -140,13 +157,14 @@ def _write_folder(robot: Path, option: str, files: Callable[[str], dict[str, byt
     content = files(name)
     with new_at(robot, option):
         robot.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=robot.parent))
-        try:
-            staging.chmod(0o755)
+        with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=robot.parent) as above:
+            staging = Path(above) / name
             for path, data in content.items():
                 (staging / path).parent.mkdir(parents=True, exist_ok=True)
                 (staging / path).write_bytes(data)
+            try:
+                check(str(staging))
+            except InvalidFile as error:
+                raise InvalidFile([complaint.replace(str(staging), str(robot))
+                                   for complaint in error.complaints]) from None
             staging.rename(robot)
-        except BaseException:
-            shutil.rmtree(staging, ignore_errors=True)
-            raise

@@ -1,8 +1,8 @@
 """Steps of a mission, as in a scenario's file.
 
 *Places* (a, b) are lengths along two directions t₁, t₂ across the declared direction n of a
-contact, from the place of the task: `SurfaceClass.axes`. For n = x of a world whose z points down
-they are down and to port. Depths are along n. Neither depends on the wall's shape.
+contact, from the place of the task: down and to port, on a floor or a ceiling north and east or
+west (`wall_axes`). Depths are along n. Neither depends on the wall's shape.
 
 *Spots.* A mission is a sequence of spots, each of them
 

@@ -283,6 +283,16 @@ class Hydrodynamics(LeafSystem):
                         plant.get_applied_generalized_force_input_port())
         return system
 
+    def mass_matrix(self, state: np.ndarray) -> np.ndarray:
+        """Returns the mass matrix (nv, nv) with added mass at a state (nq + nv) of the plant."""
+        plant, workspace = self._plant, self._plant.CreateDefaultContext()
+        plant.SetPositionsAndVelocities(workspace, state)
+        v = state[-plant.num_velocities():]
+        J, _ = self._water_at_no_acceleration(workspace, v, None, None)
+        M: np.ndarray = plant.CalcMassMatrix(workspace) + np.einsum(
+            "bki,bkl,blj->ij", J, self._water.M_A, J)
+        return M
+
     def _solve(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
         plant, (workspace, forces) = self._plant, self._workspace.Eval(context)
         state = cast(np.ndarray, self._plant_state_port.Eval(context))

@@ -17,6 +17,7 @@ from uvms_drake.plant.applied_forces import AppliedForces
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.joint_friction import DryJoints
+from uvms_drake.plant.joint_limits import JointLimits, LimitedJoints
 from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 from uvms_drake.plant.payload import PayloadWrench
@@ -38,7 +39,7 @@ def make_uvms_plant(
     ::
 
         current, current_acceleration ───────────────┐
-        tau ──▶ tau_to_drake_order ──┐               ▼
+        tau ─▶ joints ▶ to_drake_… ──┐               ▼
         applied_… ─▶ applied_forces ─┼─▶ (+) ─▶ hydrodynamics ─▶ plant ─┬─▶ plant_state, body_…
                    ┌─▶ surface ──────┘               ▲                  ├─▶ to_paper_order ─▶ state
                    │      └▶ force, penetration, chi │                  │
@@ -74,7 +75,8 @@ def make_uvms_plant(
         - query_object
 
     - `tau` (6 + n) [N, N m]: generalised force of thrusters and joints, in the paper's order, the
-      vehicle's part in body axes; unconnected means zero.
+      vehicle's part in body axes; unconnected means zero. The joints' part is limited by the
+      motors of the robot's file, and their stops act, see `joint_limits`.
     - `current` (3) [m/s]: velocity of the water in World; unconnected means still water.
     - `current_acceleration` (3) [m/s²]: its rate; unconnected means that it is steady. Both are
       those of a `WaterMotion`.
@@ -95,9 +97,9 @@ def make_uvms_plant(
     - `query_object`: of the SceneGraph, for a `MeshcatVisualizer` or a camera.
 
     The subsystems "plant", "scene_graph", "hydrodynamics", "surface" and "disturbance" are found
-    with `GetSubsystemByName`. Joint limits are left to the controller: a continuous MultibodyPlant
-    has no end stops. Systems are for double only; for derivatives there is `UvmsModel`. A robot of
-    another mass is made with `error`, not by `SetMass` in a Context: see `Hydrodynamics`.
+    with `GetSubsystemByName`. A continuous MultibodyPlant has no end stops: they are forces here.
+    Systems are for double only; for derivatives there is `UvmsModel`. A robot of another mass is
+    made with `error`, not by `SetMass` in a Context: see `Hydrodynamics`.
 
     Args:
         robot: A `Robot`, the name of a shipped one, or a robot's folder.
@@ -156,9 +158,14 @@ def make_uvms_plant(
                 "disturbance", disturbance.system(coordinates.size, seed))
     builder.Connect(d_source.get_output_port(), d_drake.GetInputPort("paper_order"))
 
-    # The water, through which everything acts on the plant.
+    # The water, through which everything acts on the plant; and the joints as they are built.
     with within("hydrodynamics"):
         water = Hydrodynamics.AddToBuilder(builder, plant, uvms.hydrodynamics)
+    M = water.mass_matrix(plant.GetPositionsAndVelocities(plant.CreateDefaultContext()))
+    joints = LimitedJoints.AddToBuilder(
+        builder, plant, uvms, JointLimits.of(plant, uvms, M), name="joints",
+        plant_state=plant_state)
+    builder.Connect(joints.get_output_port(), tau.GetInputPort("paper_order"))
     builder.Connect(total.get_output_port(), water.GetInputPort("generalized_force"))
     builder.Connect(
         d_drake.GetOutputPort("drake_order"), water.GetInputPort("acceleration_disturbance"))
@@ -173,7 +180,7 @@ def make_uvms_plant(
             "body_poses", "body_spatial_velocities", "body_spatial_accelerations")})
 
     # The ports.
-    builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
+    builder.ExportInput(joints.GetInputPort("tau"), "tau")
     for name in ("current", "current_acceleration"):
         builder.ExportInput(water.GetInputPort(name), name)
     if payload is not None:

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.surface_class import axis_names, is_floor
 from uvms_drake.report import figure_style as style
 from uvms_drake.report.contact_check import force_bands
 from uvms_drake.report.drawing import Drawing, Instant, Panel, Series, band, line
@@ -293,7 +294,8 @@ def _step_band(x: np.ndarray, goal: np.ndarray, when: slice, step: Any) -> Serie
 def draw_coverage(record: Record) -> Figure:
     """Draws every measurement at its place normal to n, coloured by force, and the mission's steps.
 
-    The axes are those of the mission's places in the scenario's file; n points into the paper.
+    The axes are those of the mission's places in the scenario's file; n points into the paper, and
+    down is below, on floors and ceilings north above.
     """
     contact, mission = sensed_contact(record.scenario), record.scenario.mission.checked()
     across, table = contact.walls.axes[1:], inspection_table(record)
@@ -315,9 +317,11 @@ def draw_coverage(record: Record) -> Figure:
                          cmap="viridis", vmin=0.0, vmax=PAINTED * strongest, linewidths=0.0)
     axis.margins(0.15)
     axis.set_aspect("equal", adjustable="datalim")
-    axis.invert_xaxis()
-    axis.invert_yaxis()
-    axis.set_xlabel("place $b$ [mm]")
-    axis.set_ylabel("place $a$ [mm]")
+    if not is_floor(contact.walls.direction):
+        axis.invert_xaxis()
+        axis.invert_yaxis()
+    first, second = axis_names(contact.walls.direction)
+    axis.set_xlabel(f"place $b$, {second} [mm]")
+    axis.set_ylabel(f"place $a$, {first} [mm]")
     figure.colorbar(drawn, ax=axis, shrink=0.8, label="measured force along the normal [N]")
     return figure

@@ -57,6 +57,19 @@ class LostState(SensorFault):
         return np.full_like(frozen, np.nan)
 
 
+@dataclass
+class JumpedPosition(SensorFault):
+    """Measured position of the vehicle with an offset, as after a wrong position fix."""
+
+    jump: Annotated[np.ndarray, Vector(3)] = field(
+        default_factory=lambda: np.array([0.1, 0.0, 0.0]))
+    """Offset in Σ_I (3,) [m]."""
+
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
+        """Returns the measurement with the offset."""
+        return true + np.append(self.jump, np.zeros(len(true) - 3))
+
+
 class ForceFault(SensorFault):
     """Fault of the measured force 𝔉_s, of any sensor.
 
@@ -130,3 +143,36 @@ class JumpedForce(ForceFault):
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns the measurement with the bias."""
         return true + self.jump
+
+
+@dataclass
+class MiscalibratedForce(ForceFault):
+    """The measured force has other gains, cross-talk between its axes, and an error of the depth.
+
+    With C = 1 + diag(gain), and `crosstalk` off the diagonal within force and within torque, the
+    reading is C 𝔉_s + depth (z − z₀), z − z₀ the depth below that at `start`: a sensor is loaded by
+    the water's pressure. No detector tells it from a force.
+    """
+
+    gain: Annotated[np.ndarray, Vector(6)] = field(default_factory=lambda: np.zeros(6))
+    """Relative error of each component of 𝔉_s, in Σ_I (6,)."""
+    crosstalk: float = 0.0
+    """Share of each other component of force (torque) that is in a component of it."""
+    depth: Annotated[np.ndarray, Vector(6)] = field(default_factory=lambda: np.zeros(6))
+    """Error by the depth of the end-effector (6,) [N/m (3), N (3)]."""
+
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
+        """Returns the measurement C 𝔉_s at an unchanged depth."""
+        cross = self.crosstalk * np.kron(np.eye(2), 1.0 - np.eye(3))
+        out: np.ndarray = true + self.gain * true + cross @ true
+        return out
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals, seed: int) -> OutputPort:
+        """Adds a `FaultySignal` that watches the end-effector; see `Part`."""
+        def law(true: np.ndarray, start: np.ndarray, now: np.ndarray) -> np.ndarray:
+            return self.faulty(true, true) + self.depth * (now[2] - start[2])
+
+        return FaultySignal.AddToBuilder(
+            builder, self, law, port.size(), 6, name="faulty_sensor", signal=port,
+            watched=signals["chi"]).get_output_port()

@@ -70,7 +70,7 @@ def test_an_error_is_one_for_all_or_one_each():
     np.testing.assert_allclose(known.off_by([0.1]).forces_of(command), 22.0)
     each = np.linspace(-0.2, 0.2, 8)
     np.testing.assert_allclose(known.off_by(each).forces_of(command), 20.0 * (1.0 + each))
-    for error in (np.zeros(3), np.full(8, -1.0)):
+    for error in (np.zeros(3), np.full(8, -1.1)):
         with pytest.raises(InvalidParameter, match=r"^error = "):
             known.off_by(error)
 

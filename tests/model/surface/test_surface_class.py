@@ -7,7 +7,7 @@ from support.walls import random_direction, random_walls, rotated_from_x
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.contact_laws import dissipation_factor
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.surface_class import SurfaceClass
+from uvms_drake.model.surface.surface_class import SurfaceClass, axis_names, wall_axes
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
 
 CONTACT = UnknownContact(direction=np.array([0.0, 0.6, 0.8]), angle=0.2, stiffness=800.0,
@@ -120,3 +120,31 @@ def test_a_task_presses_along_the_direction_and_less_than_the_largest_force():
             controller_surface.pose_for(force, pose)
     with pytest.raises(InvalidParameter, match="pose"):
         controller_surface.pose_for(CONTACT.wrench(20.0), None)
+
+
+def wall(heading: float, tilt: float) -> np.ndarray:
+    """Returns the direction into a wall that faces a heading, leaning by a tilt [rad]."""
+    return np.array([np.cos(tilt) * np.cos(heading), np.cos(tilt) * np.sin(heading), np.sin(tilt)])
+
+
+@pytest.mark.parametrize("tilt", np.deg2rad([-60.0, -20.0, 0.0, 20.0, 60.0]))
+def test_a_place_on_a_wall_moves_continuously_with_the_wall(tilt):
+    """Over 72 headings: t₁ is never up, t₂ always to port, and 1° of turn moves a place by 1°."""
+    more = np.deg2rad(1.0)
+    for heading in np.deg2rad(np.arange(0.0, 360.0, 5.0)):
+        n, down, port = wall_axes(wall(heading, tilt))
+        assert axis_names(n) == ("down", "to port")
+        assert down[2] == pytest.approx(np.cos(tilt)) and port[2] == pytest.approx(0.0, abs=1e-15)
+        np.testing.assert_allclose(port, [np.sin(heading), -np.cos(heading), 0.0], atol=1e-12)
+        for turned in (wall(heading + more, tilt), wall(heading, tilt + more)):
+            motion = 0.3 * (wall_axes(turned) - wall_axes(n))
+            assert np.linalg.norm(motion[1:], axis=1).max() < 0.3 * 1.01 * more
+
+
+def test_on_floors_and_ceilings_places_are_by_the_compass():
+    down = np.array([0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(wall_axes(down), [down, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    assert axis_names(down) == ("north", "east") and axis_names(-down) == ("north", "west")
+    for heading in np.deg2rad(np.arange(0.0, 360.0, 5.0)):
+        n, north, second = wall_axes(wall(heading, np.deg2rad(75.0)))
+        assert north[0] > 0.9 and second[1] > 0.9 and n @ second == pytest.approx(0.0, abs=1e-15)

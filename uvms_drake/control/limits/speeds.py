@@ -9,6 +9,7 @@ from uvms_drake.common.errors import vector
 from uvms_drake.control.limits.limit import AbsoluteLimit, Cone, Limit
 from uvms_drake.control.plan.plan import between_knots
 from uvms_drake.control.plan.points import About, Points, Slopes
+from uvms_drake.model.surface.surface_class import axis_names
 
 BLOCKS = {"nu1": (slice(0, 3), "vehicle speed", "m/s"),
           "nu2": (slice(3, 6), "vehicle turn rate", "rad/s"),
@@ -82,7 +83,6 @@ class ContactSpeed(Limit):
     name = "contact_speed"
     about: ClassVar[About] = "speed"
     unit = "m/s"
-    titles = ("tip along n", "tip across n, t₁", "tip across n, t₂")
     radius = ("depth_speed", "tip_speed", "tip_speed")
 
     axes: np.ndarray
@@ -91,6 +91,9 @@ class ContactSpeed(Limit):
     """Largest |n·𝔭̇| [m/s]."""
     across: float
     """Largest size of each of the other two components [m/s]."""
+
+    def __post_init__(self) -> None:
+        self.titles = ["tip along n", *(f"tip {name}" for name in axis_names(self.axes[0]))]
 
     def values(self, at: Points) -> np.ndarray:
         """Returns n·𝔭̇ and the tᵢ·𝔭̇."""

@@ -23,9 +23,8 @@ from uvms_drake.model.description.elements import (
     spec_of,
 )
 from uvms_drake.model.description.hydrodynamics_file import FARTHEST
-from uvms_drake.model.description.xml_tree import MOST, Node
+from uvms_drake.model.description.xml_tree import MOST, NUMBER, Node
 
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 INFINITE = re.compile(r"[-+]?inf(inity)?", re.IGNORECASE)
 DEGREES = 2.0 * math.pi
 """Size of an angle of a pose from which it is taken for degrees [rad]."""
@@ -37,6 +36,8 @@ UNCHECKED = ("material", "transmission")
 """Elements of files of others that have many forms: numbers in them are checked when read."""
 LIKE = {False: 0.6, True: 0.8}
 """Likeness from which a name is another one, mistyped: in a robot's own file, in one of others."""
+FORGIVEN = {"limit", "dynamics"}
+"""Elements of a joint whose mistakes lose nothing where it is fixed."""
 LISTED = 4
 """Number of lines or names that a note gives before it only counts."""
 
@@ -52,13 +53,27 @@ class Findings:
     notes: list[str] = field(default_factory=list)
     foreign: bool = False
     """Whether the file is one of others: nothing is taken out of it."""
+    joint: Node | None = None
+    """The joint that is being checked."""
 
-    def refuse(self, node: Node, owner: str, key: str, value: object, allowed: str) -> None:
-        """Adds a complaint about an element of a link, joint or frame, the owner."""
+    def refuse(self, node: Node, owner: str, key: str, value: object, allowed: str,
+               meant: str = "") -> None:
+        """Adds a complaint about an element of a link, joint or frame, the owner.
+
+        Args:
+            node: The element.
+            owner: Kind and name of the link, joint or frame.
+            key: Path in that.
+            value: Value that is there.
+            allowed: Values that may be.
+            meant: Name of the element that is mistyped.
+        """
         place = ": ".join(part for part in (owner, key) if part)
         said = " ".join(value.split()) if isinstance(value, str) else value
         given = "" if value is None else f" = {said!r}"
-        self.complaints.append(f"line {node.line}: {place}{given}: must be {allowed}")
+        spared = self.foreign and self.joint is not None and FORGIVEN & {*key.split("."), meant}
+        (self.joint.mistakes if spared and self.joint else self.complaints).append(
+            f"line {node.line}: {place}{given}: must be {allowed}")
 
 
 def check_description(root: Node, kind: str) -> Findings:
@@ -99,6 +114,7 @@ def _check(node: Node, table: dict[str, Element], spec: Element, owner: str, pat
     owned = node.tag in ("link", "joint", "frame") and "name" in node.attributes
     if owned:
         owner, path = f"{node.tag} {node.attributes['name']}", ""
+        found.joint = node if node.tag == "joint" else None
     _check_attributes(node, spec, owner, path, found)
     # Children that are read, those left to Drake, and those that are reported or refused.
     children, seen = [], dict[str, Node]()
@@ -126,8 +142,8 @@ def _check(node: Node, table: dict[str, Element], spec: Element, owner: str, pat
             _leave_out(child, child.tag, spec, owner, path, found)
     # Required elements, and the text between the tags.
     for name in spec.needs.split():
-        shape = found.foreign and node.tag in ("visual", "collision")
-        if name not in seen and name not in node.attributes and not shape:
+        spared = found.foreign and (node.tag in ("visual", "collision") or node.is_true("auto"))
+        if name not in seen and name not in node.attributes and not spared:
             found.refuse(node, owner, f"{path}.{name}".strip("."), None, "there")
     if spec.text is not None:
         _check_value(node, node.text, spec.text, owner, path or node.tag, found)
@@ -164,7 +180,7 @@ def _leave_out(node: Node, name: str, spec: Element, owner: str, path: str, foun
         found.unread[f"{name} of {within}"].append(node.line)
     elif close:
         found.refuse(node, owner, key, None, f"one of {', '.join(known)} (did you mean "
-                     f"'{close[0]}'?)")
+                     f"'{close[0]}'?)", close[0])
     else:
         found.unread[f"{name}, which is unknown here"].append(node.line)
 
@@ -181,7 +197,7 @@ def _check_value(node: Node, text: str, value: Value, owner: str, key: str, foun
                 f" (did you mean '{close[0]}'?)" if close else ""))
         return
     if value.numbers == 0:
-        if not words:
+        if not words and not (found.foreign and node.tag in ("visual", "collision")):
             found.refuse(node, owner, key, text, "there: it is empty")
         return
     # Numbers: as many as there are to be, in full.

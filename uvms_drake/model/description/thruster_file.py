@@ -56,6 +56,9 @@ class ThrusterKind:
     smallest: Annotated[float, NotNegative] = 0.0
     """Size of force below which the curve is not to be trusted [N]: a propeller that starts jumps
     to it."""
+    current: Annotated[float, NotNegative] = 0.0
+    """Current at the largest force [A]; zero: unknown. It is needed for `largest_current` of
+    `!Thrusters` only."""
     curves: list[CurveData] = field(default_factory=list)
     """One, or several for rising voltages, between which forces are linear in the voltage."""
 

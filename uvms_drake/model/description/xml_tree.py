@@ -4,6 +4,7 @@ Prefixes such as `drake:` are parts of the names, whether they are declared or n
 Drake's parsers. Attributes of URDF are elements in SDFormat: `Node.value` finds both.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from uvms_drake.common.errors import InvalidFile, InvalidParameter, require
 
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MOST = 1e9
 """Size of a number from which it is none of a robot's."""
 
@@ -31,6 +33,11 @@ class Node:
     """All text between its tags that is in none of its children."""
     children: list["Node"] = field(default_factory=list)
     file: Path = Path()
+    mistakes: list[str] = field(default_factory=list, compare=False)
+    """Complaints about the limits and losses of a joint in a file of others, which matter only if
+    it is one of the arm's."""
+    used: bool = field(default=False, compare=False)
+    """Whether its text was asked for."""
 
     def all(self, path: str) -> "Iterator[Node]":
         """Yields the elements at a path of tags, such as `geometry/box`."""
@@ -67,8 +74,16 @@ class Node:
         node = self.find(above) if above else self
         if node is None or name in node.attributes:
             return None if node is None else node.attributes[name].strip()
-        child = node.find(name)
-        return None if child is None else child.attributes.get("value", child.text).strip()
+        if (child := node.find(name)) is None:
+            return None
+        child.used = True
+        return child.attributes.get("value", child.text).strip()
+
+    def meaning(self) -> tuple[object, ...]:
+        """Returns all that an element says: numbers count by their values, places not at all."""
+        return (self.tag, _words(self.text), *sorted(
+            (key, _words(text)) for key, text in self.attributes.items()),
+            *(child.meaning() for child in self.children))
 
     def is_true(self, path: str) -> bool:
         """Whether the text at a path is a yes."""
@@ -96,6 +111,7 @@ class Node:
         Without a default they have to be there.
         """
         key, text = f"{self.place()} {path}".strip(), self.value(path) if path else self.text
+        self.used |= not path
         if text is None:
             require(default is not None, key, None,
                     f"given, {'one number' if count == 1 else f'{count} numbers'}")
@@ -136,6 +152,12 @@ class Node:
         """Returns file, line and tag, for the key of an error."""
         named = f" name={self.attributes['name']!r}" if "name" in self.attributes else ""
         return f"{self.file}: line {self.line}: <{self.tag}{named}>"
+
+
+def _words(text: str) -> str:
+    """Returns a text with all its numbers written in one way."""
+    return " ".join(repr(float(word) + 0.0) if NUMBER.fullmatch(word) else word
+                    for word in text.split())
 
 
 def element(tag: str, line: int, values: dict[str, object], urdf: bool) -> Node:

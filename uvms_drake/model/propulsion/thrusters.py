@@ -94,6 +94,10 @@ class ThrusterModel:
     """Bias of the allocation, see `ThrusterParameters` [N]."""
     driven: np.ndarray
     """Indices of the driven axes."""
+    current: np.ndarray
+    """Currents at the largest forces (m,) [A]; zero where unknown."""
+    largest_current: float = np.inf
+    """Largest current of all together [A]."""
 
     @staticmethod
     def of(parameters: ThrusterParameters) -> "ThrusterModel":
@@ -106,7 +110,8 @@ class ThrusterModel:
             tuple(parameters.thrusters), thrust_map(thrusters),
             tuple(curves[item.kind] for item in thrusters),
             np.array([kind.lag for kind in kinds]), np.array([kind.smallest for kind in kinds]),
-            parameters.dead_time, parameters.bias, driven_rows(parameters.undriven))
+            parameters.dead_time, parameters.bias, driven_rows(parameters.undriven),
+            np.array([kind.current for kind in kinds]))
 
     @property
     def size(self) -> int:
@@ -129,9 +134,17 @@ class ThrusterModel:
         return np.array([curve.force[-1] for curve in self.curves])
 
     def forces_of(self, commands: np.ndarray) -> np.ndarray:
-        """Returns the steady forces (m,) [N] for commands (m,)."""
-        return np.array([curve.force_of(command) for curve, command
-                         in zip(self.curves, commands, strict=True)])
+        """Returns the steady forces (m,) [N] for commands (m,), within the largest current.
+
+        By momentum theory the power at a constant voltage is I ∝ |f|^{3/2}; where Σ I would be
+        above the largest current, all forces are reduced by one factor until it is not.
+        """
+        forces = np.array([curve.force_of(command) for curve, command
+                           in zip(self.curves, commands, strict=True)])
+        total = float(np.sum(self.current * (np.abs(forces) / np.maximum(
+            -self.lower, self.upper)) ** 1.5)) if self.largest_current < np.inf else 0.0
+        return forces if total <= self.largest_current else forces * (
+            self.largest_current / total) ** (2.0 / 3.0)
 
     def commands_of(self, forces: np.ndarray) -> np.ndarray:
         """Returns the commands (m,) for forces (m,) [N]."""
@@ -141,7 +154,7 @@ class ThrusterModel:
     def off_by(self, error: np.ndarray | float) -> "ThrusterModel":
         """Returns the thrusters with forces larger by relative errors (), (1,) or (m,)."""
         shares = self.each(error)
-        require(bool(np.all(shares > -1.0)), "error", shares, "above -1")
+        require(bool(np.all(shares >= -1.0)), "error", shares, "-1 or above")
         return replace(self, curves=tuple(
             replace(curve, force=(1.0 + share) * curve.force)
             for curve, share in zip(self.curves, shares, strict=True)))

@@ -64,6 +64,10 @@ def z_is_up(tree: Tree, chain: Chain, waters: Waters, notes: Notes) -> bool:
         notes.taken.append(f"axes: FRD, z down, for buoyancy is above mass by {-lever:g} m then")
         return False
     known = lever > BUOYANT
+    if not known and chain.root == "vehicle" and "tip" in tree.frames:
+        notes.taken.append("axes: FRD, z down, for a link 'vehicle' and a frame 'tip' make a robot "
+                           "of this program's own format")
+        return False
     reason = f"buoyancy is above mass by {lever:g} m then" if known else "so in ROS and Gazebo"
     if not known:
         notes.asked.append(f"the axes: nothing tells whether the z of '{chain.root}' is up. "

@@ -5,13 +5,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidFile, InvalidParameter
 from uvms_drake.model.robot_import.tree import MOVING, Joint, Notes, Tree, listed
 
 ROTOR = re.compile(r"thruster|propell|(^|[_/:])props?([_\d]|$)|rotor|(^|[_/:])t[12]00", re.I)
 JAW = re.compile(r"jaw|finger|gripper|claw|grasp|pincer", re.I)
 TURNS = re.compile(r"roll|rotat|wrist|yaw|twist", re.I)
 ARM = re.compile(r"arm|manip|shoulder|elbow|wrist|gripper|jaw|finger|alpha|bravo|oberon|tool", re.I)
+CAMERA = re.compile(
+    r"cam(era)?s?(?![a-z])|gimbal|ptz|ptu|lens|lidar|laser|sonar|(^|[_/:])(pan|tilt|lights?|lamps?|"
+    r"head|mast|stereo|zed|imager|multibeam)([_\d]|$)", re.I)
+TOOL = re.compile(r"(^|[_/:])(tip|tcp|ee)([_/:]|$)|end_?eff|tool|grasp|grip", re.I)
+SEES = re.compile("camera|depth|ray|lidar|sonar", re.I)
+"""Types of sensors that a joint may point."""
+WEAK = 0.2
+"""Share of the largest effort below which joints drive no arm."""
 SIDES = re.compile(r"left|right|[_/]?[lr]([_/]|$)|\d+", re.I)
 NARROW = 1e-9
 """Range of a joint that is none [rad, m]."""
@@ -48,18 +56,36 @@ def choose_chain(tree: Tree, rotors: set[str], notes: Notes) -> Chain:
            if (reason := _reason_to_fix(joint, rotors)) is not None}
     free = [joint for joint in joints if joint.name not in why and joint.kind in MOVING]
     paths = _paths(root, joints, free)
-    # The longest path, jaws at its end not counted; all others are fixed.
-    stripped = [_without_jaws(path, joints, free) for path in paths]
+    # The best path, jaws at its end not counted; all others are fixed.
+    whole = [_without_jaws(path, joints, free) for path in paths]
+    eyes = [path for path in whole if path and _is_camera(path, tree, joints)]
+    stripped = [path for path in whole if path and path not in eyes]
+    strongest = max((joint.effort for path in stripped for joint in path), default=0.0)
     best = max(range(len(stripped)), key=lambda i: (
+        _carries_tool(stripped[i], tree, joints), _effort(stripped[i]) >= WEAK * strongest,
         len(stripped[i]), sum(bool(ARM.search(joint.name + joint.child)) for joint in stripped[i]),
         -i), default=None)
     arm = [] if best is None else stripped[best]
     _tell_rivals(arm, stripped, notes)
+    watching = [joint for path in eyes for joint in path if joint not in arm]
+    why |= {joint.name: "a camera" for joint in watching}
+    if watching:
+        names = listed([joint.name for joint in watching])
+        notes.asked.append(f"the arm: {names} turn a camera or lamp by their names or by what they "
+                           "carry, and are fixed. If they are the arm, give it a link without a "
+                           "mass that is called tool_tip, and begin again")
     jaws = {joint.name for path in paths for joint in path if path[:len(arm)] == arm}
     for joint in free:
-        if joint not in arm:
+        if joint not in arm and joint.name not in why:
             why[joint.name] = "a jaw" if joint.name in jaws and arm else "not in the chain"
     _fix(tree, joints, why, notes)
+    # Mistakes that change nothing where a joint is fixed.
+    if wrong := [f"{joint.node.file}: {each}" for joint in arm for each in joint.node.mistakes]:
+        raise InvalidFile(wrong)
+    if wrong := [each.partition(": must be")[0]
+                 for joint in joints for each in joint.node.mistakes]:
+        notes.changed.append("limits and losses of joints that are fixed here, not read for a "
+                             f"mistake in them: {listed(wrong)}")
     # Links that move as one; the heaviest of the vehicle's gives the frame if the root is a dummy.
     chain = Chain(root, arm)
     starts = [root, *(joint.child for joint in arm)]
@@ -149,12 +175,40 @@ def _are_twins(joint: Joint, other: Joint) -> bool:
             and SIDES.sub("", other.name) == SIDES.sub("", joint.name) != joint.name)
 
 
+def _carries_tool(path: list[Joint], tree: Tree, joints: list[Joint]) -> bool:
+    """Whether a tool's name is beyond the path: of a frame, of a link, or of jaws."""
+    beyond = set(tree.beyond(path[-1].child))
+    names = [*beyond, *(joint.name for joint in joints if joint.parent in beyond),
+             *(name for name, (link, _) in tree.frames.items() if link in beyond)]
+    return any(TOOL.search(name) or JAW.search(name) for name in names)
+
+
+def _effort(path: list[Joint]) -> float:
+    """Returns the largest effort of its joints; without any, one that is enough."""
+    return max(joint.effort for joint in path) or np.inf
+
+
+def _is_camera(path: list[Joint], tree: Tree, joints: list[Joint]) -> bool:
+    """Whether a path turns a camera or a lamp: by its names, or by the sensors that it carries."""
+    if _carries_tool(path, tree, joints):
+        return False
+    names = [name for joint in path for name in (joint.name, joint.child)]
+    named = sum(bool(CAMERA.search(name)) for name in names)
+    sees = any(SEES.search(kind) for link in tree.beyond(path[0].child)
+               for kind in tree.links[link].sensors)
+    return named + sees * len(path) > sum(bool(ARM.search(name)) for name in names)
+
+
 def _tell_rivals(arm: list[Joint], paths: list[list[Joint]], notes: Notes) -> None:
     """Says which other arms were left out."""
-    rivals = [path for path in paths if len(path) == len(arm) > 1 and path[0] is not arm[0]]
-    for path in rivals:
-        notes.changed.append(f"another arm, of '{path[0].name}' to '{path[-1].name}', is fixed:"
-                             " a robot has one here; that of the better names was taken")
+    noted: list[Joint] = []
+    for path in sorted(paths, key=len, reverse=True):
+        if path[0] is not arm[0] and path[0] not in noted and len(path) > 1:
+            noted.append(path[0])
+            notes.changed.append(
+                f"another arm, of '{path[0].name}' to '{path[-1].name}', is fixed: a robot has one "
+                "here; taken was the one that carries a tool, is strong, is longer or has the "
+                "better names, in this order")
 
 
 def _fix(tree: Tree, joints: list[Joint], why: dict[str, str], notes: Notes) -> None:

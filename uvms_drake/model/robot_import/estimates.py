@@ -9,11 +9,17 @@ from itertools import pairwise
 import numpy as np
 from pydrake.math import RigidTransform
 
-from uvms_drake.model.description.hydrodynamics_file import AddedMass, Drag
-from uvms_drake.model.description.thruster_file import undriven_axes
+from uvms_drake.model.description.hydrodynamics_file import (
+    AddedMass,
+    Drag,
+    added_mass_about_origin,
+)
+from uvms_drake.model.description.thruster_file import AXES, undriven_axes
+from uvms_drake.model.description.water_center import center_of_water
 from uvms_drake.model.robot_import.bodies import Body
 from uvms_drake.model.robot_import.plugins import Thruster, Waters
-from uvms_drake.model.robot_import.shapes import box_of, volume_of
+from uvms_drake.model.robot_import.shapes import volume_of
+from uvms_drake.model.robot_import.sizes import plausible_size
 from uvms_drake.model.robot_import.tree import Notes, listed
 
 FRESH = 1000.0
@@ -51,6 +57,7 @@ def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Not
         notes: Ask for each number.
     """
     density = waters.density or FRESH
+    known = [body for body in bodies if body.added_mass]
     if waters.shapes_float:
         _take_collisions(bodies, density, notes)
     _estimate_water(bodies, tip, waters, notes)
@@ -62,22 +69,28 @@ def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Not
         notes.ask(WATER, "bodies.vehicle.displaced_volume",
                   f"the robot weighs {mass:.4g} kg and displaces {displaced:.4g} kg of water; with "
                   f"floats or ballast for neutral trim: {volume:.6g} m³")
+    for body in known:
+        line, fits = center_of_water(added_mass_about_origin(body.added_mass),
+                                     body.volume or 0.0, body.center, density)
+        if not fits:
+            notes.ask(WATER, f"bodies.{body.name}.added_mass", line)
     _estimate_motors(bodies, notes)
     return density
 
 
 def estimate_thrust(vehicle: Body, placed: list[Thruster], notes: Notes) -> tuple[float, list[str]]:
     """Returns the force [N] of thrusters without a curve, and the axes that no thruster drives."""
-    # The force that pulls the vehicle forward or sideways at `SPEED`.
+    # The force that pulls the vehicle at `SPEED` forward or sideways, as far as they push so.
+    axes = undriven_axes([(thruster.position, thruster.axis) for thruster in placed])
     drag = sum((strip.linear + strip.quadratic * SPEED for strip in vehicle.drag), np.zeros(6))
-    limit = float(f"{max(SPEED * drag[:2].max(), 1.0):.2g}")
+    pulls = SPEED * drag[[axis not in axes for axis in AXES[:2]] + 4 * [False]]
+    limit = float(f"{np.max(pulls, initial=1.0):.2g}")
     unknown = [thruster.name for thruster in placed if thruster.force.size < 2]
     if unknown:
         notes.ask("thrusters.yaml", "kinds.*.curves", f"no limit of {listed(unknown)} in the file. "
                   f"ESTIMATE: ±{limit:g} N, with which one alone moves the vehicle at 1 m/s")
     if any(thruster.lag is None for thruster in placed):
         notes.ask("thrusters.yaml", "kinds.*.lag", f"the file has none. ESTIMATE: {LAG:g} s")
-    axes = undriven_axes([(thruster.position, thruster.axis) for thruster in placed])
     if axes:
         notes.taken.append(f"axes that the thrusters do not drive: {', '.join(axes)}")
     return limit, axes
@@ -128,11 +141,13 @@ def _estimate_water(bodies: list[Body], tip: RigidTransform, waters: Waters, not
             body.added_mass = [_added_mass(body, end, density)]
             guesses.setdefault("added_mass", []).append(body.name)
         if not body.drag:
-            body.drag = _box_drag(body, density) if end is None else _rod_drag(body, end, density)
+            body.drag = (_shadow_drag(body, density, notes) if end is None
+                         else _rod_drag(body, end, density))
             guesses.setdefault("drag", []).append(body.name)
     reasons = {"displaced_volume": f"{ARM_FLOATS:g} of the volume that carries its mass",
                "added_mass": "the displaced water of the vehicle; of links, a cylinder across",
-               "drag": f"a box, or a cylinder across in three strips, with C_D = {DRAG:g}"}
+               "drag": "the shadows of the vehicle's shapes, or a cylinder across in three strips, "
+                       f"with C_D = {DRAG:g}"}
     for key, names in guesses.items():
         notes.ask(WATER, f"bodies.*.{key}", f"of {listed(names, 20)}. ESTIMATE: {reasons[key]}")
 
@@ -214,15 +229,17 @@ def _added_mass(body: Body, end: np.ndarray | None, density: float) -> AddedMass
     return AddedMass(M, body.center)
 
 
-def _box_drag(body: Body, density: float) -> list[Drag]:
-    """Returns the drag of a box: across its faces, and of faces that turn about its middle."""
-    box = box_of(body)
-    edge = np.full(3, (body.volume or 1e-3) ** (1.0 / 3.0)) if box is None else box[1] - box[0]
-    middle = body.center if box is None else 0.5 * (box[0] + box[1])
-    areas = np.array([edge[1] * edge[2], edge[2] * edge[0], edge[0] * edge[1]])
-    turning = np.array([areas[1] * edge[2] ** 3, areas[2] * edge[0] ** 3, areas[1] * edge[0] ** 3])
+def _shadow_drag(body: Body, density: float, notes: Notes) -> list[Drag]:
+    """Returns the drag across the shadows of a body, which turn about the middle of the volume.
+
+    ½ ρ C_D A, and ½ ρ C_D A e³ / 32 of a strip of length e; without shapes, of a cube.
+    """
+    cube, size = (body.volume or 1e-3) ** (1.0 / 3.0), plausible_size(body, density, notes)
+    edge = np.full(3, cube) if size is None else np.ptp(size[0], axis=0)
+    areas = np.full(3, cube**2) if size is None else size[1]
+    turning = areas[[1, 2, 1]] * edge[[2, 0, 0]] ** 3
     quadratic = 0.5 * density * DRAG * np.concatenate([areas, turning / 32.0])
-    return [Drag(0.1 * quadratic, quadratic, middle)]
+    return [Drag(0.1 * quadratic, quadratic, body.center)]
 
 
 def _rod_drag(body: Body, end: np.ndarray, density: float) -> list[Drag]:

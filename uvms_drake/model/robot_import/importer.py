@@ -14,9 +14,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from uvms_drake.common.errors import require
 from uvms_drake.model.robot_import.bodies import Body, lump, place_thrusters, unique, z_is_up
 from uvms_drake.model.robot_import.chain import choose_chain
-from uvms_drake.model.robot_import.estimates import LAG, estimate, estimate_thrust
+from uvms_drake.model.robot_import.estimates import FRESH, LAG, estimate, estimate_thrust
 from uvms_drake.model.robot_import.plugins import Thruster, read_thrusters, read_water, tell_unread
-from uvms_drake.model.robot_import.reading import read_robot
+from uvms_drake.model.robot_import.reading import read_file, read_robot
 from uvms_drake.model.robot_import.shapes import drawn
 from uvms_drake.model.robot_import.tip import place_tip
 from uvms_drake.model.robot_import.tree import Notes, Shape, listed
@@ -32,6 +32,8 @@ class Imported:
     files: dict[str, bytes]
     """By path in the folder."""
     notes: Notes
+    is_copy: bool = False
+    """Whether it was a robot's folder already."""
 
 
 def import_robot(file: Path, name: str) -> Imported:
@@ -46,11 +48,15 @@ def import_robot(file: Path, name: str) -> Imported:
     """
     # The file, and its robot: bodies of a vehicle and its arm.
     notes = Notes(f"{name}.sdf")
+    if own := _own_folder(file, name):
+        notes.taken.append(f"all of the folder {file.parent}: it is a robot's already (a link "
+                           "'vehicle', a frame 'tip', hydrodynamics.yaml), and copied as it is")
+        return Imported(own, notes, is_copy=True)
     tree = read_robot(file, notes)
-    tell_unread(tree, notes)
     # Plugins speak of links in their own axes, and their rotors are not joints of an arm.
     waters = read_water(tree, notes)
     thrusters, rotors = read_thrusters(tree, notes)
+    tell_unread(tree, notes)
     chain = choose_chain(tree, rotors, notes)
     flips = z_is_up(tree, chain, waters, notes)
     bodies = lump(tree, chain, waters, notes, flips)
@@ -63,7 +69,7 @@ def import_robot(file: Path, name: str) -> Imported:
         if body.mass <= 0.0:
             notes.ask(notes.sdf, f"link {body.name}, inertial", "no mass in the file")
     # Missing numbers are guessed from the others.
-    tip = place_tip(tree, bodies, notes, flips)
+    tip = place_tip(tree, bodies, waters.density or FRESH, notes, flips)
     density = estimate(bodies, tip, waters, notes)
     placed = place_thrusters(bodies[0], thrusters, notes)
     # Pictures are spoken of last: the list begins with physics.
@@ -81,6 +87,31 @@ def import_robot(file: Path, name: str) -> Imported:
                   "wrench on the vehicle has no limit")
     files["README.md"] = f"# {name}\n\nMade of `{file.name}`.\n\n{notes.format()}"
     return Imported({key: text.encode() for key, text in files.items()} | pictures.files, notes)
+
+
+def _own_folder(file: Path, name: str) -> dict[str, bytes]:
+    """Returns the files of the robot's folder that has a file, by a new name; none if it is none.
+
+    Args:
+        file: URDF or SDFormat.
+        name: Of the new folder.
+    """
+    folder, found = file.parent, dict[str, bytes]()
+    if not (folder / "hydrodynamics.yaml").is_file():
+        return found
+    names = {(node.tag, node.attributes.get("name")) for node in read_file(file).walk()}
+    if not names >= {("link", "vehicle"), ("frame", "tip")}:
+        return found
+    package = folder / "package.xml"
+    old = (read_file(package).value("name") if package.is_file() else None) or folder.name
+    for path in (path for path in sorted(folder.rglob("*")) if path.is_file()):
+        content = path.read_bytes()
+        if path.suffix in (".sdf", ".urdf", ".xml"):
+            for before in ("://{}/", "<name>{}</name>"):
+                content = content.replace(before.format(old).encode(), before.format(name).encode())
+        found[str(path.relative_to(folder))] = content
+    found[f"{name}{file.suffix}"] = found.pop(file.name)
+    return {"package.xml": format_package(name, file.name).encode()} | found
 
 
 def number(value: float) -> str:
@@ -233,11 +264,13 @@ def format_thrusters(name: str, placed: list[Thruster],
         known = thruster.force.size >= 2
         command = thruster.command if known else np.array([-force, 0.0, force])
         values = thruster.force if known else command
-        key = (tuple(command), tuple(values), thruster.lag)
+        key = (tuple(command), tuple(values), thruster.lag, thruster.smallest)
         if key not in kinds:
             kinds[key] = f"thruster_{len(kinds) + 1}"
             lines += [f"  {kinds[key]}:", f"    lag: {_yaml(thruster.lag or LAG)}  # [s]"
                       + ("" if thruster.lag else " ESTIMATE"),
+                      *([f"    smallest: {_yaml(thruster.smallest)}  # [N], of its dead band"]
+                        if thruster.smallest else []),
                       "    curves:  # command, and the force at it [N]"
                       + ("" if known else " ESTIMATE"),
                       f"      - command: {listing(command)}", f"        force: {listing(values)}"]

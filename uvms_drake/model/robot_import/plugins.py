@@ -2,8 +2,9 @@
 
 gz-sim's Hydrodynamics has Fossen's derivatives: M_A = −X_u̇ and D = −X_u, so that they are negative
 (its first version had +X_u̇, as some files still have). uuv_simulator's has M_A itself, and damping
-as derivatives, D = −(X_u + X_u|u| |u|). Both act at the link's origin, in its axes, and so does
-SDFormat's `fluid_added_mass`, which is M_A. Signs are the physical ones: M_A and D are positive.
+as derivatives, D = −(X_u + X_u|u| |u|). Both act at the link's origin, and so does SDFormat's
+`fluid_added_mass`, which is M_A; their axes are in `sources`. Here they are turned into the link's
+axes, with the physical signs: M_A and D are positive.
 
 A thruster of gz-sim pushes its link along the joint's axis; that of uuv_simulator pushes it along
 the link's own x. A rotor that has no plugin is taken to push along its joint's axis.
@@ -19,6 +20,7 @@ from uvms_drake.model.description.plausibility import check_foreign
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.description.xml_tree import Node
 from uvms_drake.model.robot_import.chain import ROTOR
+from uvms_drake.model.robot_import.sources import GZ, SDF, UUV, Source
 from uvms_drake.model.robot_import.tree import Joint, Link, Notes, Tree, listed
 
 FORCES, RATES = "xyzkmn", "UVWPQR"
@@ -31,6 +33,10 @@ POINTS = 8
 """Number of commands on a parabola, each way."""
 GZ_MOST = 1000.0
 """Size of gz-sim's commands in a file without a limit: none that is meant."""
+NUMBERS = re.compile(r"(?=.*[1-9])([-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?(\s+|$))+", re.I | re.S)
+"""Numbers that are not all zero."""
+JUMP = 1e-6
+"""Share of a dead band over which the force rises to that of its edge."""
 
 
 @dataclass
@@ -52,6 +58,8 @@ class Waters:
     density: float | None = None
     shapes_float: bool = False
     """Whether it is for gz-sim, where collision shapes displace water."""
+    sources: set[Source] = field(default_factory=set)
+    """Whose conventions the matrices of the file had."""
 
 
 def read_water(tree: Tree, notes: Notes) -> Waters:
@@ -67,27 +75,42 @@ def read_water(tree: Tree, notes: Notes) -> Waters:
     for link in tree.links.values():
         if link.added_mass is not None:
             water = waters.links.setdefault(link.name, Water())
-            water.added_mass = symmetric(f"{link.name}: fluid_added_mass", link.added_mass, notes)
+            M = symmetric(f"{link.name}: fluid_added_mass", link.added_mass, notes)
+            water.added_mass = SDF.in_link(M)
             notes.taken.append(f"added mass of '{link.name}': fluid_added_mass")
+            waters.sources.add(SDF)
+    notes.taken += [f"axes of matrices of {source.name}: {source.axes}"
+                    for source in (GZ, UUV, SDF) if source in waters.sources]
     return waters
 
 
 def tell_unread(tree: Tree, notes: Notes) -> None:
-    """Says which plugins have no meaning here."""
+    """Says which plugins, and which numbers in the others, were not read."""
     plugins = sorted({plugin.attributes.get("filename", "?") for _, plugin in tree.plugins
                       if not _kind(plugin)})
     if plugins:
         notes.changed.append(f"plugins without a meaning here, left out: {listed(plugins)}")
+    lost: dict[str, list[int]] = {}
+    for _, plugin in tree.plugins:
+        for node in plugin.walk() if _kind(plugin) else ():
+            if not node.used and NUMBERS.fullmatch(node.text.strip()) and not (
+                    node.tag.endswith("ID")):
+                lost.setdefault(f"{node.tag} = {' '.join(node.text.split())}", []).append(node.line)
+    if lost:
+        notes.changed.append("numbers of these plugins left out: " + listed([
+            f"{said} (line {lines[0]}{f' and {len(lines) - 1} more' if lines[1:] else ''})"
+            for said, lines in lost.items()], 40))
 
 
 def _kind(plugin: Node) -> str:
-    """Returns whether a plugin is water's of gz-sim or uuv_simulator, buoyancy, or a thruster."""
+    """Returns the meaning of a plugin: water, buoyancy, a thruster, or a pilot that limits it."""
     name = f"{plugin.attributes.get('filename', '')} {plugin.attributes.get('name', '')}".lower()
     if "hydrodynamics" in name and plugin.value("link_name") is not None:
         return "gz"
     if "underwater_object" in name or any(plugin.all("link/hydrodynamic_model")):
         return "uuv"
-    return "buoyancy" if "buoyancy" in name else "thruster" if "thruster" in name else ""
+    return next((kind for word, kind in (("buoyancy", "buoyancy"), ("thruster", "thruster"),
+                                         ("ardupilot", "pilot")) if word in name), "")
 
 
 def _link(tree: Tree, prefix: str, name: str, plugin: Node, notes: Notes) -> Link | None:
@@ -104,6 +127,7 @@ def _read_gz(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Notes
     if link is None:
         return
     waters.density = plugin.number("water_density", plugin.number("waterDensity", 998.0))
+    waters.sources.add(GZ)
     key = f"{link.name}: Hydrodynamics (line {plugin.line})"
     # Derivatives, by SNAME's letters.
     M = np.array([[plugin.number(f"{f}Dot{v}") for v in RATES] for f in FORCES])
@@ -119,17 +143,8 @@ def _read_gz(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Notes
     # As positive numbers, and all that is left out.
     water = waters.links.setdefault(link.name, Water())
     if np.any(M):
-        water.added_mass = symmetric(f"{key}: added mass", M, notes)
-    _take_damping(key, water, -linear, -quadratic, notes)
-    known = re.compile(f"[{FORCES}](Dot)?[{RATES}](abs)?[{RATES}]?|link_name|water_?[dD]ensity|"
-                       "namespace|default_current|disable_.*|lookup_current_.")
-    strange = [child.tag for child in plugin.children if not known.fullmatch(child.tag)]
-    if strange:
-        notes.changed.append(f"{key}: {', '.join(strange)} not known: left out")
-    crossed = sorted({child.tag for child in plugin.children if "abs" in child.tag
-                      and child.tag not in squares})
-    if crossed:
-        notes.changed.append(f"{key}: {', '.join(crossed)} left out: drag is by axis here")
+        water.added_mass = GZ.in_link(symmetric(f"{key}: added mass", M, notes))
+    _take_damping(key, water, GZ.in_link(-linear), GZ.in_link(-quadratic), notes)
     notes.taken.append(f"water of '{link.name}': plugin Hydrodynamics of gz-sim, line {plugin.line}"
                        + _missing(water))
 
@@ -150,6 +165,7 @@ def _read_uuv(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Note
         water.center = node.numbers("center_of_buoyancy", 3, np.zeros(3))
         if (model := node.find("hydrodynamic_model")) is not None:
             _read_fossen(key, model, water, notes)
+            waters.sources.add(UUV)
         notes.taken.append(f"water of '{link.name}': plugin of uuv_simulator, line {node.line}"
                            + _missing(water))
 
@@ -161,12 +177,11 @@ def _read_fossen(key: str, model: Node, water: Water, notes: Notes) -> None:
         notes.changed.append(f"{key}: the model '{kind}' is not read, only 'fossen'")
         return
     if (added := model.find("added_mass")) is not None:
-        scale = model.number("scaling_added_mass", 1.0)
-        water.added_mass = symmetric(f"{key}: added_mass", scale * _square(added), notes)
+        water.added_mass = UUV.in_link(symmetric(f"{key}: added_mass", _square(added), notes))
     damping = []
     for name in ("linear_damping", "quadratic_damping"):
         node = model.find(name)
-        damping.append(-_square(node) if node is not None else np.zeros((6, 6)))
+        damping.append(UUV.in_link(-_square(node)) if node is not None else np.zeros((6, 6)))
     _take_damping(key, water, damping[0], damping[1], notes)
     if np.any(model.numbers("linear_damping_forward_speed", None, 0.0)):
         notes.changed.append(f"{key}: linear_damping_forward_speed left out: drag is by axis here")
@@ -245,7 +260,26 @@ class Thruster:
     command: np.ndarray = field(default_factory=lambda: np.zeros(0))
     force: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """The curve [N]; empty if it is not known."""
+    smallest: float = 0.0
+    """Force at the edge of its dead band [N]."""
     lag: float | None = None
+    is_one_sided: bool = False
+    """Whether one of two limits is missing, and estimated by the other."""
+
+    def limit(self, least: float | None, most: float | None) -> tuple[float, float] | None:
+        """Returns the ends of a range, of which one may be missing; None without any."""
+        if least is not None and most is not None:
+            return least, most
+        known = [abs(end) for end in (least, most) if end is not None]
+        self.is_one_sided |= bool(known)
+        return (-known[0], known[0]) if known else None
+
+    def cut(self, least: float, most: float) -> None:
+        """Takes commands outside of a range out of the curve."""
+        x = np.clip([least, most], self.command[0], self.command[-1])
+        inside = self.command[(self.command > x[0]) & (self.command < x[1])]
+        inside = np.unique([x[0], *inside, x[1]])
+        self.command, self.force = inside, np.interp(inside, self.command, self.force)
 
 
 def read_thrusters(tree: Tree, notes: Notes) -> tuple[list[Thruster], set[str]]:
@@ -253,6 +287,7 @@ def read_thrusters(tree: Tree, notes: Notes) -> tuple[list[Thruster], set[str]]:
     # Plugins, each of one thruster.
     found: list[Thruster] = []
     joints: set[str] = set()
+    pilot = _pilot_limits(tree, notes)
     for prefix, plugin in tree.plugins:
         if _kind(plugin) != "thruster":
             continue
@@ -268,9 +303,15 @@ def read_thrusters(tree: Tree, notes: Notes) -> tuple[list[Thruster], set[str]]:
         axis = _axis(joint, link) if gz and joint is not None else np.array([1.0, 0.0, 0.0])
         thruster = Thruster(_short(link.name), link, axis,
                             lag=plugin.known("dynamics/timeConstant"))
-        (_gz_curve if gz else _uuv_curve)(plugin, thruster)
+        if gz:
+            _gz_curve(plugin, thruster, pilot.get(joint.name if joint is not None else name))
+        else:
+            _uuv_curve(plugin, thruster)
         found.append(thruster)
         joints |= {joint.name} if joint is not None else set()
+    if alone := [item.name for item in found if item.is_one_sided and item.force.size]:
+        notes.ask("thrusters.yaml", "kinds.*.curves", f"one limit alone of {listed(alone, 16)} in "
+                  "the file. ESTIMATE: the other way the same")
     # Rotors by their names, of which plugins may have left some.
     named = [joint for joint in tree.joints.values()
              if ROTOR.search(joint.name) or ROTOR.search(joint.child)]
@@ -301,46 +342,97 @@ def _axis(joint: Joint, link: Link) -> np.ndarray:
     return axis / np.linalg.norm(axis)
 
 
-def _gz_curve(plugin: Node, thruster: Thruster) -> None:
-    """Takes the limits of gz-sim's thruster: of its force, or of its speed."""
-    least = plugin.number("min_thrust_cmd", -GZ_MOST)
-    most = plugin.number("max_thrust_cmd", GZ_MOST)
-    if plugin.is_true("use_angvel_cmd"):
-        gain = (plugin.number("thrust_coefficient", 1.0) * plugin.number("fluid_density", 1000.0)
-                * plugin.number("propeller_diameter", 0.02)**4)
-        if plugin.value("max_thrust_cmd"):
-            _parabola(thruster, gain, least, most)
-    elif -GZ_MOST < least < most < GZ_MOST:
+def _pilot_limits(tree: Tree, notes: Notes) -> dict[str, tuple[float, float]]:
+    """Returns the ends of the commands that ArduPilotPlugin gives the thruster of each joint.
+
+    A channel has multiplier · (x + offset), x from 0 to 1 between the ends of its pulse.
+    """
+    limits: dict[str, tuple[float, float]] = {}
+    for prefix, plugin in tree.plugins:
+        for control in plugin.all("control") if _kind(plugin) == "pilot" else ():
+            name = control.value("jointName") or ""
+            joint = tree.joints.get(prefix + name) or tree.joints.get(name.rpartition("::")[2])
+            if joint is None or control.value("type") != "COMMAND":
+                continue
+            ends = control.number("multiplier", 1.0) * (
+                control.number("offset") + np.array([0.0, 1.0]))
+            limits[joint.name] = float(np.min(ends)), float(np.max(ends))
+            _ = control.value("servo_min"), control.value("servo_max")
+    if limits:
+        notes.taken.append(f"limits of commands of ArduPilotPlugin: {listed(list(limits), 16)}")
+    return limits
+
+
+def _gz_curve(plugin: Node, thruster: Thruster, pilot: tuple[float, float] | None) -> None:
+    """Takes the limits of gz-sim's thruster, of its force or of its speed, and its dead band.
+
+    Args:
+        plugin: Its element.
+        thruster: Takes the curve.
+        pilot: Smallest and largest command that it is given, if they are known.
+    """
+    gain = (plugin.number("thrust_coefficient", 1.0) * plugin.number("fluid_density", 1000.0)
+            * plugin.number("propeller_diameter", 0.02)**4)
+    turns, band = plugin.is_true("use_angvel_cmd"), plugin.number("deadband")
+    ends = [plugin.known(key) for key in ("min_thrust_cmd", "max_thrust_cmd")]
+    limits = thruster.limit(*(end if end is not None and (turns or abs(end) < GZ_MOST) else None
+                              for end in ends)) or pilot
+    if limits is None:
+        return
+    least, most = limits
+    require(least < most, f"{plugin.place()} min_thrust_cmd, max_thrust_cmd", [least, most],
+            "lower, then upper")
+    if turns:
+        _parabola(thruster, gain, least, most)
+    else:
         thruster.command = thruster.force = np.unique([least, 0.0, most])
+    if pilot is not None:
+        thruster.cut(*pilot)
+    if band <= 0.0:
+        return
+    # No force in the dead band, at the edge of which it jumps: a steep rise.
+    x, f = thruster.command, thruster.force
+    require(bool(max(-f[0], f[-1]) > band), f"{plugin.place()} deadband", band,
+            "below the largest force")
+    edges, still = np.interp([-band, band], f, x), np.interp(0.0, f, x)
+    inner = still + (1.0 - JUMP) * (edges - still)
+    more = (1.0 + JUMP) * band
+    outside, beyond = np.abs(f) > more, np.array([-f[0], f[-1]]) > more
+    x = np.concatenate([x[outside], edges[beyond], inner])
+    f = np.concatenate([f[outside], np.array([-band, band])[beyond], np.zeros(2)])
+    order = np.argsort(x)
+    thruster.command, thruster.force, thruster.smallest = x[order], f[order], band
 
 
 def _uuv_curve(plugin: Node, thruster: Thruster) -> None:
     """Takes the curve of uuv_simulator's thruster between the limits of command and force."""
     kind, gain = plugin.value("conversion/type"), plugin.number("gain", 1.0) or 1.0
-    least, most, weakest, strongest = (plugin.known(key) for key in (
-        "clampMin", "clampMax", "thrustMin", "thrustMax"))
+    clamps, thrusts = (thruster.limit(plugin.known(f"{key}Min"), plugin.known(f"{key}Max"))
+                       for key in ("clamp", "thrust"))
     share = plugin.number("thrust_efficiency", 1.0) or 1.0
     if kind == "LinearInterp" and plugin.value("conversion/inputValues"):
         thruster.command = plugin.numbers("conversion/inputValues") / gain
         thruster.force = share * plugin.numbers("conversion/outputValues")
     elif kind == "Basic":
         k = share * gain**2 * plugin.number("conversion/rotorConstant")
-        if least is None and weakest is not None and strongest is not None and k > 0.0:
-            least, most = (float(np.sign(f) * np.sqrt(abs(f) / k)) for f in (weakest, strongest))
-        if least is not None and most is not None and k != 0.0:
-            _parabola(thruster, k, least, most)
-    elif kind == "Bessa" and least is not None and most is not None:
+        if clamps is None and thrusts is not None and k > 0.0:
+            clamps = tuple(np.sign(thrusts) * np.sqrt(np.abs(thrusts) / k))
+        if clamps is not None and k != 0.0:
+            _parabola(thruster, k, *clamps)
+    elif kind == "Bessa" and clamps is not None:
         gains = [share * plugin.number(f"conversion/rotorConstant{side}") for side in "LR"]
         d = [plugin.number(f"conversion/delta{side}") for side in "LR"]
         edge = [float(np.sign(x) * np.sqrt(abs(x))) / gain for x in d]
-        x = np.unique([*np.linspace(least, edge[0], POINTS), *np.linspace(edge[1], most, POINTS)])
+        x = np.unique([*np.linspace(clamps[0], edge[0], POINTS),
+                       *np.linspace(edge[1], clamps[1], POINTS)])
         square = np.abs(gain * x) * gain * x
         thruster.command = x
         thruster.force = np.where(x <= edge[0], gains[0] * (square - d[0]), np.where(
             x >= edge[1], gains[1] * (square - d[1]), 0.0))
-    if thruster.force.size and weakest is not None and strongest is not None:
-        inside = (thruster.force >= weakest) & (thruster.force <= strongest)
-        thruster.command, thruster.force = thruster.command[inside], thruster.force[inside]
+    if thruster.force.size and clamps is not None:
+        thruster.cut(*clamps)
+    if thruster.force.size and thrusts is not None:
+        thruster.cut(*np.interp(thrusts, thruster.force, thruster.command))
 
 
 def _parabola(thruster: Thruster, gain: float, least: float, most: float) -> None:

@@ -53,7 +53,7 @@ def read_robot(file: Path, notes: Notes) -> Tree:
     Raises:
         InvalidParameter: The file cannot be read, or is no robot.
     """
-    root, lost = _read_file(file), list[str]()
+    root, lost = read_file(file), list[str]()
     models = sorted(_models(root, lost, 0), key=_joints, reverse=True)
     require(bool(models), "--from", str(file), "a file with a <model>")
     lost += [f"model {node.name()}, beside the robot" for each in models[1:]
@@ -70,7 +70,12 @@ def read_robot(file: Path, notes: Notes) -> Tree:
     return source.tree
 
 
-def _read_file(file: Path) -> Node:
+def read_file(file: Path) -> Node:
+    """Returns the outermost element of a file; of a URDF without a name, by the file's.
+
+    Raises:
+        InvalidParameter: It cannot be read, or is no XML.
+    """
     try:
         text = file.read_text(encoding="utf-8")
     except OSError as error:
@@ -79,8 +84,10 @@ def _read_file(file: Path) -> Node:
     except ValueError:
         raise InvalidParameter("--from", str(file), "a text in UTF-8") from None
     root = read_xml(text, file)
-    require(root.tag in ("sdf", "robot"), "--from", str(file),
-            f"URDF (<robot>) or SDFormat (<sdf>), not <{root.tag}>")
+    require(root.tag in ("sdf", "robot", "package"), "--from", str(file),
+            f"URDF (<robot>) or SDFormat (<sdf>), not <{root.tag}>" + (
+                ": Stonefish has the masses of its robots from meshes and materials"
+                if root.tag == "scenario" else ""))
     if root.tag == "robot":
         root.attributes.setdefault("name", file.stem)
     return root
@@ -99,7 +106,7 @@ def _models(root: Node, lost: list[str], depth: int) -> Iterator[Node]:
         if file is None:  # A sun, a ground plane.
             lost.append(f"include {include.value('uri')}, which is not there")
         elif not include.is_true("static"):
-            yield from _models(_read_file(file), lost, depth + 1)
+            yield from _models(read_file(file), lost, depth + 1)
 
 
 def _joints(root: Node, depth: int = 0) -> int:
@@ -107,7 +114,7 @@ def _joints(root: Node, depth: int = 0) -> int:
     files = [] if depth > DEEPEST else [
         file for node in root.walk() if node.tag == "include" and (file := _model_file(node))]
     return sum(node.tag == "joint" for node in root.walk()) + sum(
-        _joints(_read_file(file), depth + 1) for file in files)
+        _joints(read_file(file), depth + 1) for file in files)
 
 
 class _Source:
@@ -124,9 +131,12 @@ class _Source:
     def take(self, root: Node, scope: str, depth: int) -> str:
         """Takes the model of a file, in a scope of names, and returns the text for Drake."""
         kind = "urdf" if root.tag == "robot" else "sdf"
+        if twins := [f"{node.tag} (line {node.line})" for node in _without_twins(root)]:
+            self.notes.changed.append(f"there twice and equal, taken once: {listed(twins)}")
         for link in (node for node in root.walk() if node.tag == "link" and kind == "sdf"):
             for inertial in link.all("inertial"):
-                if inertial.value("inertia") is None and inertial.value("mass"):
+                if inertial.value("inertia") is None and inertial.value("mass") and not (
+                        inertial.is_true("auto")):
                     inertial.children.append(element(
                         "inertia", inertial.line, dict.fromkeys(INERTIA, 0.0), urdf=False))
                     self.notes.changed.append(
@@ -147,6 +157,10 @@ class _Source:
             self._add(self.tree.links, self._link(node, scope + node.name(), materials))
         for node in list(model.all("joint")):
             self._joint(node, model, scope)
+        for node in (*model.all("link"), *model.all("gazebo")):  # SDFormat's and URDF's.
+            name = node.value("reference") or node.value("name") or ""
+            if (link := self.tree.links.get(scope + name)) is not None:
+                link.sensors += [each.value("type") or "" for each in node.all("sensor")]
         for node in model.all("transmission"):
             self._motor(node)
         self.tree.frames |= {scope + node.name(): ("", node.pose()) for node in model.all("frame")}
@@ -184,7 +198,7 @@ class _Source:
             raise InvalidParameter(f"{node.place()} uri", uri, "the file of a model, in a folder "
                                    "of that name beside this file or above it")
         require(depth <= DEEPEST, f"{node.place()} uri", uri, "a file that does not include itself")
-        root = _read_file(file)
+        root = read_file(file)
         model = root if root.tag == "robot" else next(root.all("model"), None)
         if model is None:
             raise InvalidParameter("--from", str(file), "a file with a <model>")
@@ -200,7 +214,15 @@ class _Source:
     def _link(self, node: Node, name: str, materials: dict[str, Node]) -> Link:
         link = Link(name, node)
         if (inertial := node.find("inertial")) is not None:
-            _check_inertial(node, inertial, self.notes)
+            if inertial.is_true("auto"):
+                require(any(node.all("collision/geometry")) and not any(
+                    node.all("collision/geometry/mesh")), f"{inertial.place()} auto", "true",
+                        "left out, with mass and inertia given: that of a mesh, or of no collision "
+                        "shape, is not computed here")
+                self.notes.taken.append(f"mass and inertia of '{name}': of its collision shapes, "
+                                        "as SDFormat has it (auto)")
+            else:
+                _check_inertial(node, inertial, self.notes)
             if (added := inertial.find("fluid_added_mass")) is not None:
                 link.added_mass = np.array([[added.number(
                     ADDED[min(i, j)] + ADDED[max(i, j)]) for j in range(6)] for i in range(6)])
@@ -225,7 +247,7 @@ class _Source:
             return
         # Its numbers, where the format has them; URDF takes 0 for one of two limits.
         joint, axis = Joint(scope + node.name(), kind, node), node if urdf else node.find("axis")
-        if axis is not None:
+        if axis is not None and not node.mistakes:
             one = 0.0 if urdf and (axis.value("limit/lower") or axis.value("limit/upper")
                                    ) else np.inf
             if kind != "continuous":
@@ -262,8 +284,23 @@ class _Source:
                            transmission.number("actuator/drake:gear_ratio", 1.0))
 
 
+def _without_twins(root: Node) -> list[Node]:
+    """Takes out of an element all below it that are there twice and equal, and returns them."""
+    twins: list[Node] = []
+    for node in root.walk():
+        kept: dict[object, Node] = {}
+        for child in node.children:
+            if kept.setdefault(child.meaning(), child) is not child:
+                twins.append(child)
+        node.children = list(kept.values())
+    return twins
+
+
 def _kept(node: Node, table: dict[str, Element]) -> Node:
     """Returns an element with the parts that are left to Drake."""
+    if any(inertial.is_true("auto") for inertial in node.all("inertial")):
+        return replace(node, children=[child for child in node.children if child.tag in (
+            "pose", "inertial", "collision")])
     given = {key: text for key, text in node.attributes.items()
              if key in table[node.tag].attributes.split() and key != "auto"}
     return replace(node, attributes=given, children=[

@@ -1,73 +1,63 @@
-"""Shapes of links: the boxes around them, their volumes, and those that can be drawn."""
+"""Shapes of links: their triangles, their volumes, and those that can be drawn."""
 
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from pydrake.geometry import Box, CalcVolume, Capsule, Cylinder, Ellipsoid, Sphere
 from pydrake.math import RigidTransform
 
-from uvms_drake.model.description.visuals import (
+from uvms_drake.model.description.hydrodynamics_file import FARTHEST
+from uvms_drake.model.description.meshes import (
     bounding_box,
     format_obj,
+    mesh_triangles,
     mesh_volume,
-    reason_not_drawn,
-    stl_triangles,
 )
+from uvms_drake.model.description.visuals import reason_not_drawn
 from uvms_drake.model.robot_import.bodies import Body
 from uvms_drake.model.robot_import.tree import Notes, Shape, listed
 
-CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+SOLIDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "capsule": Capsule,
+          "ellipsoid": Ellipsoid}
+LATITUDES = np.pi * np.linspace(0.0, 1.0, 17)
+"""Rings of a sphere, from its lower end [rad]."""
 REFERENCES = re.compile(r'^(?:mtllib|map_\w+)\s+(.+?)\s*$|"uri"\s*:\s*"(?!data:)([^"]+)"', re.M)
 """Files that an OBJ, its materials or a glTF refer to, in their own folder."""
 
 
-def edges(shape: Shape) -> np.ndarray:
-    """Returns the edges (3,) [m] of the box around a shape that is no mesh."""
-    size = shape.size
-    if shape.kind == "box":
-        return size
-    if shape.kind in ("sphere", "ellipsoid"):
-        return 2.0 * np.broadcast_to(size, 3)
-    ends = 2.0 * size[0] if shape.kind == "capsule" else 0.0
-    return np.array([2.0 * size[0], 2.0 * size[0], size[1] + ends])
+def triangles_of(shape: Shape) -> np.ndarray | None:
+    """Returns triangles (k, 3, 3) of a shape in the frame in which it stands; None if unknown."""
+    size, radius, height, sides = shape.size, np.sin(LATITUDES), -np.cos(LATITUDES), 40
+    if shape.kind == "mesh":
+        triangles = None if shape.file is None else mesh_triangles(shape.file)
+    else:
+        # Rings of a lathe, each joined to the next one; a box is a cylinder of four sides.
+        if shape.kind in ("box", "cylinder"):
+            radius, height = np.array([0.0, 1.0, 1.0, 0.0]), np.array([-0.5, -0.5, 0.5, 0.5])
+        if shape.kind == "box":
+            radius, sides = np.sqrt(0.5) * radius, 4
+        elif shape.kind == "cylinder":
+            size = size[[0, 0, 1]]
+        elif shape.kind == "capsule":
+            size, height = size[[0, 0, 0]], height + 0.5 * np.sign(height) * size[1] / size[0]
+        ring = np.exp(2j * np.pi * (np.arange(sides) / sides + 0.125))
+        a = np.stack(np.broadcast_arrays(np.outer(radius, ring.real), np.outer(radius, ring.imag),
+                                         height[:, None]), axis=2)
+        c = np.roll(a, -1, axis=1)
+        triangles = np.stack([a[:-1], c[:-1], a[1:], a[1:], c[:-1], c[1:]], axis=2)
+        triangles = triangles.reshape(-1, 3, 3)
+    return None if triangles is None else (
+        triangles * size @ shape.X.rotation().matrix().T + shape.X.translation())
 
 
 def volume_of(shape: Shape) -> float:
-    """Returns the volume of a shape [m³]; of a mesh, if it is an STL that is there."""
-    size = shape.size
-    if shape.kind == "mesh":
-        if shape.file is None or shape.file.suffix.lower() != ".stl":
-            return 0.0
-        return mesh_volume(stl_triangles(shape.file) * shape.size)
-    if shape.kind == "box":
-        return float(np.prod(size))
-    if shape.kind in ("sphere", "ellipsoid"):
-        return float(4.0 / 3.0 * np.pi * np.prod(np.broadcast_to(size, 3)))
-    ball = 4.0 / 3.0 * np.pi * size[0] ** 3 if shape.kind == "capsule" else 0.0
-    return float(np.pi * size[0] ** 2 * size[1] + ball)
-
-
-def corners_of(shape: Shape) -> np.ndarray | None:
-    """Returns points (k, 3) around a shape, in the frame in which it stands; None if unknown."""
-    if shape.kind == "mesh":
-        box = None if shape.file is None else bounding_box(shape.file)
-        if box is None:
-            return None
-        points = (box.mean(axis=0) + CORNERS * np.ptp(box, axis=0)) * shape.size
-    else:
-        points = CORNERS * edges(shape)
-    return (shape.X @ points.T).T
-
-
-def box_of(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
-    """Returns the least and the largest corner (3,) [m] of a body's shapes; None without any."""
-    found = [points for shape in (*body.collisions, *body.visuals)
-             if (points := corners_of(shape)) is not None]
-    if not found:
-        return None
-    points = np.concatenate(found)
-    return points.min(axis=0), points.max(axis=0)
+    """Returns the volume of a shape [m³]; of a mesh that cannot be read it is zero."""
+    if shape.kind != "mesh":
+        return CalcVolume(SOLIDS[shape.kind](*shape.size))
+    triangles = triangles_of(shape)
+    return 0.0 if triangles is None else mesh_volume(triangles)
 
 
 @dataclass
@@ -100,23 +90,27 @@ def drawn(bodies: list[Body], robot: str, notes: Notes) -> Drawn:
 
 def _mesh(shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]) -> Shape | None:
     """Returns a mesh as it is drawn; None if nothing is known of it."""
-    name = shape.uri.rsplit("/", 1)[-1]
-    file = shape.file
+    name, file = shape.uri.rsplit("/", 1)[-1], shape.file
+    box = None if file is None else bounding_box(file)
     target = "" if file is None else f"{_folder(file, out)}/{name}"
+    if box is not None and np.max(np.linalg.norm(box * shape.size, axis=1)) > FARTHEST:
+        fates.setdefault(f"left out, for they reach beyond {FARTHEST:g} m, as in millimetres",
+                         []).append(name)
+        return None
     if file is not None and reason_not_drawn(file) is None:
         for path in (file, *_references(file)):
             out.files[f"{_folder(file, out)}/{path.relative_to(file.parent)}"] = path.read_bytes()
         fates.setdefault("kept", []).append(name)
-    elif file is not None and file.suffix.lower() == ".stl" and (text := _as_obj(file)):
+    elif (file is not None and file.suffix.lower() == ".stl"
+          and (triangles := mesh_triangles(file)) is not None):
         target += ".obj"
-        out.files[target] = text.encode()
+        out.files[target] = format_obj(triangles).encode()
         fates.setdefault("converted from STL to OBJ", []).append(name)
     else:
-        box = None if file is None else bounding_box(file)
         fate = "left out, for they are not there or cannot be read" if box is None else \
             "that Drake does not draw, replaced by the boxes around them"
         fates.setdefault(fate, []).append(name)
-        if box is None:
+        if file is None or box is None:
             return None
         low, high = np.sort(box * shape.size, axis=0)
         X = shape.X @ RigidTransform(0.5 * (low + high))
@@ -128,13 +122,6 @@ def _folder(file: Path, out: Drawn) -> str:
     """Returns the folder of a mesh in the robot's: one for each in which meshes were found."""
     number = len(out.folders) + 1
     return out.folders.setdefault(file.parent, "meshes" if number == 1 else f"meshes_{number}")
-
-
-def _as_obj(file: Path) -> str:
-    try:
-        return format_obj(stl_triangles(file))
-    except ValueError:
-        return ""
 
 
 def _references(file: Path) -> list[Path]:

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.model.robot_import.bodies import FRD_FROM_FLU, Body
-from uvms_drake.model.robot_import.shapes import box_of
+from uvms_drake.model.robot_import.sizes import Size, plausible_size, size_by_shapes
 from uvms_drake.model.robot_import.tree import Notes, Tree
 
 NAMES = tuple(re.compile(pattern, re.I) for pattern in (
@@ -19,12 +19,14 @@ REACH = 0.1
 """Length of a tool of which nothing is known [m]."""
 
 
-def place_tip(tree: Tree, bodies: list[Body], notes: Notes, flips: bool) -> RigidTransform:
+def place_tip(tree: Tree, bodies: list[Body], density: float, notes: Notes, flips: bool
+              ) -> RigidTransform:
     """Returns the pose of the tip in the last body, and says where it is from.
 
     Args:
         tree: Of the file, which may have a frame for it.
         bodies: Vehicle and arm.
+        density: Of the water [kg/m³].
         notes: The choice is added.
         flips: Whether the vehicle was turned, and a frame of the file with it.
     """
@@ -33,7 +35,7 @@ def place_tip(tree: Tree, bodies: list[Body], notes: Notes, flips: bool) -> Rigi
     along = _direction(last)
     found = _named(tree, last)
     if found is None:
-        reach = _reach(last, along)
+        reach = _reach(last, plausible_size(last, density, notes), along)
         X = RigidTransform(_upright(last, along), reach * along)
         notes.ask(notes.sdf, "frame tip, pose",
                   f"no link or frame of the file is a tip by its name. ESTIMATE: the end of "
@@ -84,8 +86,8 @@ def _direction(body: Body) -> np.ndarray:
     """Returns the unit vector (3,) along the tool: from the joint to the middle of the body."""
     if body.joint is None:
         return np.array([1.0, 0.0, 0.0])
-    box = box_of(body)
-    middle = body.com if box is None else 0.5 * (box[0] + box[1])
+    size = size_by_shapes(body)
+    middle = body.com if size is None else size[0].mean(axis=0)
     if np.linalg.norm(middle) < 1e-3:
         middle = body.com if np.linalg.norm(body.com) > 1e-3 else np.array([1.0, 0.0, 0.0])
     # Along the nearest axis, if there is one: links are not quite symmetric.
@@ -95,12 +97,10 @@ def _direction(body: Body) -> np.ndarray:
     return np.asarray(middle / np.linalg.norm(middle))
 
 
-def _reach(body: Body, along: np.ndarray) -> float:
-    box = box_of(body)
-    if box is None:
+def _reach(body: Body, size: Size | None, along: np.ndarray) -> float:
+    if size is None:
         return max(REACH, 2.0 * float(body.com @ along))
-    low, high = box
-    return float(np.maximum(low * along, high * along).sum())
+    return float(np.max(size[0] * along, axis=0).sum())
 
 
 def _upright(last: Body, tool: np.ndarray) -> RotationMatrix:

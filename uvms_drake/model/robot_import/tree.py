@@ -53,6 +53,8 @@ class Link:
     node: Node
     visuals: list[Shape] = field(default_factory=list)
     collisions: list[Shape] = field(default_factory=list)
+    sensors: list[str] = field(default_factory=list)
+    """Types of the sensors on it."""
     added_mass: np.ndarray | None = None
     """`fluid_added_mass` of SDFormat (6, 6), about the link's origin."""
     mass: float = 0.0

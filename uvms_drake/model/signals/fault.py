@@ -24,9 +24,10 @@ during the fault."""
 class Fault(Component):
     """Fault in a run."""
 
-    place: ClassVar[Literal["sensing", "force", "actuation", "solver", "disturbance"]]
+    place: ClassVar[Literal[
+        "sensing", "force", "actuation", "thrusters", "solver", "disturbance"]]
     """Place in the loop: a series of parts, of which that of the force carries `MEASURED_FORCE`; or
-    the solver or the disturbance."""
+    the commands to the thrusters, the solver or the disturbance."""
 
     start: float = 0.0
     """First instant of the fault [s]."""

@@ -18,6 +18,42 @@ import numpy as np
 from uvms_drake.common.constraints import Below, NotNegative, Positive, UnitVector
 from uvms_drake.common.schema import check_values
 
+STEEPEST_FLOOR = np.deg2rad(20.0)
+"""Largest inclination of a floor or a ceiling to the horizontal [rad]; beyond it is a wall."""
+
+
+def is_floor(direction: np.ndarray) -> bool:
+    """Returns whether a direction n (3,) into a surface is that of a floor or of a ceiling."""
+    return bool(abs(direction[2]) > np.cos(STEEPEST_FLOOR))
+
+
+def heading_of(direction: np.ndarray) -> float:
+    """Returns the heading [rad] of a robot that faces a wall, about z of Σ_I; 0 above a floor."""
+    return 0.0 if is_floor(direction) else float(np.arctan2(direction[1], direction[0]))
+
+
+def axis_names(direction: np.ndarray) -> tuple[str, str]:
+    """Returns the names of t₁ and t₂ of `wall_axes`: down and to port, or by the compass."""
+    if is_floor(direction):
+        return "north", "east" if direction[2] > 0.0 else "west"
+    return "down", "to port"
+
+
+def wall_axes(direction: np.ndarray) -> np.ndarray:
+    """Returns the rotation (3, 3) with the rows n, t₁ and t₂ = n × t₁ of a surface.
+
+    On a wall t₁ is down, z of Σ_I projected into it, and t₂ to port as seen along n. A floor or a
+    ceiling has no direction down: there t₁ is north, x of Σ_I projected into it.
+
+    Args:
+        direction: Unit vector n (3,) in Σ_I from the water into the surface.
+    """
+    x, _, z = np.eye(3)
+    reference = x if is_floor(direction) else z
+    first = reference - direction * (direction @ reference)
+    first = first / np.linalg.norm(first)
+    return np.array([direction, first, np.cross(direction, first)])
+
 
 @dataclass(frozen=True)
 class SurfaceClass:
@@ -59,11 +95,8 @@ class SurfaceClass:
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """Rotation (3, 3) with the rows n, t₁, t₂."""
-        n = self.direction
-        first = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
-        first = first / np.linalg.norm(first)
-        axes = np.array([n, first, np.cross(n, first)])
+        """Rotation (3, 3) with the rows n, t₁, t₂, see `wall_axes`."""
+        axes = wall_axes(self.direction)
         axes.setflags(write=False)
         return axes
 

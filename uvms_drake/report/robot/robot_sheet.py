@@ -9,6 +9,7 @@ from pydrake.solvers import MathematicalProgram, Solve
 from uvms_drake.control.laws.outputs import best_rows, row_names
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.description.thruster_file import AXES
+from uvms_drake.model.description.water_center import center_of_water
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.trim import Trim, trim_of
@@ -69,6 +70,8 @@ class RobotSheet:
     """Roll and pitch (2,) at which the robot comes to rest [rad], by its centres alone."""
     bodies: list[tuple[str, float, float, np.ndarray]]
     """Name, mass, mass of displaced water [kg], added mass in surge, sway and heave (3,) [kg]."""
+    water: dict[str, tuple[str, bool]]
+    """By body, the place of its added mass as a line, and whether that fits to its buoyancy."""
     joints: list[tuple[str, float, float, float, float]]
     """Name, limits, inertia of the motor at the joint, damping."""
     units: list[tuple[str, str, str]]
@@ -99,6 +102,10 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
     return RobotSheet(
         name=name, posture=posture, trim=trim, inertia=np.diag(M), roll=roll, pitch=pitch,
         hangs=np.arctan2([lever[1], -lever[0]], lever[2]), bodies=_bodies(uvms),
+        water={name: center_of_water(
+            added_mass_about_origin(body.added_mass), body.displaced_volume,
+            np.asarray(body.center_of_buoyancy), uvms.hydrodynamics.fluid_density)
+               for name, body in uvms.hydrodynamics.bodies.items()},
         joints=list(zip([joint.name() for joint in uvms.joints], model.q_lower, model.q_upper,
                         model.links.rotor_inertia, model.links.joint_damping, strict=True)),
         units=[SLIDING if slides(joint) else TURNING for joint in uvms.joints],
@@ -203,6 +210,7 @@ def _bodies(uvms: Uvms) -> list[tuple[str, float, float, np.ndarray]]:
     return found
 
 
+
 def format_sheet(sheet: RobotSheet, notes: Sequence[str] = ()) -> str:
     """Returns the sheet as text.
 
@@ -223,6 +231,7 @@ def _vehicle_lines(sheet: RobotSheet) -> list[str]:
     thrusters = "no thrusters.yaml" if sheet.thrust is None else (
         f"{sheet.thrust.count} thrusters")
     roll, pitch = np.degrees(sheet.hangs)
+    water, _ = sheet.water.get("vehicle", ("it is dry", True))
     return [
         f"{sheet.name}: {len(sheet.joints)} joints, {thrusters}",
         f"mass        {trim.mass:.4g} kg; with the water (surge, sway, heave) "
@@ -231,6 +240,7 @@ def _vehicle_lines(sheet: RobotSheet) -> list[str]:
         f"lies at roll {roll:.2g}°, pitch {pitch:.2g}°",
         f"centres     mass {_row(trim.center_of_mass)} m, buoyancy {_row(trim.center_of_buoyancy)} "
         f"m: {1e3 * trim.righting_lever:.3g} mm above",
+        f"water       of the vehicle, in its axes (FRD): {water}",
         f"roll        {_swing(sheet.roll)}", f"pitch       {_swing(sheet.pitch)}"]
 
 
@@ -274,7 +284,9 @@ def _body_lines(sheet: RobotSheet) -> list[str]:
 
 def notes_of(sheet: RobotSheet) -> list[str]:
     """Returns the notes: no mistakes, but worth knowing."""
-    notes = [f"joint {name} has no limits: a scenario has to give limits.q_lower and q_upper"
+    notes = [f"hydrodynamics.yaml, bodies.{name}.added_mass: {line}"
+             for name, (line, fits) in sheet.water.items() if not fits]
+    notes += [f"joint {name} has no limits: a scenario has to give limits.q_lower and q_upper"
              for name, lower, upper, *_ in sheet.joints if not np.all(np.isfinite([lower, upper]))]
     notes += [f"joint {name} has no inertia of a motor: of a gear it outweighs a light link"
               for name, _, _, rotor, _ in sheet.joints if rotor == 0.0]

@@ -3,8 +3,18 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from uvms_drake.actuation.joint_brake import StuckJoint
-from uvms_drake.common.errors import within
+from uvms_drake.actuation.thruster_faults import (
+    ExchangedThrusters,
+    FaultyThrusters,
+    LostThruster,
+    ReversedThruster,
+    StuckThruster,
+)
+from uvms_drake.actuation.thrusters import Thrusters
+from uvms_drake.common.errors import require, within
 from uvms_drake.common.kinds import offer
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
@@ -16,13 +26,16 @@ from uvms_drake.sensing.faults import (
     FrozenForce,
     FrozenState,
     JumpedForce,
+    JumpedPosition,
     LostForce,
     LostState,
+    MiscalibratedForce,
     SaturatedForce,
 )
 
 offer(Fault, SolverFailure, SolverTimeout, DroppedPeriod, FrozenState, LostState, LostForce,
-      FrozenForce, SaturatedForce, JumpedForce, StuckJoint, ExcessDisturbance)
+      FrozenForce, SaturatedForce, JumpedForce, StuckJoint, ExcessDisturbance, JumpedPosition,
+      MiscalibratedForce, LostThruster, StuckThruster, ReversedThruster, ExchangedThrusters)
 
 
 def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
@@ -33,6 +46,19 @@ def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
 def faults_at(place: str, faults: Sequence[Fault]) -> dict[str, Any]:
     """Returns the faults at a `place` by their keys in a scenario."""
     return {f"faults[{i}]": fault for i, fault in enumerate(faults) if fault.place == place}
+
+
+def with_faults(actuation: Sequence[Actuator], faults: Sequence[Fault], model: UvmsModel
+                ) -> list[Actuator]:
+    """Returns the actuation with the faults of its thrusters; raises for one that it has not."""
+    found, known = faults_at("thrusters", faults), [
+        part.known(model) for part in actuation if type(part) is Thrusters]
+    for key, fault in found.items():
+        require(bool(known), key, type(fault).__name__, "left out: actuation has no !Thrusters")
+        with within(key):
+            fault.sent(known[0], *np.zeros((2, known[0].size)))
+    return [FaultyThrusters(**vars(part), faults=tuple(found.values()))
+            if found and type(part) is Thrusters else part for part in actuation]
 
 
 def uncovered(faults: Sequence[Fault]) -> list[str]:

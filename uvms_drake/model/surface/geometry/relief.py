@@ -9,13 +9,13 @@ import numpy as np
 
 from uvms_drake.common.constraints import Between, NotNegative, Positive
 from uvms_drake.common.errors import require
-from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.surface.geometry.geometry import (
     DirectedGeometry,
     Geometry,
     Spread,
     angle_between,
 )
+from uvms_drake.model.surface.surface_class import wall_axes
 
 WAVES = 12
 """Number of cosines of a height."""
@@ -33,9 +33,8 @@ class Plane(Geometry):
 
     @property
     def tangent(self) -> np.ndarray:
-        """A unit vector (3,) along the plane, normal to an axis of Σ_I."""
-        along = cross(self.normal, np.eye(3)[np.argmin(np.abs(self.normal))])
-        return along / np.linalg.norm(along)
+        """A unit vector (3,) along the plane: down a wall, north on a floor, see `wall_axes`."""
+        return wall_axes(-np.asarray(self.normal))[1]
 
     def depth(self, position: np.ndarray) -> np.ndarray:
         """Returns δ (...) [m] at points of Σ_I (..., 3)."""
