@@ -248,7 +248,7 @@ def test_the_force_is_limited_by_what_the_scenario_limits_and_held_by_the_hardes
 def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
     assert HOLDS.verdict == (
         "certified: all 5 conditions hold; of the 3 numbers that tighten limits 1 are proven, 2 "
-        "estimated (a second search found up to 90% of the claims)")
+        "estimated (a second search found 50% to 90% of the claims)")
     felt = replace(HOLDS, estimates=(Estimate(JERK, 1.0, 0.9),))
     assert " 1 are proven, given the jerk of the tip, 2 estimated" in felt.verdict
     assert failing().verdict.startswith(

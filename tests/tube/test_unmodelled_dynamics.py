@@ -20,11 +20,13 @@ from uvms_drake.tube.estimates import LEAST_SHARE
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.unmodelled_dynamics import (
+    ForceChange,
     MotionSet,
     UnmodelledTerm,
     by_forces,
     by_robot,
     by_water,
+    commanded_rate,
     sizes,
     sizes_of,
     tip_acceleration,
@@ -134,7 +136,7 @@ def test_the_plant_does_what_is_said(name, model):
         np.testing.assert_allclose(d, c[i] + A[i] @ s, atol=1e-7)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_no_motion_is_beyond_the_claim_and_some_come_close(name, model):
     load = CASES[name].load(model)
@@ -210,6 +212,31 @@ def test_no_point_about_the_tip_accelerates_by_more_than_is_said(model):
         assert np.all(found <= bound + 1e-5)
     assert np.max(np.linalg.norm(moved(-h)[0] - 2.0 * moved(0.0)[0] + moved(h)[0], axis=1)
                   / h**2 / bounds[0]) > 0.9
+
+
+def test_a_force_that_its_reading_misses_accelerates_no_more_than_the_rate_says(model):
+    """Random changes along n of the cone and across; the worst of each comes close."""
+    at, _ = some(20, model, 6)
+    missed, rng = ForceChange(12.5, 5.2, 0.25), np.random.default_rng(7)
+    limits = np.full(10, 2.0), np.full(10, 3.0)
+    allowed = (commanded_rate(model, *limits, missed=missed)(at)
+               - commanded_rate(model, *limits)(at))
+    off = missed.tool_angle * np.sqrt(rng.uniform(size=3000))
+    about = rng.uniform(0.0, 2.0 * np.pi, 3000)
+    n = np.stack([np.cos(off), np.sin(off) * np.cos(about), np.sin(off) * np.sin(about)], axis=1)
+    across = rng.normal(size=(3000, 3))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    inverse = np.linalg.inv(model.mass_matrix(at.kinematics))
+    J_E = at.kinematics.J_links[:, -1, :3]
+    for change in (missed.normal * n, missed.tangential * across):
+        change = np.concatenate([change, -change])
+        found = np.abs(inverse @ J_E.swapaxes(1, 2) @ change.T)
+        assert np.all(np.max(found, axis=2) <= allowed + 1e-12)
+    both = np.concatenate([missed.normal * n + sign * missed.tangential * across
+                           for sign in (-1.0, 1.0)])
+    found = np.max(np.abs(inverse @ J_E.swapaxes(1, 2) @ both.T), axis=2)
+    assert np.all(found <= allowed + 1e-12)
+    assert np.all(found > 0.8 * allowed)
 
 
 def test_the_largest_norm_is_climbed_for_as_well_as_all_corners_say():
