@@ -87,7 +87,7 @@ def test_depth_and_tip_pitch_count(model):
 
 @pytest.mark.parametrize("angle", [0.1, 0.3])
 def test_the_tool_keeps_its_angle_at_the_best_heading(model, angle):
-    """The direction n points down by 0.2 rad, and the axis of the tool, of the samples, is turned to it."""
+    """The direction points down by 0.2 rad; a sample is turned to the best heading."""
     bounds = replace(BOUNDS, yaw=np.pi, tool=(0.2, angle))
     config, _ = bounds.sample(model, 500, np.random.default_rng(3))
     x_E = model.kinematics(config).A_E[:, :3, 0]

@@ -84,7 +84,7 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
         problem: The problem.
         wanted: Indices of channels.
         rng: Source of random numbers.
-        effort: Factor of the number of starts and of steps.
+        effort: Factor of the number of sweeps and of steps.
     """
     # The cube of all coordinates, about the middle of the set.
     size, declared, channels = problem.size, problem.declared, [problem.channels[i] for i in wanted]
@@ -119,7 +119,7 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
     start = rng.uniform(-1.0, 1.0, (MANY, 3 * size + problem.errors))
     start[:, 3:size] = np.clip((drawn[:, 3:size] - middle[3:]) / scale[3:], -1.0, 1.0)
     start[:, :3] = 0.0
-    largest, point = by_flips(values, start, rng, SWEEPS, effort * STARTS)
+    largest, point = by_flips(values, start, rng, effort * SWEEPS, STARTS)
     climb = Climb(problem, *decode(point), channels)
     for _ in range(effort * STEPS):
         climb.step()
