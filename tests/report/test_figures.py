@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from support.drawings import bands, levels, panels_of, shown
-from support.synthetic import desiring, synthetic_record, synthetic_sensed_record
+from support.synthetic import aimed_at, desiring, synthetic_record, synthetic_sensed_record
 
 from uvms_drake.actuation import Thrusters
 from uvms_drake.control.limits import TubeRadii
@@ -17,8 +17,9 @@ from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report.contact_figures import contact_drawing, depths_of, marks_of
 from uvms_drake.report.drawing import Drawing, Instant, Panel, band, draw, line
 from uvms_drake.report.figure_style import COLUMN_WIDTH, ORANGE, STYLE, tube_label
-from uvms_drake.report.figures import FIGURES, UNCERTIFIED, figures_of, make_figures
+from uvms_drake.report.figures import FIGURES, figures_of, make_figures
 from uvms_drake.report.html import format_report
+from uvms_drake.report.summary import summarise
 from uvms_drake.station.contact.bounds import safe_depth_margin
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
@@ -46,7 +47,7 @@ def texts_of(figure):
     return " ".join(text.get_text() for text in figure.findobj(matplotlib.text.Text))
 
 
-def test_every_figure_is_a_readable_png_at_column_width_and_says_if_it_is_uncertified(
+def test_every_figure_is_a_readable_png_at_column_width_and_has_the_verdict_of_the_run(
         record, tmp_path, monkeypatch):
     seen, before, write = [], dict(matplotlib.rcParams), Figure.text
     monkeypatch.setattr(Figure, "text", lambda self, x, y, text, **how: (
@@ -56,10 +57,14 @@ def test_every_figure_is_a_readable_png_at_column_width_and_says_if_it_is_uncert
     assert {path.name for path in paths} == NAMES == set(FIGURES) - rare
     for path in paths:
         assert imread(path).shape[1] in (COLUMN_WIDTH * 300, 2 * COLUMN_WIDTH * 300)
-    assert seen == [UNCERTIFIED] * len(NAMES)
+    verdict = summarise(record)["verdict"]["text"]
+    assert verdict.endswith("without a certificate")
+    assert [" ".join(text.split()) for text in seen] == [verdict] * len(NAMES)
     assert dict(matplotlib.rcParams) == before
-    make_figures(replace(record, certified=np.array(True)), tmp_path)
-    assert all(text.startswith("certified for ") for text in seen[len(NAMES):])
+    for path in make_figures(replace(record, certified=np.array(True)), tmp_path):
+        assert imread(path).shape[1] in (COLUMN_WIDTH * 300, 2 * COLUMN_WIDTH * 300)
+    assert all(text.startswith("all guarantees kept\ncertified for ")
+               for text in seen[len(NAMES):])
 
 
 @pytest.mark.parametrize("certified", [False, True])
@@ -297,12 +302,12 @@ def test_both_certified_bands_are_about_the_force_along_n(sensed):
     held = replace(
         sensed, nominal_state=nominal,
         scenario=replace(sensed.scenario, tube=replace(sensed.scenario.tube, hold=hold)),
-        signals=sensed.signals | {"target": sensed.chi_nominal[:, :3],
-                                  "touched": (sensed.time >= 1.0)[:, None].astype(float)})
+        signals=sensed.signals | aimed_at(sensed.chi_nominal[:, :3]) | {
+            "touched": (sensed.time >= 1.0)[:, None].astype(float)})
     force = contact_panels(held, certified=3.5)[0]
     for name, bound, start in (
         ("in motion", held.scenario.contact.band(20.0, tip_errors(held.scenario.tube)), 1.0),
-        ("in a hold, from 0.5 s on", hold_band(held.scenario.contact, 20.0, hold), 2.5)):
+        ("still at its target for 0.5 s", hold_band(held.scenario.contact, 20.0, hold), 2.5)):
         assert bands(force, name) == [(pytest.approx(20.0 - bound), pytest.approx(20.0 + bound))]
         (found,) = (each for each in force.series if name in each.style.get("label", ""))
         assert sensed.time[np.isfinite(found.y)][0] == pytest.approx(start, abs=0.03)

@@ -4,18 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.synthetic import synthetic_record, synthetic_sensed_record
+from support.synthetic import aimed_at, synthetic_record, synthetic_sensed_record
 
 import uvms_drake as uv
 from uvms_drake.campaign.run import outcome
+from uvms_drake.certificate.run_verdict import broken
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Cylinder, Plane
 from uvms_drake.model.surface.unknown_contact import HoldForces, UnknownContact
 from uvms_drake.report.contact_check import departures, force_bands, has_stood, summarise_bands
 from uvms_drake.report.metrics import wall_metrics
-from uvms_drake.report.signals import surface_depth, surface_slope
-from uvms_drake.report.summary import broken, format_summary
+from uvms_drake.report.signals import surface_slope
+from uvms_drake.report.summary import format_summary
+from uvms_drake.station.true_wall import surface_depth
 from uvms_drake.tube.contact.sensor_error import ripple
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
@@ -37,8 +39,9 @@ def record():
     return replace(
         base, nominal_state=nominal, force=force, certified=np.array(True),
         scenario=replace(base.scenario, tube=replace(base.scenario.tube, hold=HOLD)),
-        signals=base.signals | {"target": target, "touched": (time >= 1.0)[:, None].astype(float),
-                                  "stiffness_used": np.full((len(time), 1), 800.0)})
+        signals=base.signals | aimed_at(target) | {
+            "touched": (time >= 1.0)[:, None].astype(float),
+            "stiffness_used": np.full((len(time), 1), 800.0)})
 
 
 def test_a_plan_has_stood_once_all_of_its_speeds_were_small_for_the_time(record):
@@ -68,7 +71,9 @@ def test_the_summary_has_both_phases_and_a_band_that_is_left_breaks_the_guarante
     assert bands["hold"]["exits"] == bands["motion"]["exits"] == 0
     (line,) = (line for line in format_summary(uv.summarise(record)).splitlines()
                if " in a hold (" in line)
-    assert f"which is {least:.3g} N at least" in line
+    assert f"from {bands['hold']['after_touch_s']:.2g} s after the touch" in line
+    assert f"0.4 of {least:.3g} N at {bands['hold']['at']['time_s']:.2f} s" in line
+    assert bands["hold"]["after_touch_s"] == pytest.approx(STANDS + HOLD.time - 1.0, abs=0.021)
     outside = record.force.copy()
     outside[-1, 0] = 20.0 + 1.01 * least
     left = uv.summarise(replace(record, force=outside))

@@ -19,7 +19,6 @@ from uvms_drake.report.signals import (
     nominal_limits,
     real_limits,
     settling_index,
-    surface_depth,
     surface_slope,
     wrench_unit,
 )
@@ -27,6 +26,7 @@ from uvms_drake.station.contact.bounds import safe_depth_margin, sensed_contact
 from uvms_drake.station.diagram import PAINTED
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
+from uvms_drake.station.true_wall import surface_depth
 
 AT_TASK = 1e-3
 """Error of the nominal pose from which on the plan counts as at the task [m, rad]."""
@@ -215,7 +215,7 @@ def _normal_forces(record: Record, goal: np.ndarray) -> list[Series]:
 def _bands(record: Record, goal: np.ndarray) -> list[Series]:
     """Returns both certified bands about the desired force (T,): in contact, and in a hold."""
     found, hold = force_bands(record), record.scenario.tube.hold
-    since = "" if hold is None else f", from {hold.time:.2g} s on"
+    since = "" if hold is None else f", the plan still at its target for {hold.time:.2g} s"
     bands = []
     for holds, alpha, label in ((False, 0.12, "certified in motion"),
                                 (True, 0.35, f"certified in a hold{since}")):

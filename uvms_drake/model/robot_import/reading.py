@@ -263,6 +263,9 @@ class _Source:
             joint.velocity = max(axis.number("limit/velocity", 0.0, np.inf), 0.0)
             joint.damping = axis.number("dynamics/damping")
             joint.friction = axis.number("dynamics/friction")
+            if axis.number("dynamics/spring_stiffness"):
+                self.notes.changed.append(f"spring of joint {joint.name} left out: there is none "
+                                          "here")
         if not urdf and kind == "revolute" and not np.isfinite([joint.lower, joint.upper]).any():
             joint.kind = "continuous"
         for path in ("mimic", "axis/mimic", "drake:mimic"):
