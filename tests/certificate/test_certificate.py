@@ -116,12 +116,18 @@ def test_a_certificate_is_stale_exactly_if_something_it_depends_on_has_changed(
 
 @pytest.mark.parametrize(("change", "reason"), [
     ("seed=4", None), ("description=another", None), ("log_period=0.1", "the scenario"),
+    ("duration=50", "the scenario"), ("contact.force_line=3", "the scenario"),
     ("ancillary.tip.k=19", "the scenario"), ("tube.z=0.4", "the scenario"),
     ("contact.friction=0.4", "the scenario"), ("mpc.hover=3", "the scenario"),
     ("disturbance.bound=0.01", "the scenario"),
     ("faults=[!SolverFailure {probability: 1.0}]", "the scenario")])
 def test_one_in_probability_is_of_the_whole_scenario(change, reason):
     assert stale_reason(made(), uv.load_scenario(NAME, [change])) == reason
+
+
+def test_the_force_line_of_drawn_runs_is_none_of_the_worst_case():
+    assert len({fingerprint(uv.load_scenario("girona500_contact", [f"contact.force_line={line}"]))[
+        "inputs"] for line in ("null", "2", "3")}) == 1
 
 
 def test_another_robot_or_program_makes_it_stale(certificate, scenario):
