@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from uvms_drake.control.contact.contact_state import MEAN
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.control.plan.plan import off_parabola, stopping_distance
@@ -77,10 +78,10 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
         omega * age * (np.sin(contact.angle) + mu * np.cos(contact.angle)) / np.hypot(1.0, mu)
         + 0.5 * omega**2 * (age**2 + approach.lag**2))
     return HoldRadii(
-        time=found.time, depth=found.bounds.depth, position=found.bounds.position,
+        time=found.time + MEAN, depth=found.bounds.depth, position=found.bounds.position,
         advance=float(found.speeds[0]), standing=float(STANDING[0]),
         reading=error_along(reading.error, contact.tool_angle) + reading.payload[0] + float(turned),
-        age=age), condition
+        age=age, since=0.5 * (MEAN + contact.period)), condition
 
 
 def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:
