@@ -522,8 +522,8 @@ def safer(safety_factor: float, ratio: float) -> str:
         safety_factor: `certificate.safety_factor`.
         ratio: That result over the estimate.
     """
-    if 1.0 <= (less := math.floor(100.0 * safety_factor * ratio / LEAST_SHARE) / 100.0) and (
-            ratio < LEAST_SHARE):
+    less = math.floor(100.0 * safety_factor * ratio / LEAST_SHARE) / 100.0
+    if ratio < LEAST_SHARE and less >= 1.0:
         return setting(certificate__safety_factor=less)
     if not 1.0 < ratio < 2.0:
         return ""
