@@ -116,12 +116,18 @@ def test_a_certificate_is_stale_exactly_if_something_it_depends_on_has_changed(
 
 @pytest.mark.parametrize(("change", "reason"), [
     ("seed=4", None), ("description=another", None), ("log_period=0.1", "the scenario"),
+    ("duration=50", "the scenario"), ("contact.force_line=3", "the scenario"),
     ("ancillary.tip.k=19", "the scenario"), ("tube.z=0.4", "the scenario"),
     ("contact.friction=0.4", "the scenario"), ("mpc.hover=3", "the scenario"),
     ("disturbance.bound=0.01", "the scenario"),
     ("faults=[!SolverFailure {probability: 1.0}]", "the scenario")])
 def test_one_in_probability_is_of_the_whole_scenario(change, reason):
     assert stale_reason(made(), uv.load_scenario(NAME, [change])) == reason
+
+
+def test_the_force_line_of_drawn_runs_is_none_of_the_worst_case():
+    assert len({fingerprint(uv.load_scenario("girona500_contact", [f"contact.force_line={line}"]))[
+        "inputs"] for line in ("null", "2", "3")}) == 1
 
 
 def test_another_robot_or_program_makes_it_stale(certificate, scenario):
@@ -328,5 +334,6 @@ def test_the_force_is_said_with_both_bands_where_there_are_two(contact):
     said = "the force is off by less than 16.8 N once the plan is at the task"
     assert HOLDS.force_sentence == said
     assert full(contact).force_sentence == (
-        f"{said}, and by less than 6.12 N in a hold, from 1.3 s after the plan stands")
+        f"{said}, and by less than 6.12 N in a hold: the plan at its target, not clipped by "
+        "`deepest`, and for 1.3 s slower than 2 mm/s, 2 mrad/s and joints 10 mrad/s")
     assert replace(HOLDS, bounds={}).force_sentence == ""
