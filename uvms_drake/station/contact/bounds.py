@@ -30,6 +30,12 @@ LONGEST_FREEZE = 0.25
 """Longest time for which a frozen reading is taken for a force before it is detected [s]; the safe
 region allows for it at every reading. A sensor that needs longer has no detection."""
 
+STANDING = np.array([0.002, 0.002, 0.01])
+"""Largest speeds of a plan that stands: advance of the tip [m/s], ‖ν̄₂‖ and ‖q̄̇‖ [rad/s]."""
+SWING, LONGEST_MEAN = 1.6, 0.8
+"""Change of a reading by noise alone that may not move a target faster than `STANDING` [N], and
+longest time of the mean that ensures it [s]."""
+
 
 def sensed_contact(scenario: Scenario) -> SensedContact:
     """Returns the declared data of the wall."""
@@ -130,7 +136,12 @@ def sensing_of(scenario: Scenario) -> EstimatorSettings:
         repeats = 0
     return EstimatorSettings(
         force_max=contact.force, noise=contact.force_error, period=contact.period,
-        window=contact.delay, repeats=repeats)
+        window=contact.delay, repeats=repeats, mean=mean_time(contact))
+
+
+def mean_time(contact: UnknownContact) -> float:
+    """Returns the time over which a press averages its readings [s], by `SWING`."""
+    return min(LONGEST_MEAN, SWING / (contact.stiffness * STANDING[0]))
 
 
 def fastest_advance(contact: UnknownContact) -> float:
