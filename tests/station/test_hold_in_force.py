@@ -74,8 +74,9 @@ def test_noise_within_its_bound_cannot_keep_the_plan_in_motion(wave, share):
 def test_a_plan_that_deepest_keeps_short_of_its_target_is_in_no_hold():
     record = run_of(8.0, deepest=0.022)
     contact = sensed_contact(record.scenario)
-    assert mean_time(contact) == pytest.approx(MEAN)
-    assert mean_time(replace(contact, stiffness=20000.0)) == pytest.approx(0.05 * MEAN)
+    assert mean_time(record.scenario) == pytest.approx(MEAN)
+    stiff = replace(record.scenario, contact=replace(contact, stiffness=20000.0))
+    assert mean_time(stiff) == pytest.approx(0.05 * MEAN, rel=0.1)
     found, stood = force_bands(record), has_stood(record) & (record.signals["touched"][:, 0] > 0.0)
     assert np.mean(stood) > 0.2
     off = np.max(np.abs(found.error[stood]))

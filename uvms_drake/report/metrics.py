@@ -172,7 +172,7 @@ def _summarise_class(record: Record) -> dict[str, object]:
 
     observed = departures(
         contact, record.time, record.chi[:, :3], velocity, record.force[:, :3], static,
-        has_stood(record, mean_time(contact)))
+        has_stood(record, mean_time(record.scenario)))
     return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 
 

@@ -114,11 +114,11 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
         omega * age * (np.sin(contact.angle) + mu * np.cos(contact.angle)) / np.hypot(1.0, mu)
         + 0.5 * omega**2 * (age**2 + approach.lag**2))
     return HoldRadii(
-        time=found.time + mean_time(contact),
+        time=found.time + mean_time(scenario),
         depth=found.bounds.depth, position=found.bounds.position,
         advance=float(found.speeds[0]), standing=float(STANDING[0]),
         reading=error_along(reading.error, contact.tool_angle) + reading.payload[0] + float(turned),
-        age=age, since=0.5 * (mean_time(contact) + contact.period)), condition
+        age=age, since=0.5 * (mean_time(scenario) + contact.period)), condition
 
 
 def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:
