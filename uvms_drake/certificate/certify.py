@@ -58,7 +58,7 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.true_wall import in_words, outside
 from uvms_drake.tube.conditions import Condition, assumption, setting
 from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.estimates import Check, checked, no_estimates, together
+from uvms_drake.tube.estimates import LEAST_SHARE, Check, checked, no_estimates, together
 from uvms_drake.tube.law_tube import Basis, LawTube, constants_of
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -516,12 +516,15 @@ def longer(horizon: int) -> str:
 def safer(safety_factor: float, ratio: float) -> str:
     """Returns a safety factor with which an estimate exceeds the result of a second search.
 
-    Empty if the ratio is out of the range of a safety factor.
+    Also, not by more than one with power may miss. Empty if none is in the range of such a factor.
 
     Args:
         safety_factor: `certificate.safety_factor`.
         ratio: That result over the estimate.
     """
+    less = math.floor(100.0 * safety_factor * ratio / LEAST_SHARE) / 100.0
+    if ratio < LEAST_SHARE and less >= 1.0:
+        return setting(certificate__safety_factor=less)
     if not 1.0 < ratio < 2.0:
         return ""
     return setting(certificate__safety_factor=_up(1.02 * ratio * safety_factor, 2))
