@@ -140,15 +140,16 @@ class MujocoRobot:
         mujoco.mj_forward(m, d)
 
     def _set_contact(self, stiffness: float, damping: float) -> None:
-        """Makes the contact a spring with a damper: R f = k r + b ṙ with R = A (1 − d)/d.
+        """Makes the contact a spring with a damper: R f = d k r + b ṙ with R = A (1 − d)/d.
 
-        So k = K R, b = C R. The damping C is that of our wall at the desired force.
+        So d k = K R, b = C R; MuJoCo's settings are −d² k and −d b. The damping C is that of our
+        wall at the desired force.
         """
         m = self.model
         A = m.body_invweight0[self.tool, 0]
         R = A * (1.0 - IMPEDANCE) / IMPEDANCE
         for i in range(m.ngeom):
-            m.geom_solref[i] = -stiffness * R * IMPEDANCE**2, -damping * R * IMPEDANCE
+            m.geom_solref[i] = -stiffness * R * IMPEDANCE, -damping * R * IMPEDANCE
             m.geom_solimp[i] = IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0
 
     def step(self) -> None:

@@ -15,8 +15,8 @@ from in_mujoco import PERIODS, SCENARIOS, press
 import uvms_drake as uv
 
 RESULTS = Path(__file__).parent.parent / "results"
-CASES = {"girona500_arm5e": ((1.0, 0.0, 11.0), (2.0, 0.05, 14.0)),
-         "bluerov2_alpha5": ((1.0, 0.0, 19.0), (2.0, 0.05, 21.0))}
+CASES = {"girona500_arm5e": ((0.5, 0.0, 11.0), (1.0, 0.05, 14.0)),
+         "bluerov2_alpha5": ((0.5, 0.0, 19.0), (1.0, 0.05, 21.0))}
 """For each robot factor of the stiffness, shift [m] and duration [s]."""
 
 
@@ -54,7 +54,10 @@ def main() -> None:
     """Writes table and figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=Path, required=True, help="folder of the runs")
-    folder = parser.parse_args().rows
+    parser.add_argument("--kept-only", action="store_true",
+                        help="leave out runs in Drake that the folder does not have")
+    arguments = parser.parse_args()
+    folder = arguments.rows
     folder.mkdir(exist_ok=True)
     figure, axes = plt.subplots(2, 2, figsize=(9.0, 5.6), layout="constrained")
     lines = ["# The same controller in MuJoCo and in Drake", "",
@@ -69,21 +72,24 @@ def main() -> None:
             name = f"{robot}_{stiffer:g}_{off:g}"
             mujoco = kept(folder, f"mujoco_{name}", lambda robot=robot, case=(
                 duration, stiffer, off): press(robot, *case))
-            drake = kept(folder, f"drake_{name}", lambda robot=robot, case=(
-                stiffer, off, duration): in_drake(robot, *case))
-            ends = [model.task_pose(run["state"][-1][: model.size])[:3]
-                    for run in (mujoco, drake)]
+            force, apart = "not run", "–"
+            if not arguments.kept_only or (folder / f"drake_{name}.json").exists():
+                drake = kept(folder, f"drake_{name}", lambda robot=robot, case=(
+                    stiffer, off, duration): in_drake(robot, *case))
+                ends = [model.task_pose(run["state"][-1][: model.size])[:3]
+                        for run in (mujoco, drake)]
+                force = over_end(drake)
+                apart = f"{1e3 * np.linalg.norm(ends[0] - ends[1]):.1f} mm"
+                axis.plot(drake["time"], drake["force"], label="Drake", linewidth=2.5, color="C1")
             change = mujoco["energy"] - mujoco["energy"][0]
             wall = f"{stiffer * scenario.surface.law.stiffness:.0f} N/m" + (
                 f", {100 * off:.0f} cm off" if off else "")
             lines.append(
-                f"| {robot}, {desired:g} N | {wall} | {over_end(mujoco)} | {over_end(drake)} | "
-                f"{1e3 * np.linalg.norm(ends[0] - ends[1]):.1f} mm | "
+                f"| {robot}, {desired:g} N | {wall} | {over_end(mujoco)} | {force} | {apart} | "
                 f"{np.max(np.abs(mujoco['sensed'] - mujoco['force'])):.3f} N | "
                 f"{np.max(np.abs(change - mujoco['work'])):.3f} J of "
                 f"{mujoco['traffic'][-1]:.0f} J |")
             axis.axhline(desired, color="0.7", linewidth=1.0)
-            axis.plot(drake["time"], drake["force"], label="Drake", linewidth=2.5, color="C1")
             axis.plot(mujoco["time"], mujoco["force"], label="MuJoCo", linewidth=1.0, color="C0")
             axis.set_title(f"{robot}: {wall}", fontsize=10)
             axis.set_ylabel("force [N]")

@@ -193,6 +193,18 @@ def test_mujoco_has_the_mass_matrix_and_the_acceleration_of_the_model():
         np.testing.assert_allclose(M @ rate, M @ expected, atol=0.05 * np.abs(robot.tau).max())
 
 
+def test_the_wall_in_mujoco_has_the_stiffness_asked_for():
+    """By its solver's own numbers: a contact at rest has the force aref / R."""
+    pytest.importorskip("mujoco", reason="needs the extra mujoco")
+    scenario = uv.load_scenario("girona500_contact")
+    model, wall = uv.load_model(scenario), np.asarray(scenario.surface.geometry.point)
+    robot = example("in_mujoco").MujocoRobot(scenario, 900.0, wall)
+    tip = model.task_pose(robot.state()[:10])[:3]
+    robot.data.qpos[0] += (-robot.normal @ (wall - tip) + 0.01) / -robot.normal[0]
+    robot.step()
+    assert robot.data.efc_aref[0] / robot.data.efc_R[0] == pytest.approx(9.0, rel=1e-3)
+
+
 @pytest.mark.slow
 def test_a_short_press_in_mujoco_keeps_its_energy_and_its_sensors_agree():
     pytest.importorskip("mujoco", reason="needs the extra mujoco")
