@@ -9,7 +9,7 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from adversaries import WALLS, on_wall
+from adversaries import on_wall
 from hold_station import HoldStation
 from make_all import provenance
 
@@ -26,7 +26,8 @@ from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 SCENARIOS = ("girona500_contact", "jacket_inspection", "bluerov2_contact", "girona500_stiff",
              "girona500_tip_first", "girona500_inspection", "bluerov2_cp_probe",
              "girona500_unknown_floor")
-ATTACKED = ("girona500_contact", "bluerov2_contact")
+ATTACKED = {"girona500_contact": ("stiffest", "softer")}
+"""Walls of `adversaries.WALLS` for each attacked scenario."""
 DURATION = 30.0
 """Duration of an attack, from the first hold on [s]."""
 APART = (0.5, 8.0)
@@ -57,7 +58,7 @@ def row_of(name: str) -> str:
 
 
 def attacked(name: str, wall: str, seed: int) -> str:
-    """Returns the row of a run with random steps of the desired force, on a wall of `WALLS`."""
+    """Returns the row of a run with random steps of the desired force, on a wall."""
     scenario, certificate = certified(name)
     scenario = replace(certificate.applied_to(scenario), mission=Mission())
     loop = HoldStation(on_wall(scenario, wall, 1.0), 1.0, DURATION)
@@ -112,9 +113,9 @@ def main() -> None:
           "run has left.\n\n"
           "| scenario | wall | steps | in motion | share | in a hold | share | left |\n"
           "|---|---|---|---|---|---|---|---|")
-    for name in ATTACKED:
+    for name, walls in ATTACKED.items():
         if name in args.scenarios:
-            for wall in WALLS:
+            for wall in walls:
                 print(attacked(name, wall, args.seed), flush=True)
 
 
