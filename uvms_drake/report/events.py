@@ -24,12 +24,12 @@ from uvms_drake.report.signals import (
 from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.diagram import (
-    MONITOR_SLACK,
     monitor_begin,
     monitor_floor,
     set_wise_radii,
 )
 from uvms_drake.station.record import Record
+from uvms_drake.station.supervision import MONITOR_SLACK
 
 ROUNDING = 1e-9
 """Rounding of a place [m], a force [N] or a torque [N m]."""

@@ -30,6 +30,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from uvms_drake.common.constraints import Between, Fraction, NotNegative, Rate, Vector
 from uvms_drake.common.errors import require
 from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Sensor, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -102,6 +103,10 @@ class Dvl:
     """Bound of the growth of the error without a fix, of each component [m/s²]: the bias of the
     accelerometers, drawn by the scenario's seed."""
 
+    outage: Annotated[np.ndarray, Vector(2), NotNegative] = field(
+        default_factory=lambda: np.zeros(2))
+    """Start and duration of an outage without a fix, beyond the declared `gap` [s]."""
+
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         require(1.0 <= self.gap * self.rate <= 1e4, "gap", self.gap,
@@ -117,6 +122,9 @@ class Dvl:
 
         Every fix whose index is a multiple of `most` is there, which keeps the gaps short.
         """
+        start, duration = self.outage
+        if start < time < start + duration:
+            time = start
         j = int(time * self.rate + 1e-9)
         while j % self.most and uniform_number(seed, (STREAM, 1, j)) < self.lost:
             j -= 1
@@ -215,7 +223,32 @@ class Navigation(Sensor):
         measured = SampledVector.AddToBuilder(
             builder, port.size(), clocks, name="navigation", vector=port).get_output_port()
         signals["measured_state"] = measured
+        signals["fix_age"] = FixAge.AddToBuilder(builder, self.dvl, seed).get_output_port()
         return measured
+
+
+class FixAge(WiredSystem):
+    """Age of the last fix of a Doppler log, which a driver knows.
+
+    .. pydrake_system::
+
+        name: FixAge
+        output_ports:
+        - fix_age
+
+    - `fix_age` (1): [s].
+
+    It has no state.
+
+    Args:
+        dvl: The log.
+        seed: Seed of its gaps.
+    """
+
+    def __init__(self, dvl: Dvl, seed: int):
+        super().__init__()
+        output_of(self, "fix_age", 1, lambda c: [
+            c.get_time() - dvl.last_fix(c.get_time(), seed) / dvl.rate], {self.time_ticket()})
 
 
 CHANNELS = ("position", "attitude", "joints", "velocity", "turning", "joint_rates")
