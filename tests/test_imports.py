@@ -22,7 +22,7 @@ ROOMS = (
     ("visual",),
     ("station",),
     ("certificate",),
-    ("report",),
+    ("report", "loop"),
     ("campaign",),
     ("setup", "benchmark"),
     ("papers",),
@@ -160,10 +160,10 @@ def test_the_wheel_has_every_package():
 def test_the_examples_import_little_from_inside_the_package():
     """A script's names are by `uv` and by a paper; parts of the plant and of the replay are not.
 
-    The script that tunes the gains of the baselines is a tool of that room.
+    The scripts that tune the gains of the baselines and draw the animation are tools.
     """
     deep = [f"{path.name}: {line}" for path in sorted((PACKAGE.parent / "examples").glob("*.py"))
-            if path.name != "tune_baselines.py"
+            if path.name not in ("tune_baselines.py", "animation.py")
             for line in path.read_text("utf-8").splitlines() if line.startswith("from uvms_drake.")
             and not line.startswith("from uvms_drake.papers import")]
     assert len(deep) <= 5, "\n".join(deep)

@@ -53,6 +53,9 @@ CASES = {
     "nested.sdf": Case("includes in includes", 10.0),
     "rounded.urdf": Case("rounded 6×6 matrices in plugins of uuv_simulator", 50.0),
     "wide_limits.urdf": Case("limits of 0.03..6.02, the tool along z", 5.0),
+    "dae_arm.urdf": Case("FRD matrices of uuv_simulator, an arm of COLLADA", 300.0),
+    "winged.urdf": Case("a glider with wings and a propeller", 3.0),
+    "millimetres.urdf": Case("meshes in millimetres without a scale", 10.0),
 }
 
 

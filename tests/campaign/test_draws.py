@@ -62,6 +62,11 @@ def test_unknowns_are_drawn_up_to_their_size_where_they_are_declared():
     """Errors of either sign and currents of any direction; exact values stay exact."""
     scenario = uv.load_scenario(REAL, ["model_error.payload.mass=0.2"])
     drawn = [drawn_unknowns(scenario.unknowns, np.random.default_rng(seed)) for seed in range(200)]
+    corners = [drawn_unknowns(scenario.unknowns, np.random.default_rng(seed), 1.0)
+               for seed in range(40)]
+    assert all(np.hypot(*each.current[:2]) == pytest.approx(0.1)
+               and each.error.payload.mass == 0.2 for each in corners)
+    assert {round(each.error.mass, 9) for each in corners} == {0.9, 1.1}
     masses = np.array([each.error.mass for each in drawn])
     assert np.all(np.abs(masses - 1.0) <= 0.1 + 1e-12)
     assert np.min(masses) < 0.92 and np.max(masses) > 1.08
@@ -96,7 +101,9 @@ def test_errors_of_thrusters_are_drawn_one_by_one_and_leave_every_other_draw_as_
 
 
 @pytest.mark.parametrize(("scenario", "overrides", "parts"), [
-    (REAL, [], ("mass 0.1", "current 0.1 m/s from any heading", "uniform from 5 to 21.3 N",
+    (REAL, [], ("mass 0.1", "current 0.1 m/s from any heading",
+                "uniform from 5 to 21.3 N, held for 20 s with the probability 0.25",
+                "with the probability 0.2 all unknowns",
                 "friction up to 0.5", "stiffness from 0.1 of 1000 N/m")),
     (REAL, ["waves=[{amplitude: 0.1}]", "model_error.joint_friction.coulomb=[0.5]",
             "model_error.payload.mass=0.5", "disturbance.bound=0.02", "actuation.1.error=[0.1]"],

@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.campaign.summary`: guarantees and their violations."""
 
+from dataclasses import replace
+
 import pytest
 from support.missions import SHORT, mission_record
 
@@ -16,6 +18,8 @@ from uvms_drake.campaign.summary import (
     summarise_campaign,
     summarise_times,
 )
+from uvms_drake.certificate.attempts import Attempt
+from uvms_drake.certificate.in_probability import failure_bound, spent
 from uvms_drake.command.drawn_runs import drawable
 from uvms_drake.mission.law import RUNNING, SKIPPED, TIME_OUT
 from uvms_drake.report.metrics import metrics
@@ -104,6 +108,8 @@ def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
 
 KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
         "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "inside": True,
+        "use": {"nu1": 0.6, "u[2]": 0.9}, "off_line": 0.8, "starts": 2, "walls": 1,
+        "desired_force": 10.0,
         "wall": {"static": 0.4, "peak": 0.5, "losses": 0, "in_class": True,
                  "first_touch_s": 12.0}}
 
@@ -111,6 +117,14 @@ KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajec
 @pytest.fixture(scope="module")
 def real():
     return uv.load_scenario("girona500_real_loop")
+
+
+def certificate_of(scenario, results, earlier=0, confidence=0.95):
+    """The certificate of results, after so many earlier attempts."""
+    mine = Attempt("girona500_arm5e, SensedContact", scenario.name, len(results), 64 * "b")
+    attempts = (*(replace(mine, identity=64 * str(i)) for i in range(earlier)), mine)
+    campaign = make_campaign(scenario, mine.seed, None, len(results))
+    return certificate_in_probability(campaign, attempts, scenario, results, confidence)
 
 
 def with_wall(**changes):
@@ -126,6 +140,9 @@ def with_wall(**changes):
     (with_wall(peak=1.01, in_class=False), ("force",)), (KEPT | {"mpc_failures": 1}, ("no plan",)),
     (KEPT | {"losses": 1}, ("contact",)), (with_wall(losses=2), ("contact",)),
     (with_wall(first_touch_s=None), ("no touch",)),
+    (KEPT | {"off_line": 1.01}, ("force line",)), (KEPT | {"off_line": None}, ()),
+    *((KEPT | {"use": {"position": 0.3, row: 1.01}}, ("tube",)) for row in (
+        "depth", "nu1", "nu2", "qdot", "tip_speed", "roll", "pitch", "u[9]", "tau[0]")),
     (KEPT | {"mission": {"done": False}}, ("mission",)), (KEPT | {"mission": {"done": True}}, ()),
     (KEPT | {"exits_set": 1, "violations": 1}, ("tube", "limit"))])
 def test_every_kind_of_failure_counts(result, kinds):
@@ -133,24 +150,48 @@ def test_every_kind_of_failure_counts(result, kinds):
 
 
 def test_a_run_that_fails_in_two_ways_is_one_failure_and_none_can_be_left_out(real):
-    campaign = make_campaign(real, 1, None, 60)
     results = [KEPT | {"index": i} for i in range(60)]
-    assert certificate_in_probability(campaign, real, results, 0.95).probability == pytest.approx(
-        1.0 - 0.05**(1.0 / 60.0))
+    assert certificate_of(real, results).probability == pytest.approx(1.0 - 0.025**(1.0 / 60.0))
     results[7] |= {"exits_set": 1, "violations": 2}
     results[9] |= {"exits_set": 1}
-    found = certificate_in_probability(campaign, real, results[::-1], 0.95)
+    results[3] |= {"starts": 5, "use": {"nu1": 0.2, "u[2]": 0.95}}
+    found = certificate_of(real, results[::-1])
+    assert (found.draws, found.use) == ({"starts": 123, "walls": 60}, {"nu1": 0.6, "u[2]": 0.95})
+    assert found.force == {"least": 10.0, "largest": 10.0, "off_line": 0.8}
     assert (found.runs, found.failures, found.failed) == (60, 2, (7, 9))
     assert (found.kinds["tube"], found.kinds["limit"]) == (2, 1)
-    assert found.probability == pytest.approx(0.1012, abs=1e-4)
+    assert found.probability == failure_bound(60, 2, 0.975)
     with pytest.raises(AssertionError, match="a run is missing"):
-        certificate_in_probability(campaign, real, results[1:], 0.95)
+        certificate_of(real, results[1:])
+    with pytest.raises(AssertionError):  # Runs of a seed that is not that of the attempt.
+        certificate_in_probability(
+            make_campaign(real, 1, None, 60), found.attempts, real, results, 0.95)
+
+
+def test_each_attempt_at_a_task_has_a_larger_bound(real):
+    """Clopper and Pearson at 1 − 0.05/(k(k + 1)), whose parts of 0.05 add up to it."""
+    results = [KEPT | {"index": i} for i in range(60)]
+    found = [certificate_of(real, results, earlier) for earlier in range(3)]
+    assert [each.attempt for each in found] == [1, 2, 3]
+    for k, each in enumerate(found, 1):
+        assert each.probability == pytest.approx(1.0 - (0.05 / (k * (k + 1)))**(1.0 / 60.0))
+        assert f"over all attempts (attempt {k})" in each.verdict
+    assert sum(1.0 - spent(0.95, k) for k in range(1, 100000)) == pytest.approx(0.05, rel=1e-4)
+
+
+def test_the_scenarios_own_run_is_among_those_that_are_drawn(real):
+    assert certificate_of(real, [KEPT]).never_drawn == ()
+    far = uv.load_scenario("girona500_real_loop", [
+        "task.force=[5.0, 0.0, 0.0, 0.0, 0.0, 0.0]", "surface.geometry.point=[0.14, 0.0, 0.0]",
+        "surface.law.stiffness=300.0"])
+    (said,) = certificate_of(far, [KEPT]).never_drawn
+    assert said.startswith("wall: 0.")
 
 
 def test_the_mission_of_every_run_is_a_part_of_the_claim():
     scenario = uv.load_scenario("jacket_inspection_real")
     results = [KEPT | {"index": i, "mission": {"done": i != 2}} for i in range(4)]
-    found = certificate_in_probability(make_campaign(scenario, 1, None), scenario, results, 0.95)
+    found = certificate_of(scenario, results)
     assert found.mission == ("approach, hold, retreat, approach, hold, retreat, approach, hold, "
                              "slide, retreat")
     assert (found.failed, found.kinds["mission"]) == ((2,), 1)

@@ -215,9 +215,10 @@ def test_the_texts_of_certificates_are_as_they_were_read(contact):
     check_snapshot("certificate_bare", str(HOLDS))
     check_snapshot("certificate_short", format_overview(full(contact), contact, 27.31))
     check_snapshot("certificate_failing", format_overview(failing(), contact))
+    named = {"inputs": 64 * "a"}
     check_snapshot("certificate_in_probability", "\n\n".join(map(format_probability, (
-        made(), made((2, 7, 9), p=0.123, mission="approach, slide"),
-        made((0, 1), runs=2, p=1.0)))))
+        made(**named), made((2, 7, 9), p=0.123, mission="approach, slide", **named),
+        made((0, 1), runs=2, p=1.0, **named)))))
 
 
 def test_the_numbers_of_the_short_text_are_those_of_the_certificate(contact):

@@ -3,6 +3,7 @@
 import shlex
 
 import pytest
+from support.refusals import OBJECT
 from support.robot_files import FILES
 
 from uvms_drake.command.main import main
@@ -50,7 +51,9 @@ REFUSED = {
     "certify --set certificate.terminal_samples=1e12": "certificate.terminal_samples",
     "certify --runs 0": "--runs = 0: must be at least 1",
     "certify --runs 2 --confidence 1": "--confidence = 1.0: must be at least 0.5 and below 1",
-    "certify --runs 2 --set seed=4": "--set = 'seed=4': must be --seed N",
+    "certify --runs 2 --set seed=4": "--set = 'seed=4': must be left out",
+    "certify --runs 2 --seed 4": "unrecognized arguments: --seed",
+    "campaign --seed 4294967296": "--seed = 4294967296: must be zero or positive, below",
     "certify --runs 2 --largest seed": "--largest = 'seed': must be left out with --runs",
     "certify --workers 2": "--workers = 2: must be left out without --runs",
     "campaign --runs many": "invalid int value", "campaign --seed -1": "--seed = -1",
@@ -106,4 +109,5 @@ def test_a_bad_command_line_is_refused_in_a_line_and_nothing_is_written(
     assert err.startswith("uvms-drake: error: ")
     assert text in err
     assert len(err) < 800
+    assert not OBJECT.search(err)
     assert sorted(folder.rglob("*")) == before

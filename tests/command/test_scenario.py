@@ -88,7 +88,7 @@ def test_a_scenario_is_made_for_every_legal_robot(seeds, tmp_path, capsys):
         robot = write_random_robot(tmp_path / str(seed), np.random.default_rng(seed))
         file = tmp_path / str(seed) / "press.yaml"
         for words in (["robot", str(robot)],
-                      ["scenario", "--new", str(file), "--robot", str(robot)]):
+                      ["scenario", "--uncertified", "--new", str(file), "--robot", str(robot)]):
             if main(words) != 0:
                 refused.append(f"{seed}, {words[0]}: {capsys.readouterr().err}")
                 break
@@ -109,7 +109,7 @@ def test_a_scenario_that_run_would_refuse_is_not_written(tmp_path, monkeypatch, 
 
     monkeypatch.setattr(first_scenario, "format_first_scenario", too_gentle)
     file = tmp_path / "new" / "folder" / "press.yaml"
-    assert main(["scenario", "--new", str(file), "--robot", "box_uvms"]) == 2
+    assert main(["scenario", "--uncertified", "--new", str(file), "--robot", "box_uvms"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
@@ -123,6 +123,6 @@ def test_limits_of_a_scenario_are_within_those_of_the_robot(ends, tmp_path):
     low, high = ends
     robot = diver(tmp_path, (".urdf", 'lower="-1.4" upper="0.6"', f'lower="{low}" upper="{high}"'))
     file = tmp_path / "press.yaml"
-    assert main(["scenario", "--new", str(file), "--robot", str(robot)]) == 0
+    assert main(["scenario", "--uncertified", "--new", str(file), "--robot", str(robot)]) == 0
     limits = load_scenario(str(file)).limits
     assert low <= limits.q_lower[0] < limits.q_upper[0] <= high

@@ -23,7 +23,7 @@ ROBOTS = ("bluerov2_alpha5", "box_uvms", "girona500_arm5e")
 def made(folder, robot: str, *options: str) -> uv.Scenario:
     """Returns the scenario that the command writes."""
     file = folder / "press.yaml"
-    assert main(["scenario", "--new", str(file), "--robot", robot, *options]) == 0
+    assert main(["scenario", "--uncertified", "--new", str(file), "--robot", robot, *options]) == 0
     return uv.load_scenario(str(file))
 
 
@@ -128,7 +128,7 @@ def test_a_vehicle_without_an_arm_certifies_presses_and_feels(tmp_path, monkeypa
     """A tool that is bolted on: n = 0."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     robot, file, felt = without_an_arm(tmp_path), tmp_path / "press.yaml", tmp_path / "felt.yaml"
-    assert main(["scenario", "--new", str(file), "--robot", str(robot)]) == 0
+    assert main(["scenario", "--uncertified", "--new", str(file), "--robot", str(robot)]) == 0
     assert main(["run", str(file), "--duration", "0.2", "--output", str(tmp_path / "run")]) == 0
     assert not (tmp_path / "run" / "joints.png").exists()
     felt.write_text("""
@@ -193,7 +193,7 @@ def test_what_a_run_would_refuse_is_not_written(tmp_path, capsys, monkeypatch):
                     encoding="utf-8")
     monkeypatch.setattr(module, "TEMPLATE", wild)
     file = tmp_path / "press.yaml"
-    assert main(["scenario", "--new", str(file), "--robot", "box_uvms"]) == 2
+    assert main(["scenario", "--uncertified", "--new", str(file), "--robot", "box_uvms"]) == 2
     assert "simulator.max_step_size = 0.01: must be at most 1.1e-09" in capsys.readouterr().err
     assert not file.exists()
 
@@ -206,7 +206,8 @@ def said(folder, robot, force, capsys) -> str:
     """Returns what `scenario --new` says to a robot; empty if it writes the file."""
     file = folder / "press.yaml"
     file.unlink(missing_ok=True)
-    status = main(["scenario", "--new", str(file), "--robot", str(robot), "--force", f"{force:g}"])
+    status = main(["scenario", "--uncertified", "--new", str(file), "--robot", str(robot),
+                   "--force", f"{force:g}"])
     err = capsys.readouterr().err
     assert (status == 0) == file.exists() == (err == "")
     assert err.count("\n") <= 1

@@ -18,12 +18,14 @@ POSTURE = [0.0, 1.1, 0.47, 0.0]  # rad
 @pytest.mark.parametrize("robot", ["box_uvms"])
 def test_it_is_the_scenario_of_the_file_that_the_command_writes(robot, tmp_path):
     file = tmp_path / "press.yaml"
-    assert main(["scenario", "--new", str(file), "--robot", robot, "--force", "6"]) == 0
+    assert main(["scenario", "--new", str(file), "--robot", robot, "--force", "6",
+                 "--uncertified"]) == 0
     written, made = uv.load_scenario(str(file)), uv.make_scenario(robot, force=6.0)
     assert (made.model, made.mpc.horizon) == (written.model, written.mpc.horizon)
     for key in ("limits.u", "limits.q_lower", "limits.static_force", "start.eta", "start.q",
                 "task.force", "task.pose", "task.posture", "mpc.weight_u", "disturbance.weights",
-                "ancillary.k", "surface.stiffness", "tube.u"):
+                "ancillary.k", "surface.stiffness", "tube.u", "tube.e", "tube.position", "tube.nu1",
+                "mpc.terminal_radius"):
         now, before = (attrgetter(key)(each) for each in (made, written))
         np.testing.assert_allclose(now, before, rtol=1e-3, atol=1e-4, err_msg=key)
 

@@ -1,5 +1,6 @@
 """A certificate in probability for tests."""
 
+from uvms_drake.certificate.attempts import Attempt
 from uvms_drake.certificate.certificate import probability_fingerprint
 from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -14,5 +15,8 @@ def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
     return ProbabilityCertificate(**({
         "scenario": NAME, "runs": runs, "failures": len(failed), "confidence": 0.95,
         "probability": p, "kinds": kinds, "failed": tuple(failed),
-        "distribution": ("start: anywhere", "wall: any"), "seed": 3,
+        "distribution": ("start: anywhere", "wall: any"), "never_drawn": (),
+        "draws": {"starts": 2 * runs, "walls": runs}, "use": {"depth": 0.5, "u[2]": 0.75},
+        "force": {"least": 5.0, "largest": 20.0, "off_line": 0.4},
+        "attempts": (Attempt("girona500_arm5e, SensedContact", NAME, runs, 64 * "a"),),
         "campaign": "c0ffee", **probability_fingerprint(scenario)} | changes))

@@ -1,11 +1,15 @@
 """Bad input as a table: each row an override and what its one line says."""
 
+import re
 from collections.abc import Callable
 
 import pytest
 
 import uvms_drake as uv
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
+
+OBJECT = re.compile(r"array\(|\w\(\w+=|object at 0x|\bnp\.|Path\(|<class|<function")
+"""Text of an object of Python, which no message has."""
 
 
 def refusals(scenario: str, rows: dict[str, str], use: Callable = lambda loaded: None):
@@ -20,4 +24,5 @@ def refusals(scenario: str, rows: dict[str, str], use: Callable = lambda loaded:
         with pytest.raises((InvalidParameter, ScenarioError), match=text) as caught:
             use(uv.load_scenario(scenario, overrides.split("; ")))
         assert "\n" not in str(caught.value)
+        assert not OBJECT.search(str(caught.value))
     return test

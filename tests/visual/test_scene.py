@@ -12,12 +12,13 @@ from support.synthetic import synthetic_record
 
 import uvms_drake as uv
 from uvms_drake.control.limits import make_limits, tighten
+from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.report.replay import moment_of
 from uvms_drake.station.diagram import setting_of
 from uvms_drake.visual.objects import PLAN, Mark, round_magnification
 from uvms_drake.visual.overlay import ACTIVE, NEAR, TIME, Overlay, Readout
 from uvms_drake.visual.scene import CLOSE, LimitUse, Scene
-from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, VisualConfig, frame_at
+from uvms_drake.visual.stage import UNSEEN, UP, VANISHED, Stage, VisualConfig, frame_at
 
 
 @pytest.mark.parametrize("many", [12, 15, 20])
@@ -139,3 +140,17 @@ def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
     for real, nominal, room in ((rest, rest, np.inf), (pressing, rest, 45.0), (rest, pressing, 43)):
         used = use(real, u, nominal, u)[use.names.index("force, at rest  ≤ 45 N")]
         assert used == pytest.approx(20.0 / room)
+
+
+@pytest.mark.parametrize("heading", [0.5 * np.pi, np.pi, -1.2])
+def test_the_camera_turns_with_the_wall(meshcat, record, heading):
+    setting = setting_of(record.scenario, record.model)
+    turn = rotation_matrix(np.array([0.0, 0.0, heading]))
+    start = np.concatenate([turn @ setting.start[:3], setting.start[3:]])
+    start[5] += heading
+    turned = replace(setting, start=start, heading=heading,
+                     goal=np.append(turn @ setting.goal[:3], setting.goal[3:]))
+    north, other = Scene(meshcat, setting), Scene(meshcat, turned)
+    for name in ("camera", "target"):
+        np.testing.assert_allclose(UP * getattr(other, name), turn @ (UP * getattr(north, name)),
+                                   atol=1e-9)

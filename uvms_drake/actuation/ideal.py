@@ -9,8 +9,8 @@ from uvms_drake.common.constraints import OneOf, Period
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.signals.command_path import CommandPath
-from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
-from uvms_drake.model.signals.sensor_actuator import Actuator, Signals
+from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector, TickedVector
+from uvms_drake.model.signals.sensor_actuator import TICK, Actuator, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -69,8 +69,13 @@ class SampledCommand(Actuator):
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
-        """Adds a `SampledVector`; see `Part`."""
+        """Adds a `SampledVector`, or a `TickedVector` if there are ticks; see `Part`."""
         clock = Clock(range(port.size()), self.period, self.delay)
+        if TICK in signals:
+            signals["zoh_command"] = TickedVector.AddToBuilder(
+                builder, port.size(), clock, name="sampled_command", vector=port,
+                tick=signals[TICK]).get_output_port()
+            return signals["zoh_command"]
         sampled = SampledVector.AddToBuilder(
             builder, port.size(), [clock], name="sampled_command", vector=port).get_output_port()
         signals["zoh_command"] = sampled

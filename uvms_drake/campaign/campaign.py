@@ -16,8 +16,7 @@ from pathlib import Path
 from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.campaign.harness import stored
-from uvms_drake.certificate.certificate import Certificate, fingerprint
-from uvms_drake.common.cache import source_digest
+from uvms_drake.certificate.certificate import Certificate, fingerprint, run_source
 from uvms_drake.common.errors import InvalidParameter, RunFailed, require
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 
@@ -40,7 +39,7 @@ class Campaign:
     """SHA-256 of the robot's files, by name."""
     versions: dict[str, str]
     source: str
-    """SHA-256 of this package's Python files."""
+    """SHA-256 of this package's Python files that a run depends on."""
     runs: int | None
     """Number of runs, if it is chosen before the first one: that of a certificate."""
 
@@ -79,12 +78,12 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
     return Campaign(
         scenario=dump_scenario(applied), declared=_digest(dump_scenario(scenario)),
         certified=certificate is not None, seed=seed, files=prints["files"],
-        versions=prints["versions"], source=source_digest(), runs=runs)
+        versions=prints["versions"], source=run_source(), runs=runs)
 
 
 def require_same_code(campaign: Campaign) -> None:
     """Raises `RunFailed` unless program and robot are those that a campaign was made with."""
-    now = fingerprint(campaign.base) | {"source": source_digest()}
+    now = fingerprint(campaign.base) | {"source": run_source()}
     for key, what in (("source", "this package"), ("versions", "a version"),
                       ("files", "a file of the robot")):
         if now[key] != getattr(campaign, key):

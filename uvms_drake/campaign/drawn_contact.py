@@ -7,6 +7,7 @@ wherever they may touch it.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from uvms_drake.control.mpc.planner import committed_intervals
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.station.contact.bounds import (
     largest_force,
@@ -30,7 +32,14 @@ from uvms_drake.station.contact.drawn_mission import (
     searched,
     seconds_of,
 )
-from uvms_drake.station.contact.drawn_surfaces import AT_THE_BOUND, SOFTEST, draw_wall
+from uvms_drake.station.contact.drawn_surfaces import (
+    AT_THE_BOUND,
+    SOFTEST,
+    across,
+    draw_wall,
+    is_member,
+)
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.step_size import friction_rate, largest_rate
@@ -41,63 +50,117 @@ SPARE, FARTHEST = 0.02, 0.5
 """Smallest distance to a wall along n beyond the class's clearance, and largest distance [m]."""
 PART = 0.8
 """Safety factor on the estimated speed."""
-SETTLING = 3.0
-"""Duration of a run after the expected settling of the force [s]."""
+HOLD, SHORT, HOLD_LIKELY = 20.0, 5.0, 0.25
+"""Duration of a hold after the expected settling of the force [s], a short one, and the
+probability of the first."""
 LEAST_CREEP = 0.005
 """Smallest creep of friction [m/s]."""
 ATTEMPTS = 1000
 
 
-def drawn_contact(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Scenario:
+def drawn_contact(scenario: Scenario, ocp: Ocp, rng: np.random.Generator,
+                  likely: float = AT_THE_BOUND) -> tuple[Scenario, int]:
     """Returns the scenario with an unknown wall of the class, and any admissible desired force.
 
-    One with a known surface stays as it is.
+    Besides, the number of drawn walls. A scenario with a known surface stays as it is.
 
     Its distance is limited so that it should be reached and pressed in time; a very soft one, or a
-    long slide along it, may take longer all the same. A run lasts as long as its wall should need,
-    and no longer than the scenario. With a mission no force is drawn, and at every place
-    the wall is beyond the class's clearance, and pressed within the search distance.
+    long slide along it, may take longer all the same. A run lasts as long as its wall and a hold
+    should need, and no longer than the scenario. With a mission no force and no hold is drawn, and
+    at every place the wall is beyond the class's clearance, and pressed within the search distance.
+
+    Args:
+        scenario: The scenario.
+        ocp: Its problem at the start.
+        rng: Random generator.
+        likely: Probability of each parameter of the wall to be at its bound.
 
     Raises:
         RunFailed: No draw is in the class.
     """
     if not isinstance(ocp, TrackingOcp):
-        return scenario
-    contact, mission = sensed_contact(scenario), scenario.mission
+        return scenario, 0
+    contact = sensed_contact(scenario)
     force = float(rng.uniform(*drawn_forces(scenario)))
+    hold = HOLD if not scenario.mission.steps and rng.uniform() < HOLD_LIKELY else SHORT
     steepest = steepest_friction(scenario, ocp)
     scenario = replace(scenario, task=replace(scenario.task, force=contact.wrench(force)))
-    start, goal = tips(scenario, ocp)
-    places = places_of(mission, contact.walls, goal, start)
-    strongest = max((step.strongest for step in mission.steps), default=force)
-    start, goal = ends_of(mission, contact.walls, start, goal)
-    # A wall of the class, at a distance that leaves time to reach it and to settle.
-    for _ in range(ATTEMPTS):
+    start, goal = ends_of(scenario.mission, contact.walls, *tips(scenario, ocp))
+    # A wall of the class, at a distance that leaves time to reach it, to settle and to hold.
+    for attempt in range(ATTEMPTS):
         far = float(rng.uniform())
-        wall = draw_wall(contact, start, goal, rng)
+        wall = draw_wall(contact, start, goal, rng, likely)
         if wall is None:
             continue
-        speed, pressing = pace(scenario, ocp, wall, force)
-        if mission.steps:
-            pressing = seconds_of(
-                mission, places, partial(press_time, scenario, ocp, wall), _lag(scenario, ocp))
-        remaining = scenario.mpc.hover + pressing + SETTLING
-        most = min(FARTHEST, speed * (scenario.duration - remaining))
+        time = time_of(scenario, ocp, wall, force, hold)
         nearest = contact.clearance + SPARE
-        gap = nearest + far * max(most - nearest, 0.0)
+        gap = nearest + far * max(time.farthest - nearest, 0.0)
         wall = wall.moved(np.eye(3), gap * contact.direction)
-        depths = wall.geometry.depth(places)
-        pressed = wall.law.depth_for(strongest) - np.min(depths)
-        if np.max(depths) > -contact.clearance or pressed > searched(mission):
+        if misplaced(scenario, ocp, wall, force):
             continue
         # A run of whole samples, and friction no steeper than the integration step resolves.
-        samples = int(np.ceil((gap / speed + remaining) / ocp.time_step))
+        samples = int(np.ceil((gap / time.speed + time.rest) / ocp.time_step))
         drawn = replace(scenario, surface=wall, surface_error=SurfaceError(),
                         duration=min(samples * ocp.time_step, scenario.duration))
         at_unit_creep = friction_rate(drawn, ocp.model, ocp.model.configuration(ocp.y_des))
         creep = max(LEAST_CREEP, at_unit_creep / steepest)
-        return replace(drawn, surface=replace(wall, creep=creep))
+        return replace(drawn, surface=replace(wall, creep=creep)), attempt + 1
     raise RunFailed(f"none of {ATTEMPTS} drawn walls is in the class")
+
+
+class RunTime(NamedTuple):
+    """Expected time of a run with a wall."""
+
+    speed: float
+    """Speed of the approach [m/s]."""
+    rest: float
+    """Time without the approach: hover, settling of the force and hold, or mission [s]."""
+    farthest: float
+    """Largest distance of a wall that is reached and pressed in time [m]."""
+
+
+def time_of(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float, hold: float
+            ) -> RunTime:
+    """Returns the expected time of a run: press of a force [N] for a hold [s], or mission."""
+    contact, mission = sensed_contact(scenario), scenario.mission
+    speed, pressing = pace(scenario, ocp, wall, force)
+    if mission.steps:
+        start, goal = tips(scenario, ocp)
+        pressing = seconds_of(
+            mission, places_of(mission, contact.walls, goal, start),
+            partial(press_time, scenario, ocp, wall), _lag(scenario, ocp))
+    rest = scenario.mpc.hover + pressing + hold
+    return RunTime(speed, rest, min(FARTHEST, speed * (scenario.duration - rest)))
+
+
+def misplaced(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float) -> bool:
+    """Returns whether a wall is too near at a place of the task, or beyond a mission's search."""
+    contact, mission = sensed_contact(scenario), scenario.mission
+    start, goal = tips(scenario, ocp)
+    depths = wall.geometry.depth(places_of(mission, contact.walls, goal, start))
+    strongest = max((step.strongest for step in mission.steps), default=force)
+    pressed = wall.law.depth_for(strongest) - np.min(depths)
+    return bool(np.max(depths) > -contact.clearance or pressed > searched(mission))
+
+
+def never_pressed(scenario: Scenario, ocp: Ocp) -> list[str]:
+    """Returns the force or wall of a scenario's own run that no draw of `drawn_contact` has."""
+    if not isinstance(ocp, TrackingOcp):
+        return []
+    contact, wall = sensed_contact(scenario), check_surface(true_surface(scenario))
+    (low, high), force = drawn_forces(scenario), pressing_force(scenario)
+    if not low <= force <= high:
+        return [f"force: {force:.3g} N, drawn from {low:.3g} to {high:.3g} N"]
+    start, goal = ends_of(scenario.mission, contact.walls, *tips(scenario, ocp))
+    if not (isinstance(wall, ShapedSurface) and is_member(wall, contact, start, goal)
+            and max(wall.law.slopes) >= SOFTEST * contact.stiffness):
+        return ["wall: not of the class in a ball about all places, as every drawn one is"]
+    if misplaced(scenario, ocp, wall, force):
+        return ["wall: nearer than the clearance, or beyond the mission's search"]
+    gap = -float(wall.geometry.depth(start + 0.5 * across(contact.direction, goal - start)))
+    most = max(time_of(scenario, ocp, wall, force, SHORT).farthest, contact.clearance + SPARE)
+    return [] if gap <= most else [
+        f"wall: {gap:.3g} m off, with its stiffness and this force drawn up to {most:.3g} m"]
 
 
 def drawn_forces(scenario: Scenario) -> tuple[float, float]:
@@ -120,7 +183,8 @@ def about_drawn(scenario: Scenario) -> Iterator[str]:
     if mission.steps:
         yield f"mission, the same in every run: {in_words(mission)}"
     else:
-        yield f"desired force: uniform from {forces[0]:.3g} to {forces[1]:.3g} N"
+        yield (f"desired force: uniform from {forces[0]:.3g} to {forces[1]:.3g} N, held for "
+               f"{HOLD:g} s with the probability {HOLD_LIKELY:g}, else for {SHORT:g} s")
     yield ("wall: plane, hull, pipe from inside or bumps, with a linear, hardening or bilinear "
            f"force; normal within {contact.angle:.3g} rad of the direction, stiffness from "
            f"{SOFTEST:g} of {contact.stiffness:g} N/m to all of it, friction up to "
@@ -173,7 +237,8 @@ def press_time(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force:
 def _committed(scenario: Scenario, ocp: TrackingOcp) -> int:
     """Returns the number of committed intervals at the beginning of a plan."""
     return committed_intervals(
-        scenario.ancillary, command_path_of(scenario.actuation, ocp.model), ocp.time_step)
+        scenario.ancillary, command_path_of(scenario.actuation, ocp.model), ocp.time_step,
+        ocp.in_advance)
 
 
 def _lag(scenario: Scenario, ocp: TrackingOcp) -> float:

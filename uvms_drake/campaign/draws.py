@@ -3,21 +3,24 @@
 Drawn is everything that a scenario declares: starts with a feasible first plan, walls of the class
 and desired forces that it allows, disturbances and adversaries of the full size d̃, solves that
 fail, are delayed or dropped, and unknowns of model, thrusters and water up to their declared size.
+A fifth of the runs is at a corner: every unknown, and every parameter of the wall, at its bound.
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.actuation.thrusters import largest_error, with_errors
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.drawn_contact import about_drawn, drawn_contact
+from uvms_drake.campaign.drawn_contact import about_drawn, drawn_contact, never_pressed
 from uvms_drake.certificate.certify import first_plan
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
+from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
@@ -39,11 +42,30 @@ PERIODS = (0.5, 10.0)
 """Range of a disturbance's period, drawn uniformly in its logarithm [s]."""
 FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
 """Probability that a run has faults of the solver, and range of the probability per sample."""
+CORNER = 0.2
+"""Probability of a run with all unknowns, and all parameters of the wall, at their bounds."""
 ATTEMPTS = 100
 
 
+class Drawn(NamedTuple):
+    """Scenario of a run, and how it was drawn."""
+
+    scenario: Scenario
+    starts: int
+    """Number of starts that were drawn; all but the last have no feasible first plan."""
+    walls: int
+    """Number of walls that were drawn; all but the last are not of the class, or too far."""
+    corner: bool
+    """Whether all unknowns, and all parameters of the wall, are at their bounds."""
+
+
 def vary(campaign: Campaign, index: int) -> Scenario:
-    """Returns the scenario of a run: a pure function of its arguments.
+    """Returns the scenario of a run: a pure function of its arguments."""
+    return draw(campaign, index).scenario
+
+
+def draw(campaign: Campaign, index: int) -> Drawn:
+    """Returns the scenario of a run, and how it was drawn: a pure function of its arguments.
 
     Raises:
         RunFailed: No draw has a feasible first plan.
@@ -57,23 +79,41 @@ def vary(campaign: Campaign, index: int) -> Scenario:
         # A start with a feasible first plan.
         scenario = replace(base, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
                            start=_start(base.start, ocp.limits["q"], rng))
-        try:
-            start = start_state(scenario, ocp)
-        except InvalidParameter:
-            continue
-        first = first_problem(base, ocp, start)
-        plan, conditions = first_plan(first, start)
-        if plan is None or not all(condition.holds for condition in conditions):
+        first = first_feasible(scenario, ocp)
+        if first is None:
             continue
         # An unknown surface, the disturbance, faults, and the unknowns that the scenario declares.
-        scenario = drawn_contact(scenario, first, rng)
-        unknown = drawn_unknowns(scenario.unknowns, rng)
-        return replace(
+        corner = bool(rng.uniform() < CORNER)
+        likely = 1.0 if corner else AT_FULL_SIZE
+        scenario, walls = drawn_contact(scenario, first, rng, likely)
+        unknown = drawn_unknowns(scenario.unknowns, rng, likely)
+        return Drawn(replace(
             scenario, disturbance=_disturbance(scenario.disturbance, model.size, rng),
             faults=[*scenario.faults, *_faults(rng)], model_error=unknown.error,
             current=unknown.current, waves=list(unknown.waves),
-            actuation=with_errors(scenario.actuation, model, partial(_parts, rng)))
+            actuation=with_errors(scenario.actuation, model, partial(_parts, rng, likely))),
+            attempt + 1, walls, corner)
     raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
+
+
+def first_feasible(scenario: Scenario, ocp: Ocp) -> Ocp | None:
+    """Returns the problem at the start of a scenario; None if no first plan of it is feasible."""
+    try:
+        start = start_state(scenario, ocp)
+    except InvalidParameter:
+        return None
+    first = first_problem(scenario, ocp, start)
+    plan, conditions = first_plan(first, start)
+    feasible = plan is not None and all(condition.holds for condition in conditions)
+    return first if feasible else None
+
+
+def never_drawn(scenario: Scenario) -> list[str]:
+    """Returns the values of a scenario's own run that no draw has, by the test of the draws."""
+    ocp = make_ocp(scenario)
+    first = first_feasible(scenario, ocp)
+    return ["start: it has no feasible first plan"] if first is None else never_pressed(
+        scenario, first)
 
 
 def _start(declared: Start, joints: Limit, rng: np.random.Generator) -> Start:
@@ -87,7 +127,8 @@ def _start(declared: Start, joints: Limit, rng: np.random.Generator) -> Start:
     return Start(eta=eta, q=q + rng.uniform() * (posture - q))
 
 
-def drawn_unknowns(declared: Unknowns, rng: np.random.Generator) -> Unknowns:
+def drawn_unknowns(declared: Unknowns, rng: np.random.Generator, likely: float = AT_FULL_SIZE
+                   ) -> Unknowns:
     """Returns declared unknowns drawn up to their declared size.
 
     An error is of either sign, a current from any horizontal direction, up or down, and a wave of
@@ -96,8 +137,9 @@ def drawn_unknowns(declared: Unknowns, rng: np.random.Generator) -> Unknowns:
     Args:
         declared: The largest unknowns.
         rng: Source of the draws.
+        likely: Probability of each to be of its full size.
     """
-    part = partial(_part, rng)
+    part = partial(_part, rng, likely)
 
     def heading() -> float:
         return float(rng.uniform(-np.pi, np.pi))
@@ -122,14 +164,14 @@ def drawn_unknowns(declared: Unknowns, rng: np.random.Generator) -> Unknowns:
     return Unknowns(error, water, waves)
 
 
-def _part(rng: np.random.Generator) -> float:
+def _part(rng: np.random.Generator, likely: float) -> float:
     """Returns a drawn error over its declared size, of either sign."""
-    size = 1.0 if rng.uniform() < AT_FULL_SIZE else rng.uniform()
+    size = 1.0 if rng.uniform() < likely else rng.uniform()
     return float(rng.choice([-1.0, 1.0]) * size)
 
 
-def _parts(rng: np.random.Generator, count: int) -> np.ndarray:
-    return np.array([_part(rng) for _ in range(count)])
+def _parts(rng: np.random.Generator, likely: float, count: int) -> np.ndarray:
+    return np.array([_part(rng, likely) for _ in range(count)])
 
 
 def _disturbance(declared: Disturbance, size: int, rng: np.random.Generator) -> Disturbance:
@@ -163,12 +205,14 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
     x, _, _, roll, _, yaw = POSE_REACH
     yield (f"start: vehicle uniform within {x:g} m, {roll:g} rad of roll and pitch and {yaw:g} rad "
            "of yaw of the declared pose; the arm uniform on the line from its declared posture to "
-           "one that is uniform within its limits; a draw without a feasible first plan is "
-           "repeated")
+           "one that is uniform within its limits, less the tube; a draw without a feasible first "
+           "plan is repeated")
     yield from about_drawn(scenario)
     if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
         yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
                f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")
+    yield (f"corners: with the probability {CORNER:g} all unknowns, and all parameters of the "
+           "wall, are at their bounds at once, with any signs")
     if scenario.disturbance.bound > 0.0:
         yield (f"disturbance: random or of any adversary, of the full bound "
                f"{scenario.disturbance.bound:g}")

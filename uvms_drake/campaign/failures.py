@@ -8,12 +8,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from uvms_drake.campaign.campaign import Campaign
-from uvms_drake.campaign.draws import declared_distribution
+from uvms_drake.campaign.draws import declared_distribution, never_drawn
+from uvms_drake.certificate.attempts import Attempt
 from uvms_drake.certificate.certificate import probability_fingerprint
 from uvms_drake.certificate.in_probability import (
     FAILURES,
     ProbabilityCertificate,
     failure_bound,
+    spent,
 )
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -29,24 +31,27 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
     wall = result.get("wall", {})
     did = {
         "not finite": not result["finite"],
-        "tube": bool(result["exits_set"] or result["exits_trajectory"]),
+        "tube": bool(result["exits_set"] or result["exits_trajectory"]
+                     or max(result["use"].values(), default=0.0) > 1.0),
         "limit": result["violations"] > 0,
         "saturation": result["limited"],
         "force": max(wall.get("static", 0.0), wall.get("peak", 0.0)) > 1.0,
         "no plan": result["mpc_failures"] > 0,
         "contact": max(result["losses"], wall.get("losses", 0)) > 0,
         "no touch": bool(wall) and wall["first_touch_s"] is None,
+        "force line": (result["off_line"] or 0.0) > 1.0,
         "mission": not result.get("mission", {"done": True})["done"]}
     return tuple(kind for kind in FAILURES if did.get(kind, False))
 
 
 def certificate_in_probability(
-        campaign: Campaign, scenario: Scenario, results: Sequence[Mapping[str, Any]],
-        confidence: float) -> ProbabilityCertificate:
+        campaign: Campaign, attempts: tuple[Attempt, ...], scenario: Scenario,
+        results: Sequence[Mapping[str, Any]], confidence: float) -> ProbabilityCertificate:
     """Returns the certificate that follows from the runs 0 to N − 1 of a campaign.
 
     Args:
         campaign: Campaign with the scenario's declared tube.
+        attempts: The attempts at its task, this one last.
         scenario: The scenario, as it was loaded.
         results: The result of each of the runs, in any order.
         confidence: Confidence of the bound.
@@ -55,12 +60,20 @@ def certificate_in_probability(
     assert sorted(kinds) == list(range(len(results))), "a run is missing: it may have failed"
     failed = tuple(index for index in sorted(kinds) if kinds[index])
     inputs = probability_fingerprint(scenario)
-    assert inputs["source"] == campaign.source
+    assert inputs["source"] == campaign.source and attempts[-1].seed == campaign.seed
+    ended = [result for result in results if result["error"] is None]
+    uses = [result["use"] for result in ended if result["use"]]
+    forces = [result["desired_force"] for result in ended if result["off_line"] is not None]
     return ProbabilityCertificate(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,
-        probability=failure_bound(len(results), len(failed), confidence),
+        probability=failure_bound(len(results), len(failed), spent(confidence, len(attempts))),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
         failed=failed, distribution=tuple(declared_distribution(campaign.base)),
-        seed=campaign.seed, campaign=campaign.identity,
+        never_drawn=tuple(never_drawn(campaign.base)),
+        draws={key: sum(result[key] for result in ended) for key in ("starts", "walls")},
+        use={row: max(use[row] for use in uses) for row in (uses[0] if uses else ())},
+        force={"least": min(forces, default=None), "largest": max(forces, default=None),
+               "off_line": max((result["off_line"] for result in ended if forces), default=None)},
+        attempts=attempts, campaign=campaign.identity,
         mission=", ".join(type(step).__name__.lower() for step in scenario.mission.steps),
         **inputs)

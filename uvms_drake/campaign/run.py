@@ -8,18 +8,22 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
-from uvms_drake.campaign.draws import vary
+from uvms_drake.campaign.draws import Drawn, draw
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
 from uvms_drake.control.mpc.solver_faults import solver_fault
 from uvms_drake.mission.law import DONE
+from uvms_drake.mission.steps import Hold
 from uvms_drake.plant.model_error import FACTORS
-from uvms_drake.report.metrics import metrics
+from uvms_drake.report.contact_check import desired_force, force_error
+from uvms_drake.report.metrics import WALL_SECONDS, metrics
 from uvms_drake.report.mission import OUTCOMES
+from uvms_drake.report.signals import DONE_STEP, attempts_of
+from uvms_drake.report.tube_use import tube_use
+from uvms_drake.station.contact.bounds import force_line
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.parts import faults_at
-from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 
 
@@ -38,9 +42,9 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     result: dict[str, Any] = {"index": index, "error": None}
     steps = np.zeros(0)
     try:
-        scenario = vary(campaign, index)
-        result |= drawn(scenario)
-        record = simulate(scenario)
+        found = draw(campaign, index)
+        result |= drawn(found)
+        record = simulate(found.scenario)
         result |= outcome(record)
         steps = 1e3 * record.step_seconds[np.isin(record.mpc_status, (SOLVED, KEPT))]
     except Exception as error:
@@ -52,10 +56,12 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     return dict(jsonable(result))
 
 
-def drawn(scenario: Scenario) -> dict[str, Any]:
+def drawn(found: Drawn) -> dict[str, Any]:
     """Returns the draws of a run for a table."""
+    scenario, starts, walls, corner = found
     error = scenario.model_error
     return {
+        "starts": starts, "walls": walls, "corner": corner, "duration_s": scenario.duration,
         "disturbance": scenario.disturbance.label,
         "rows": getattr(scenario.disturbance, "rows", None),
         "faults": [type(fault).__name__ for fault in scenario.faults],
@@ -90,6 +96,7 @@ def outcome(record: Record) -> dict[str, Any]:
         "inside": not disturbance["exceeded"],
         "ratio_set": tube["worst_ratio"]["set"],
         "ratio_trajectory": tube["worst_ratio"]["trajectory"],
+        "use": tube_use(record), "off_line": off_line(record),
         "exits_set": tube["exits"], "exits_trajectory": tube["exits_along_the_run"],
         "margin": margins[name], "constraint": name, "margins": margins,
         "violations": sum(margin < 0.0 for margin in margins.values()),
@@ -103,6 +110,24 @@ def outcome(record: Record) -> dict[str, Any]:
         **({"wall": wall} if wall else {}),
         **({"mission": mission_outcome(mission)} if mission else {}),
     }
+
+
+def off_line(record: Record) -> float | None:
+    """Returns the largest |n·(𝔉 − 𝔉_des)| in the last 2 s of a hold over the force line.
+
+    A hold is the end of a press, or one of a mission that was done. None without a sensed contact.
+    """
+    scenario, steps = record.scenario, record.scenario.mission.steps
+    if scenario.contact.declared_wall() is None:
+        return None
+    desired, error, ratios = desired_force(record), np.abs(force_error(record)), [0.0]
+    holds = [attempt.when for attempt in attempts_of(record) if attempt.ended == DONE_STEP
+             and isinstance(steps[attempt.step], Hold)] if steps else [slice(len(error))]
+    for when in holds:
+        time = record.time[when]
+        last = time >= time[-1] - WALL_SECONDS
+        ratios.append(np.max(error[when][last]) / force_line(scenario, np.max(desired[when][last])))
+    return float(max(ratios))
 
 
 def mission_outcome(mission: dict[str, Any]) -> dict[str, Any]:

@@ -37,8 +37,10 @@ supervisor is silent inside of the class, and the
 files of `modules` count by their content. Other keys count in part, see `fingerprint`: bound and
 weights of `disturbance`, all of `task` but the tolerance of the force, and those of `faults` that
 the proofs do not cover."""
-UNDRAWN = ("name", "description", "modules", "seed", "duration", "simulator", "visual")
+UNDRAWN = ("name", "description", "modules", "seed", "simulator", "visual")
 """Keys of a scenario that two distributions may differ in; a run is kept with its chosen step."""
+UNREAD = ("benchmark", "command", "setup", "visual")
+"""Rooms of the package that no drawn run depends on."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     relevant["mpc"].pop("deadline", None)
     relevant["mpc"].pop("hover", None)  # At rest where it starts: the tube holds from then on.
     relevant["task"].pop("force_tolerance")
+    relevant["contact"].pop("force_line", None)
     return {"files": files, "inputs": _digest(jsonable(relevant, names=True)),
             "versions": {"uvms_drake": VERSION, "drake": version("drake")}}
 
@@ -111,7 +114,12 @@ def probability_fingerprint(scenario: Scenario) -> dict[str, Any]:
     for key in UNDRAWN:
         fixed.pop(key, None)
     return fingerprint(scenario) | {
-        "inputs": _digest(jsonable(fixed, names=True)), "source": source_digest()}
+        "inputs": _digest(jsonable(fixed, names=True)), "source": run_source()}
+
+
+def run_source() -> str:
+    """Returns the SHA-256 of the package's files that a drawn run depends on."""
+    return source_digest(without=UNREAD)
 
 
 def cache_key(scenario: Scenario) -> dict[str, Any]:

@@ -1,12 +1,14 @@
 """A certificate in probability: a bound on how likely a run fails, from drawn runs.
 
 It proves nothing about the worst case. N runs are drawn from the distribution that the scenario
-declares, each simulated by the whole Diagram. If k of them failed, the one-sided bound of Clopper
+declares, each simulated by the whole Diagram. If f of them failed, the one-sided bound of Clopper
 and Pearson at the confidence c is the p at which as few failures have the probability 1 − c,
 
-    Σ_{i ≤ k} (N over i) pⁱ (1 − p)^{N−i} = 1 − c;       k = 0:  p = 1 − (1 − c)^{1/N}.         (1)
+    Σ_{i ≤ f} (N over i) pⁱ (1 − p)^{N−i} = 1 − c;       f = 0:  p = 1 − (1 − c)^{1/N}.         (1)
 
-P ≤ p unless the N runs were an event of probability 1 − c or less. N must not depend on outcomes.
+P ≤ p unless the N runs were an event of probability 1 − c or less. The k-th attempt at a task takes
+1 − (1 − c)/(k(k + 1)) in place of c, so that none of all attempts is wrong, unless an event of
+probability 1 − c happened; see `attempts`.
 
 References: Clopper, Pearson (1934), The use of confidence or fiducial limits illustrated in the
 case of the binomial, *Biometrika* 26; Tempo, Bai, Dabbene (1997), Probabilistic robustness
@@ -16,19 +18,21 @@ analysis: explicit bounds for the minimum number of samples, *Systems & Control 
 import math
 from dataclasses import dataclass
 
+from uvms_drake.certificate.attempts import Attempt
 from uvms_drake.common.errors import require
 from uvms_drake.station.scenario.scenario import Scenario
 
 FAILURES = {
     "exception": "ended in an exception",
     "not finite": "had a signal that is not finite",
-    "tube": "left the declared tube",
+    "tube": "left the declared tube in any of its radii",
     "limit": "violated a limit",
     "saturation": "had a command that was cut",
     "force": "pressed the wall harder than allowed",
     "no plan": "had a sample without a plan",
     "contact": "lost the contact",
     "no touch": "never touched the wall",
+    "force line": "pressed off the desired force by more than the force line at the end of a hold",
     "mission": "did not complete a step of its mission",
 }
 """Kinds of failure of a run, in words."""
@@ -56,8 +60,18 @@ class ProbabilityCertificate:
     """Numbers of the runs that failed."""
     distribution: tuple[str, ...]
     """The declared distribution, a sentence for each part."""
-    seed: int
-    """Seed of the draws."""
+    never_drawn: tuple[str, ...]
+    """Values of the scenario's own run that no draw has."""
+    draws: dict[str, int]
+    """Number of starts and walls that were drawn for the runs, those without a plan, of another
+    class or too far included."""
+    use: dict[str, float]
+    """Largest deviation of all runs over each radius of the tube."""
+    force: dict[str, float | None]
+    """Least and largest desired force [N], and the largest error at the end of a hold over the
+    force line; None without a sensed contact."""
+    attempts: tuple[Attempt, ...]
+    """The attempts at the task in their order, this one last."""
     campaign: str
     """Identity of the campaign of these runs, see `campaign.Campaign`."""
     files: dict[str, str]
@@ -73,6 +87,11 @@ class ProbabilityCertificate:
     """The command that wrote it."""
 
     @property
+    def attempt(self) -> int:
+        """Number k of the attempt, from 1."""
+        return len(self.attempts)
+
+    @property
     def certified(self) -> bool:
         """Whether there is a bound below 1: not if every run failed."""
         return self.failures < self.runs
@@ -84,11 +103,17 @@ class ProbabilityCertificate:
             return "not certified in probability: every run failed"
         mission = f" of the mission {self.mission}" if self.mission else ""
         return (f"certified in probability: at most {percent_above(self.probability)} per run at "
-                f"{100.0 * self.confidence:g} % confidence, for the declared distribution{mission}")
+                f"{100.0 * self.confidence:g} % confidence over all attempts (attempt "
+                f"{self.attempt}), for the declared distribution{mission}")
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """Returns the scenario unchanged: the tube is the declared one."""
         return scenario
+
+
+def spent(confidence: float, attempt: int) -> float:
+    """Returns the confidence 1 − (1 − c)/(k(k + 1)) of the k-th attempt, k from 1."""
+    return 1.0 - (1.0 - confidence) / (attempt * (attempt + 1))
 
 
 def failure_bound(runs: int, failures: int, confidence: float) -> float:
@@ -96,7 +121,7 @@ def failure_bound(runs: int, failures: int, confidence: float) -> float:
 
     Args:
         runs: Number N of runs, positive.
-        failures: Number k of them that failed, from 0 to N.
+        failures: Number f of them that failed, from 0 to N.
         confidence: Confidence c, above 0 and below 1.
 
     Raises:

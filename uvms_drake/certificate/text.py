@@ -7,7 +7,12 @@ import numpy as np
 
 from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.claims import Claims
-from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate, percent_above
+from uvms_drake.certificate.in_probability import (
+    FAILURES,
+    ProbabilityCertificate,
+    percent_above,
+    spent,
+)
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
@@ -17,7 +22,7 @@ from uvms_drake.tube.law_tube import WEIGHTED
 from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
-          "limits.static_force, up to which the tube is taken")
+          "limits.static_force (contact.force, where it is sensed), up to which the tube is taken")
 HELP = {
     "contact.force_error": "a larger contact.force_error or contact.delay, or a better sensor",
     "contact.clearance": "a larger contact.clearance, or a shorter tare",
@@ -70,8 +75,8 @@ UNITS = {
 """Units of radii and ultimate bounds; metres and radians mixed."""
 PLAIN = {weighted: name for name, weighted in WEIGHTED.items()}
 """Constants of J_x by those of J_xŴ, which have the same unit."""
-NAMED = 12
-"""Largest number of failed runs that a sentence names."""
+NAMED, USES = 12, 6
+"""Largest numbers of failed runs, and of rows of the tube, that are named."""
 
 
 # Verdict and advice -------------------------------------------------------------------------------
@@ -96,7 +101,7 @@ def violation(condition: Condition) -> str:
     """Returns a condition that does not hold, and by how much."""
     if condition.is_count:
         return condition.name
-    by = f" by {-condition.margin:.4g}" if math.isfinite(condition.margin) else ""
+    by = f" by {-condition.margin:.4g}" if -math.inf < condition.margin < 0.0 else ""
     return f"{condition}{by}"
 
 
@@ -323,36 +328,59 @@ def _leg_rows(claims: Claims) -> list[str]:
 
 
 def format_probability(certificate: ProbabilityCertificate) -> str:
-    """Returns the verdict, its sentences, and the declared distribution."""
+    """Returns the verdict, its table, its sentences, and the declared distribution."""
     return "\n".join([
-        f"{certificate.scenario}: {certificate.verdict}", "", *sentences(certificate),
+        f"{certificate.scenario}: {certificate.verdict}", "", *_probability_rows(certificate), "",
+        *sentences(certificate),
         *_section("declared distribution", (f"  {line}" for line in certificate.distribution))])
 
 
+def _probability_rows(certificate: ProbabilityCertificate) -> list[str]:
+    """Returns runs, failures, attempt, bound, largest uses, force, and the shares accepted."""
+    runs, draws, force = certificate.runs, certificate.draws, certificate.force
+    most = sorted(certificate.use.items(), key=lambda row: -row[1])[:USES]
+    level = spent(certificate.confidence, certificate.attempt)
+    rows = {
+        "runs": _count(certificate),
+        "attempt": f"{certificate.attempt} at: {certificate.attempts[-1].task}",
+        "bound": f"{percent_above(certificate.probability)}, at {100.0 * level:.5g} % confidence "
+                 "for this attempt",
+        "tube used": ", ".join(f"{name} {use:.2f}" for name, use in most) or "not watched",
+        "force": "" if force["off_line"] is None else
+                 f"{force['least']:.3g} to {force['largest']:.3g} N desired; at the end of a hold "
+                 f"off by at most {force['off_line']:.2f} of the force line",
+        "draws": ", ".join(f"{runs} of {number} {name} accepted ({100.0 * runs / number:.3g} %)"
+                           for name, number in draws.items() if number),
+        "its own run": f"never drawn: {'; '.join(certificate.never_drawn)}"
+                       if certificate.never_drawn else "accepted by the test of the draws"}
+    return [f"{name:<14}{text}" for name, text in rows.items() if text]
+
+
 def sentences(certificate: ProbabilityCertificate) -> list[str]:
-    """Returns count, bound, meaning, condition, and the definition of a failure."""
-    p, runs = percent_above(certificate.probability), certificate.runs
+    """Returns the statement, its scope, and the definition of a failure."""
+    p, inputs = percent_above(certificate.probability), certificate.inputs[:12]
     chance = f"{100.0 * (1.0 - certificate.confidence):.3g} %"
     counted = [text for kind, text in FAILURES.items() if kind != "mission" or certificate.mission]
     return [
-        _count(certificate),
-        f"A run drawn from the declared distribution fails with a probability of at most {p}, "
-        f"unless these {runs} runs were an event of probability {chance} or less.",
+        f"Of the declared distribution of {certificate.scenario} ({inputs}, frozen before), a run "
+        f"of this simulation fails with a probability of at most {p}, unless an event of "
+        f"probability {chance} or less over all attempts in the ledger happened.",
         "It is a statement about drawn runs of this simulation, none about the worst of them, and "
-        "none about a robot that differs from its declared distribution.",
-        "It needs the number of runs and the seed to be chosen before the first run.",
-        f"A run counts as failed if it {_listed(counted, 'or')}."]
+        "none about a robot that differs from its declared distribution. The radii of the tube "
+        "carry no guarantee of their own.",
+        f"A run counts as failed if it {_listed(counted, 'or')}. The tube is watched from the end "
+        "of the hover on, all else from the start."]
 
 
 def _count(certificate: ProbabilityCertificate) -> str:
     """Returns the number of failures by kind, and the failed runs."""
     if certificate.failures == 0:
-        return f"0 of {certificate.runs} runs failed."
+        return f"0 of {certificate.runs} failed"
     failed = certificate.failed
     named = ", ".join(map(str, failed[:NAMED])) + (", ..." if len(failed) > NAMED else "")
     kinds = [f"{count} {FAILURES[kind]}" for kind, count in certificate.kinds.items() if count]
-    return (f"{certificate.failures} of {certificate.runs} runs failed ({named}): "
-            f"{_listed(kinds, 'and')}.")
+    return (f"{certificate.failures} of {certificate.runs} failed ({named}): "
+            f"{_listed(kinds, 'and')}")
 
 
 def _listed(parts: Sequence[str], last: str) -> str:

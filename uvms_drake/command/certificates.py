@@ -46,7 +46,7 @@ def kept_certificate(path: Path, scenario: Scenario, source: str, again: list[st
         return None
     command = shlex.join([PROGRAM, *again])
     if isinstance(certificate, ProbabilityCertificate):  # Its runs are of another campaign.
-        command += f" --runs {certificate.runs} --seed {certificate.seed}, in a new folder"
+        command += f" --runs {certificate.runs}, in a new folder"
     raise RunFailed(f"{path}: stale, {changed} has changed since 'certify' made it; "
                     f"use another --output, or make it again: {command}")
 

@@ -30,12 +30,12 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     runs.add_argument("--runs", type=int, metavar="N",
                       help="draw N runs of the declared distribution and bound the probability "
                            "that a run leaves the declared tube, violates a limit or loses the "
-                           "contact; no worst-case certificate is computed. The runs are kept in "
-                           "the folder runs inside of DIR: the same command continues them")
+                           "contact; no worst-case certificate is computed. The seed follows from "
+                           "scenario, program and N, and each attempt at a task is counted. The "
+                           "runs are kept in the folder runs inside of DIR: the same command "
+                           "continues them")
     runs.add_argument("--confidence", type=float, default=0.95, metavar="C",
                       help="confidence of that bound (default: %(default)s)")
-    runs.add_argument("--seed", type=int, default=0, metavar="S",
-                      help="run i is drawn from this and from i (default: %(default)s)")
     take_workers(certify)
 
 
@@ -50,7 +50,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
 
         left_out(args, ("largest", "within"), "with --runs")
         return certify_by_runs(args, names)
-    left_out(args, ("confidence", "seed", "workers", "scheduler"), "without --runs")
+    left_out(args, ("confidence", "workers", "scheduler"), "without --runs")
     if args.largest is not None:
         left_out(args, ("output", "full"), "with --largest")
         return find_largest(args)

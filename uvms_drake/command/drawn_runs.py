@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from uvms_drake.campaign.campaign import (
     SETUP_FILE,
     Campaign,
@@ -28,10 +30,13 @@ from uvms_drake.campaign.summary import (
     summarise_campaign,
     summarise_times,
 )
+from uvms_drake.certificate.attempts import attempt_of, begun, ledger_path
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     Certificate,
     cache_key,
+    fingerprint,
+    run_source,
     to_data,
     write_certificate,
 )
@@ -64,6 +69,10 @@ CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
 OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES, WALLS_FILE)
 OWN_FOLDER = "-campaign"
 """End of the name of a campaign's folder."""
+LARGEST_SEED = 2**32
+RADII = ("e", "position", "orientation", "joints", "z", "nu1", "nu2", "qdot", "roll", "pitch", "u")
+WALL_RADII = ("tip_speed", "depth", "depth_speed")
+"""Radii that a certificate in probability needs, and those that it needs with a sensed contact."""
 STORE = "runs"
 """Folder of the runs inside of that of a certificate in probability; it is a campaign's."""
 
@@ -97,8 +106,8 @@ def run_campaign(args: argparse.Namespace) -> int:
 def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     """Computes the missing runs, prints and writes the certificate; returns 3 if a run failed.
 
-    The number of runs is that of the first command in the folder, so that it is not chosen by their
-    outcome: all of them count where fewer are asked for, and more need another folder.
+    The attempt is in the ledger before the first run, so that neither seed nor number of runs nor
+    folder is chosen by the outcome.
 
     Args:
         args: Arguments of `certify`.
@@ -109,21 +118,20 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
             "at least 0.5 and below 1")
     scenario, source, path = asked(args)
     folder, pool = path / STORE, make_pool(args.workers, args.scheduler)
-    chosen = args.runs
-    if (folder / SETUP_FILE).exists():
-        chosen = read_setup(folder).runs or chosen
     with reported_in(source):
-        campaign = make_campaign(drawable(scenario), args.seed, None, chosen)
+        drawn = drawable(scenario)
+        check_declared(drawn)
+        attempt = attempt_of(drawn, fingerprint(drawn) | {"source": run_source()}, args.runs)
+        campaign = make_campaign(drawn, attempt.seed, None, args.runs)
         check_folder(folder, campaign)
-        require(args.runs <= chosen, "--runs", args.runs,
-                f"at most {chosen}, the number that {folder} was begun with; another number needs "
-                "another --output")
         note(scenario)
         vary(campaign, 0)
-    summary, text, _ = complete(args, campaign, chosen, folder, pool, None)
+    attempts = begun(attempt)
+    print(f"attempt {len(attempts)} at: {attempt.task}; in {ledger_path()}", file=sys.stderr)
+    summary, text, _ = complete(args, campaign, args.runs, folder, pool, None)
     # The certificate: in the folder, and in the cache for a run elsewhere.
     certificate = certificate_in_probability(
-        campaign, scenario, summary["results"], args.confidence)
+        campaign, attempts, scenario, summary["results"], args.confidence)
     with output_folder(path, replaced, replaces=True) as output:
         write_certificate(certificate, output.folder)
     store(cache_key(scenario), to_data(certificate))
@@ -136,10 +144,22 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
 def check_draws(args: argparse.Namespace) -> None:
     """Raises `InvalidParameter` for a number of runs or a seed that cannot be."""
     require(args.runs >= 1, "--runs", args.runs, "at least 1")
-    require(args.seed >= 0, "--seed", args.seed, "zero or positive")
+    seed = getattr(args, "seed", 0)  # That of a certificate, which is larger, cannot be foreseen.
+    require(0 <= seed < LARGEST_SEED, "--seed", seed, "zero or positive, below 2³²")
     for override in args.overrides:
         require(override.partition("=")[0] != "seed", "--set", override,
-                "--seed N: a campaign has a seed of its own")
+                "left out: a campaign has a seed of its own")
+
+
+def check_declared(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` for a radius that tightens a limit and is not declared."""
+    tube, of_wall = scenario.tube, scenario.contact.declared_wall() is not None
+    for key in (*RADII, *(WALL_RADII if of_wall else ()),
+                *(("tau",) if scenario.limits.tau is not None else ())):
+        radius = getattr(tube, key)
+        require(radius is not None and np.size(radius) > 0 and bool(np.any(radius)), f"tube.{key}",
+                radius, "declared: a certificate in probability watches each radius that "
+                "tightens a limit")
 
 
 def drawable(scenario: Scenario) -> Scenario:

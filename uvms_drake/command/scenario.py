@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.command.files import folder, new_at
+from uvms_drake.command.files import folder, new_at, take_quiet
 from uvms_drake.command.interrupt import PROGRAM
+from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import read_yaml
 from uvms_drake.common.wiring import release
@@ -37,12 +38,17 @@ def add_scenario(commands: argparse._SubParsersAction) -> None:
                           help="with --new: name of a shipped robot, or a robot's folder")
     scenario.add_argument("--force", type=float, default=5.0, metavar="N",
                           help="desired force (default: %(default)s)")
+    scenario.add_argument("--uncertified", action="store_true",
+                          help="with --new: write it without computing its certificate, which "
+                               "takes some ten seconds and may change it by the advice there")
+    take_quiet(scenario)
 
 
 def new_or_checked(args: argparse.Namespace) -> int:
     """Writes a new scenario, or checks one."""
     if args.check is not None:
         require(args.robot is None, "--robot", args.robot, "left out with --check")
+        require(not args.uncertified, "--uncertified", True, "left out with --check")
         return check_scenario(args.check)
     require(args.robot is not None, "--robot", args.robot, "a robot, with --new")
     return new_scenario(args)
@@ -105,6 +111,7 @@ def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall, and which a run takes."""
     from uvms_drake.plant.model_check import sound_robot
     from uvms_drake.setup.first_scenario import first_scenario, format_first_scenario
+    from uvms_drake.setup.settle import settle
 
     file: Path = args.new
     require(file.suffix == ".yaml" and not file.exists(), "--new", str(file),
@@ -115,21 +122,24 @@ def new_scenario(args: argparse.Namespace) -> int:
     shipped = args.robot in shipped_robots()
     # A path, though it may be that of a folder with the name of a shipped robot.
     model = args.robot if shipped else os.path.join(".", os.path.relpath(robot.folder, file.parent))
-    text = format_first_scenario(found, model, robot.name)
+    verdict = f"'{PROGRAM} certify {file}' says whether it holds"
     above = [path for path in file.parents if not path.exists()]
     with new_at(file):
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
+        file.write_text(format_first_scenario(found, model, robot.name), encoding="utf-8")
     # A scenario that `run` would refuse is refused here, and leaves no file.
     try:
-        with reported_in(f"the scenario made for {robot.name}"):
+        with reported_in(f"the scenario made for {robot.name}"), bar(
+                args, CERTIFYING, is_steady=False) as progress:
             require_runnable(load_scenario(str(file)))
+            if not args.uncertified:
+                verdict = settle(found, model, robot.name, file, progress).verdict
     except BaseException:
         file.unlink()
         for path in above:
             path.rmdir()
         raise
-    print(f"written to {file}; '{PROGRAM} certify {file}' says whether it holds")
+    print(f"written to {file}; {verdict}")
     return 0
 
 

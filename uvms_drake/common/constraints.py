@@ -51,7 +51,8 @@ Rate = Constraint(f"positive, and at most {1.0 / SHORTEST:g} Hz",
                   lambda x: (x > 0.0) & (x <= 1.0 / SHORTEST))
 """Rate of a clock [Hz]."""
 UnitVector = Constraint("a unit vector", lambda x: np.shape(x) == (3,) and (
-    abs(np.linalg.norm(x) - 1.0) < 1e-6))
+    abs(np.linalg.norm(x) - 1.0) < 1e-3))
+"""Unit vector (3,), of which three digits are enough: `schema.check_values` gives it length 1."""
 
 
 def Above(least: float) -> Constraint:

@@ -1,7 +1,8 @@
 """Errors of bad values: key, value, and allowed values."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
@@ -22,9 +23,26 @@ class InvalidParameter(ValueError):
         self.key = key
         self.value = value
         self.allowed = " ".join(allowed.split())
-        text = np.array2string(value, separator=", ", threshold=12) if isinstance(
-            value, np.ndarray) else repr(value)
-        super().__init__(f"{key} = {' '.join(text.split())}: must be {self.allowed}")
+        super().__init__(f"{key} = {shown(value)}: must be {self.allowed}")
+
+
+def shown(value: object) -> str:
+    """Returns a value as a scenario's file has it, in a line: of an object its tag."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        text = np.array2string(value, separator=", ", threshold=12)
+    elif isinstance(value, np.generic | np.ndarray):
+        text = repr(value.item())
+    elif isinstance(value, str | bytes | int | float | complex | None):
+        text = repr(value)
+    elif isinstance(value, Path):
+        text = repr(str(value))
+    elif isinstance(value, Mapping):
+        text = "{" + ", ".join(f"{key}: {shown(each)}" for key, each in value.items()) + "}"
+    elif isinstance(value, Sequence | set | frozenset):
+        text = "[" + ", ".join(map(shown, value)) + "]"
+    else:
+        text = f"!{(value if isinstance(value, type) else type(value)).__name__}"
+    return " ".join(text.split())
 
 
 class InvalidFile(InvalidParameter):

@@ -24,6 +24,7 @@ import yaml  # type: ignore[import-untyped]  # Drake's own choice and dependency
 from pydrake.common.yaml import yaml_dump_typed
 
 from uvms_drake.common.attribute_docs import attribute_docs
+from uvms_drake.common.constraints import UnitVector
 from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError, require, within
 from uvms_drake.common.kinds import kinds_of
 
@@ -33,6 +34,8 @@ NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 KEPT = 16
 """Number of texts whose content is remembered: PyYAML takes longer than to build the rest of a
 station, and the runs of a campaign read the same robot again and again."""
+ROUNDED = 1e-6
+"""Difference of a unit vector's length from 1 that is left as it is."""
 LARGEST = 1e50
 """Largest number in a file: results such as its square are finite too."""
 
@@ -190,8 +193,9 @@ def load_typed(schema: type[T], raw: object) -> T:
 def check_values(struct: object, key: str = "") -> None:
     """Raises `InvalidParameter` for the first value in a struct that its schema does not allow.
 
-    First come the constraints of its fields, see `constraints`, and those of the structs in them;
-    then its own `check`, of several fields together.
+    First come the constraints of its fields, see `constraints`, and those of the structs in them,
+    where unit vectors that are rounded get length 1; then its own `check`, of several fields
+    together.
 
     Args:
         struct: A dataclass, or one of Drake's config structs.
@@ -199,7 +203,12 @@ def check_values(struct: object, key: str = "") -> None:
     """
     fields = _annotated(type(struct))  # type: ignore[arg-type]  # It is hashable.
     for name, declared in fields.items():
-        _check_value(declared, getattr(struct, name), f"{key}.{name}" if key else name)
+        value = getattr(struct, name)
+        _check_value(declared, value, f"{key}.{name}" if key else name)
+        if UnitVector in typing.get_args(declared) and value is not None:
+            norm = float(np.linalg.norm(value))
+            if abs(norm - 1.0) > ROUNDED:
+                object.__setattr__(struct, name, np.asarray(value, dtype=float) / norm)
     if hasattr(struct, "check"):
         with within(key) if key else contextlib.nullcontext():
             struct.check()

@@ -23,8 +23,8 @@ AROUND, HALVINGS = 0.5, 20
 """Search distance for a surface [m], and number of bisections of 5 mm of it."""
 STEP = 1e-5
 """Step of the difference for the slope of a force [m]."""
-UNFINISHED = "not over"
-"""Outcome of a step at the end of the run."""
+UNFINISHED, DONE_STEP = "not over", "done"
+"""Outcome of a step at the end of the run, and of one that was completed."""
 
 
 def disturbance_above(record: Record) -> np.ndarray:
@@ -171,6 +171,6 @@ def attempts_of(record: Record) -> list[Attempt]:
     for begin, end in zip(begins, ends, strict=True):
         failed = end < len(step) and progress["failures"][end] > progress["failures"][begin]
         ended = (UNFINISHED if end == len(step)
-                 else REASONS[progress["reason"][end]] if failed else "done")
+                 else REASONS[progress["reason"][end]] if failed else DONE_STEP)
         out.append(Attempt(int(step[begin]), slice(int(begin), int(end)), ended))
     return out

@@ -72,8 +72,8 @@ def summarise_claim(certificate: AnyCertificate | None, contact: dict[str, Any]
             f"{row['specified']:.4g}" for key, row in contact.get("out_of_class", {}).items()]
     return {"verdict": certificate.verdict, "probability": certificate.probability,
             "confidence": certificate.confidence, "runs": certificate.runs,
-            "failures": certificate.failures,
-            "outside": seen}
+            "failures": certificate.failures, "attempt": certificate.attempt,
+            "outside": [*(f"never drawn: {value}" for value in certificate.never_drawn), *seen]}
 
 
 def broken(summary: dict[str, Any]) -> list[str]:

@@ -8,24 +8,26 @@ Everything is a closed form or a search over postures, and none of it is proven:
 s the share of the remaining force that one axis may use while others are in use, too.
 Where τ_max is unknown, u is the need of the task. The disturbance is the force of a current
 on the hull and friction on the joints, over Mᵢᵢ; the gains k = σ are the smallest of `GAINS` whose
-bound of the deviation, ‖J_pos Ŵ‖d̃/(kσ) at the posture, is a fifth of the force on the wall.
+bound of the deviation, ‖J_pos Ŵ‖d̃/(kσ) at the posture, is a fifth of the force on the wall. The
+tube of a run without a certificate is that of `declared_tube`, or one that was certified.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.report.robot.robot_sheet import dexterities, largest_wrench
 from uvms_drake.setup.holding import Holding, coordinate, unit_of, what_helps
-from uvms_drake.tube.row_gains import input_gain
+from uvms_drake.tube.row_gains import input_gain, instant_gains
 
 POSTURES = 3000
 """Random postures among which the search begins."""
@@ -65,6 +67,14 @@ STIFFNESS = 1000.0
 """Stiffness of the wall of the base [N/m]."""
 WEAKEST = 0.2
 """Least share of the disturbance that is worth a certificate."""
+TILT = 0.25
+"""Limit of roll and pitch of the vehicle [rad]."""
+STATES, ABOVE = 200, 1.1
+"""Random postures of the suprema in a declared tube, and the factor on their largest values."""
+REMAINDER = 2.0
+"""Factor for the remainders of velocities, attitude and inputs in it."""
+TERMINAL = 0.1
+"""Radius of the terminal set without a certificate."""
 LAG_MARGIN = 0.5
 """Gain times lag of a loop that is far from its edge of stability, which is at 2 for k = σ."""
 TEMPLATE = Path(__file__).with_name("first_scenario.template")
@@ -116,6 +126,16 @@ class FirstScenario:
     short: tuple[str, ...]
     """Axes whose limit of the input is above that of thrusters or motors, for a disturbance that an
     author has declared."""
+    tube: TubeRadii
+    """Radii for runs without a certificate."""
+    terminal_radius: float = TERMINAL
+    """ε of these."""
+    source: str = "closed forms of the law for this robot and disturbance"
+    """Source of both."""
+
+    def weaker(self, share: float) -> "FirstScenario":
+        """Returns the same against a part of the disturbance."""
+        return replace(self, disturbance=share * self.disturbance, covered=share * self.covered)
 
 
 class Choices(NamedTuple):
@@ -206,11 +226,14 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choi
     limits = np.array([world.q_lower, world.q_upper])
     across = rotation_matrix(np.array([0.0, 0.0, heading])) @ np.array([0.0, -0.02, -0.02])
     start = config[:6] + np.concatenate([across - distance * into, [0.0, 0.0, 0.02]])
+    gain, q_limits = _gain(model, config, covered * wanted, force), np.clip(
+        [posture - HALF_RANGE, posture + HALF_RANGE], *limits)
     return FirstScenario(
         force=force * into, frame=frame, pose=pose, posture=posture, dexterity=dexterity,
-        eta=start, q_limits=np.clip([posture - HALF_RANGE, posture + HALF_RANGE], *limits),
+        eta=start, q_limits=q_limits,
         u=u, strength=strength, tau_eq=tau_eq, disturbance=covered * wanted, covered=covered,
-        gain=_gain(model, config, covered * wanted, force), lag=_lag(uvms),
+        gain=gain, lag=_lag(uvms),
+        tube=declared_tube(model, q_limits, covered * wanted, gain),
         undriven=() if uvms.thrusters is None else tuple(uvms.thrusters.undriven),
         short=tuple(coordinate(i) for i, is_short in enumerate(short) if is_short))
 
@@ -312,6 +335,39 @@ def _gain(model: UvmsModel, config: np.ndarray, disturbance: np.ndarray, force: 
     return enough[0] if enough else GAINS[-1]
 
 
+def declared_tube(model: UvmsModel, q_limits: np.ndarray, disturbance: np.ndarray, gain: float
+                  ) -> TubeRadii:
+    """Returns radii of the law `resolved` for runs without a certificate; nothing proves them.
+
+    Those of y are max ‖JŴ‖d̃/(kσ), as of `resolved_tube`, over random states in place of all; those
+    of velocities, attitude and inputs have no remainders but by a factor.
+
+    Args:
+        model: The robot.
+        q_limits: Smallest and largest joint angles (2, n) [rad].
+        disturbance: Ŵd̃ (6+n,) [m/s², rad/s²].
+        gain: k = σ [1/s].
+    """
+    n, rng, gains = model.num_joints, np.random.default_rng(0), instant_gains(gain, gain)
+    tilts = rng.uniform(-TILT, TILT, (STATES, 2))
+    postures = rng.uniform(q_limits[0], q_limits[1], (STATES, n))
+    J = np.array([model.task_jacobian(np.concatenate([np.zeros(3), tilt, [0.0], posture]))[:6]
+                  for tilt, posture in zip(tilts, postures, strict=True)])
+    rows = np.concatenate([J, np.broadcast_to(np.eye(6 + n)[6:], (STATES, n, 6 + n))], axis=1)
+    e, position, orientation, joints = (
+        ABOVE * gains.position * float(np.max(np.linalg.norm(
+            rows[:, block] * disturbance, 2, axis=(1, 2)))) if rows[:, block].size else 0.0
+        for block in (slice(None), slice(3), slice(3, 6), slice(6, None)))
+    nu1, nu2, qdot = (
+        factor * gains.velocity * float(np.max(block, initial=0.0)) for factor, block in (
+            (REMAINDER, disturbance[:3]), (REMAINDER, disturbance[3:6]), (ABOVE, disturbance[6:])))
+    tilt = REMAINDER * gains.position * float(np.max(disturbance[3:6]))
+    return TubeRadii(
+        e=e, position=position, orientation=orientation, joints=joints,
+        z=float(np.linalg.norm([nu1, nu2, qdot])), nu1=nu1, nu2=nu2, qdot=qdot,
+        tip_speed=2.0 * gain * position, roll=tilt, pitch=tilt, u=REMAINDER * disturbance)
+
+
 def _lag(uvms: Uvms) -> float:
     if uvms.thrusters is None:
         return 0.0
@@ -345,7 +401,11 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
         q_lower=_row(-_floored(-found.q_limits[0]), 10),
         q_upper=_row(_floored(found.q_limits[1]), 10),
         thrust=thrust,
-        u=_row(found.u, 2), tau=_row(tau, 3), tube_u=_row(2.0 * found.disturbance, 2),
+        u=_row(found.u, 2), tau=_row(tau, 3), source=found.source, tilt=_number(TILT),
+        tube="\n  ".join(
+            f"{key}: {_row(value, 3) if np.ndim(value) else _number(value)}"
+            for key, value in vars(found.tube).items() if value is not None),
+        terminal=_number(found.terminal_radius),
         weight_y=_row([20.0] * 3 + [10.0] * 3 + [2.0] * n),
         weight_zeta=_row([5.0] * 6 + [10.0] * n),
         weight_u=_row(np.clip(1.5 / found.u**2, 0.005, 30.0), 2), gain=_number(found.gain),

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import Gain, PassThrough
+from pydrake.systems.primitives import ConstantVectorSource, Gain, PassThrough
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.schema import check_values
@@ -26,6 +26,7 @@ from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
     PAYLOAD,
     PAYLOAD_AT_REST,
+    TICK,
     VEHICLE_WRENCH,
     Part,
     Signals,
@@ -64,7 +65,8 @@ Their Newton iteration asks the law far from the solution, and where a limit cut
 flat: in `paper_dynamic` it would converge in far shorter steps only."""
 
 
-def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Diagram:
+def make_controller(scenario: Scenario, model: ContactModel | None = None, *,
+                    measured: bool = False) -> Diagram:
     """Returns everything between the plant's state and its input, as a Diagram "controller".
 
     ::
@@ -90,7 +92,7 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
         - tau
         - nominal_state, u, ... (each signal)
         - plan
-        - solve_seconds
+        - report, solve_seconds
 
     - `state`: true (𝔮, ζ) (2(6+n)).
     - `force`: true wrench 𝔉 (6) on the surface [N, N m], for the force sensor; read with one only.
@@ -99,9 +101,15 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     - `stop` (1): above zero, it ends the mission.
     - `tau`: τ (6+n) behind the actuators [N, N m].
 
+    With `measured`, for sensors that are not simulated, no sensor is: `state` is the measured one,
+    in place of `force` and `payload` there is `force_measured` (6), 𝔉_s as of a `ForceSensor` [N,
+    N m], if the scenario has a sensor of the force, and a further input `tick` (1), each change of
+    which is a tick of the clock of its `SampledCommand`, see `TickedVector`.
+
     Args:
         scenario: Task, limits, tube, sensors and actuators.
         model: The controller's model; loaded if left out.
+        measured: Whether state and force are the measured ones, and ticks come from outside.
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
@@ -113,13 +121,22 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
 
     # True signals come from outside; the pose of the end-effector follows from the state. Only a
     # payload's is zero if unconnected, as of a `PassThrough`; a `Gain` wants its input.
-    payload = (PAYLOAD, PAYLOAD_AT_REST) if scenario.model_error.payload.present else ()
+    sources: dict[str, System] = {"state": Gain(1.0, 2 * model.size)}
+    if measured:
+        sources |= {name: Gain(1.0, size) for name, size, needed in (
+            (MEASURED_FORCE, 6, known_reading(scenario) is not None), (TICK, 1, True)) if needed}
+    else:
+        sources["force"] = Gain(1.0, 6)
+        if scenario.model_error.payload.present:
+            sources |= {name: PassThrough(6) for name in (PAYLOAD, PAYLOAD_AT_REST)}
     given = Signals()
-    for name, source in (("state", Gain(1.0, 2 * model.size)), ("force", Gain(1.0, 6)),
-                         *((name, PassThrough(6)) for name in payload)):
+    for name, source in sources.items():
         builder.AddNamedSystem(name, source)
         builder.ExportInput(source.get_input_port(), name)
         given[name] = source.get_output_port()
+    if measured:  # Thrusters hover at the start, where nothing is touched.
+        given["force"] = builder.AddNamedSystem(
+            "no_force", ConstantVectorSource(np.zeros(6))).get_output_port()
     tip = builder.AddNamedSystem("tip", TipPose(model))
     builder.Connect(given["state"], tip.get_input_port())
     given["chi"] = tip.get_output_port()
@@ -128,12 +145,12 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None) -> Di
     signals = Signals({**given, **signals_of(controller)})
     _, applied = connect_controller(
         builder, scenario, model, controller, given["state"], signals,
-        [fault for fault in scenario.faults if fault.place == "force"])
+        [] if measured else [fault for fault in scenario.faults if fault.place == "force"])
     builder.ExportOutput(applied, "tau")
     for name, port in signals.items():
         if name not in {*given, "tau"}:
             builder.ExportOutput(port, name)
-    for name in ("plan", "solve_seconds"):
+    for name in ("plan", *SAMPLED):
         builder.ExportOutput(controller.GetOutputPort(name), name)
     diagram = builder.Build()
     diagram.set_name("controller")
@@ -167,10 +184,11 @@ def _press_control(scenario: Scenario) -> PressControl:
     require(pressing_force(scenario) < largest, "task.force", scenario.task.force,
             f"less than {largest:.3g} N: contact.force less the parts of sensor, tube, angle and "
             "stiffness")
-    reading = known_reading(scenario)
-    require(reading is None or largest + contact.force_error < reading.largest,
-            "sensing", scenario.sensing,
-            f"with a range of more than {largest + contact.force_error:.3g} N")
+    reading, needed = known_reading(scenario), largest + contact.force_error
+    for key, part in keyed("sensing", scenario.sensing).items():
+        if reading is not None and part.reading(0.0, 0.0) is not None:
+            require(needed < reading.largest, f"{key}.range", getattr(part, "range", part),
+                    f"more than {needed:.3g} N")
     for i, step in enumerate(scenario.mission.steps):
         require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                 f"less than {largest:.3g} N, like task.force")
@@ -211,15 +229,15 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         return add_chain(builder, model, port, signals, parts, scenario.seed)
 
     # Measurements, targets and faults, by the names of the controller's inputs.
-    measured = chain(state, faults_at("sensing", faults) | keyed("sensing", scenario.sensing))
+    sensors = {} if TICK in signals else keyed("sensing", scenario.sensing)
+    measured = chain(state, faults_at("sensing", faults) | sensors)
     given = {"state": measured}
     force_faults = faults_at("force", faults)
     for key, fault in force_faults.items():
         require(MEASURED_FORCE in signals, key, type(fault).__name__,
                 "left out: no part measures the force")
     require(MEASURED_FORCE in signals or not controller.HasInputPort("force_valid"), "sensing",
-            scenario.sensing, "with a part that measures the force, such as !ForceSensor, for a "
-            "sensed contact")
+            scenario.sensing, "with a part that measures the force, such as !ForceSensor")
     if MEASURED_FORCE in signals:
         require(scenario.ancillary.takes_force, "ancillary", scenario.law,
                 "a law that takes the measured force, such as resolved")

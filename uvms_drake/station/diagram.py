@@ -28,6 +28,7 @@ from uvms_drake.station.problem import (
     make_ocp,
     shown_surface,
     start_state,
+    surface_heading,
 )
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.supervision import MONITOR_FLOOR, MONITOR_SLACK
@@ -270,7 +271,7 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         radius=float(resolved_radii(scenario.tube).position or 0.0),
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
-        direction=None if wall is None else wall.direction,
+        heading=surface_heading(scenario), direction=None if wall is None else wall.direction,
         margin=0.0 if wall is None else safe_depth_margin(scenario),
         painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
         if scenario.mission.steps else None)

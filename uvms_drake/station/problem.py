@@ -20,6 +20,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.model.surface.law import Surface, check_surface
+from uvms_drake.model.surface.surface_class import heading_of
 from uvms_drake.plant.model_check import sound_robot
 from uvms_drake.plant.surface import displaced
 from uvms_drake.station.contact.bounds import (
@@ -88,6 +89,14 @@ def disturbance_weights(scenario: Scenario, model: ContactModel) -> np.ndarray:
 def true_surface(scenario: Scenario) -> Surface:
     """Returns the simulated surface, which the controller may not know."""
     return displaced(scenario.surface, scenario.surface_error)
+
+
+def surface_heading(scenario: Scenario) -> float:
+    """Returns the heading [rad] of a robot that faces the surface; 0 if it has no direction."""
+    wall, normal = scenario.contact.declared_wall(), true_surface(scenario).normal
+    if wall is None and normal is None:
+        return 0.0
+    return heading_of(-np.asarray(normal) if wall is None else wall.direction)
 
 
 def shown_surface(scenario: Scenario, model: ContactModel) -> Surface:

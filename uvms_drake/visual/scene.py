@@ -6,6 +6,7 @@ from typing import cast
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, Rgba
+from pydrake.math import RotationMatrix
 from pydrake.systems.framework import Context, EventStatus
 
 from uvms_drake.common.wiring import WiredSystem
@@ -126,6 +127,8 @@ class Setting:
     """Settings of the drawing."""
     certified: bool
     """Whether the tube is that of a certificate that holds."""
+    heading: float = 0.0
+    """Heading [rad] of a robot that faces the surface; the camera turns with it."""
     direction: np.ndarray | None = None
     """Direction n into an unknown surface (3,); None: the surface is known."""
     margin: float = 0.0
@@ -154,7 +157,8 @@ class Scene:
     def __init__(self, meshcat: Meshcat, setting: Setting):
         self._law, self._model = setting.surface, setting.model
         self._stage = stage = Stage(meshcat)
-        middle, unit = self._framed(setting)
+        turn = RotationMatrix.MakeZRotation(-setting.heading)
+        middle, unit = self._framed(setting, turn)
         radius = setting.radius
         self._enlarged = (setting.visual.magnification
                           or round_magnification(radius, INSET_RADIUS))
@@ -169,8 +173,9 @@ class Scene:
                    int(np.ceil(2.5 * unit / CELL)))
 
         # The camera, on the side from which the robot comes, and the texts that face it.
-        side = 1.0 if setting.start[1] - self._goal[1] > SIDE_SWITCH * unit else -1.0
-        self.camera = middle + unit * np.array([-0.72, 2.75 * side, 0.8])
+        begin = turn.inverse() @ (UP * (setting.start[:3] - self._goal))
+        side = 1.0 if -begin[1] > SIDE_SWITCH * unit else -1.0
+        self.camera = middle + unit * (turn @ np.array([-0.72, 2.75 * side, 0.8]))
         self.target = middle + unit * np.array([0.0, 0.0, 0.1])
         self._look(meshcat)
         self._use = setting.limit_use
@@ -189,15 +194,19 @@ class Scene:
             stage, f"{NED}/coverage", f"{board}/painted", setting.painted, -n)
         self._time = np.inf
 
-    def _framed(self, setting: Setting) -> tuple[np.ndarray, float]:
-        """Returns the middle (3,) [m] of the motion in Meshcat's axes, and its size [m]."""
+    def _framed(self, setting: Setting, turn: RotationMatrix) -> tuple[np.ndarray, float]:
+        """Returns the middle (3,) [m] of the motion in Meshcat's axes, and its size [m].
+
+        `turn` turns the axes so that the surface is ahead, along x.
+        """
         vehicle = setting.start[:3]
         tip, self._goal = self._model.task_pose(setting.start)[:3], setting.goal[:3]
         self._tip = tip
         points = UP * np.array([vehicle, vehicle + self._goal - tip, tip, self._goal])
+        points = points @ turn.matrix()
         border = float(np.linalg.norm(tip - vehicle)) * 0.6
         low, high = points.min(axis=0) - border, points.max(axis=0) + border
-        return 0.5 * (low + high), float(max((high - low)[[0, 2]] / [2.5, 1.3]))
+        return turn @ (0.5 * (low + high)), float(max((high - low)[[0, 2]] / [2.5, 1.3]))
 
     def _look(self, meshcat: Meshcat) -> None:
         """Places the camera in the water."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -21,6 +22,16 @@ from uvms_drake.control.mpc.planner import (
 )
 from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.plan.plan import Plan
+
+
+class Computer(Protocol):
+    """Computer of plans that runs beside the loop, as in another process."""
+
+    def start(self, sample: Sample, memory: MpcMemory) -> None:
+        """Begins to compute `Planner.again`, unless it is at work still."""
+
+    def result(self) -> MpcMemory | None:
+        """Returns the memory of the last `start`; None if it is late, or was not begun."""
 
 
 class NominalMpc(WiredSystem):
@@ -107,6 +118,7 @@ class NominalMpc(WiredSystem):
                  committed: int = 0):
         super().__init__()
         self._planner = Planner(solver, targets, committed)
+        self._computer: Computer | None = None
         self._ocp = solver.ocp
         size = self._ocp.model.size
         # State and inputs; those of the problem have its names.
@@ -143,6 +155,20 @@ class NominalMpc(WiredSystem):
         """Sets the clock of `solve_seconds` and of the deadline [s], in place of wall time."""
         self._planner.clock = clock
 
+    def compute_by(self, computer: Computer) -> None:
+        """Has plans `in_advance` computed by a `Computer`; one that is late times out."""
+        self._computer = computer
+
+    def computed(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
+        """Returns the memory after a sample, with the time that it took here, for a `Computer`."""
+        began = self._planner.clock()
+        memory = self._planner.again(sample._replace(started=began), memory)
+        return replace(memory, solve_seconds=self._planner.clock() - began)
+
+    def prepare(self, force: np.ndarray) -> None:
+        """Makes the problem of a desired force (6,) [N, N m] in advance, if it will need one."""
+        self._planner.prepare(force)
+
     def _recall(self, context: Context) -> MpcMemory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
@@ -178,16 +204,32 @@ class NominalMpc(WiredSystem):
         sample, memory = self._sample(context), self._recall(context)
         supervised = self._retreat_port.HasValue(context)
         if supervised and self._retreat_port.Eval(context)[0] > 0.0:
-            sample = sample._replace(fault=DROPPED)
+            return self._remember(
+                state, self._planner.pass_over(sample, memory, DROPPED), sample.started)
         try:
-            memory = self._planner.again(sample, memory)
+            return self._step(state, sample, memory)
         except RunFailed:
             raise
         except Exception:  # Whatever a planner raises, the last plan goes on.
             if not supervised:
                 raise
-            memory = self._planner.pass_over(sample, memory, FAILED)
-        return self._remember(state, memory, sample.started)
+            return self._remember(
+                state, self._planner.pass_over(sample, memory, FAILED), sample.started)
+
+    def _step(self, state: State, sample: Sample, memory: MpcMemory) -> EventStatus:
+        """Makes a plan, or takes the one that was computed in advance and begins the next one."""
+        if not self._ocp.in_advance:
+            return self._remember(state, self._planner.again(sample, memory), sample.started)
+        if self._computer is not None:
+            memory = replace(memory, coming=self._computer.result())
+        memory = self._planner.taken(sample, memory)
+        between = self._planner.between(sample, memory)
+        if self._computer is not None:
+            self._computer.start(sample, memory)
+        else:
+            between = replace(between, coming=self.computed(sample, memory))
+        state.get_mutable_abstract_state(int(self._memory)).set_value(between)
+        return EventStatus.Succeeded()
 
     def _sample(self, context: Context) -> Sample:
         """Returns the inputs now, a measured state only if plans start there."""

@@ -9,6 +9,11 @@ t_{i+1}, committed the actuators up to t_{i+1} + ℓ. With n = ⌈ℓ/h⌉
 and the problem is the one without actuation delay, from the state at t_i + nh. No command that was
 issued changes, and every problem is feasible if it was so without: proofs in
 control/plan/theory.md#committed-horizon. Before the first plan the robot coasts; at rest it hovers.
+
+With `mpc.in_advance` the plan of t_i comes at t_{i+1}, so that a computer may take h for it, and
+one more interval is committed. Until it comes, the last plan goes on, which is the same over the
+committed part; and it is taken only if it is sound with the inputs of t_{i+1}, which may have
+changed, unless the last plan is not either.
 """
 
 import math
@@ -88,6 +93,11 @@ class MpcMemory:
     """Last values of `MPC_REPORT`."""
     solve_seconds: float = 0.0
     """Wall time of the last step [s]; the only value that is not reproducible."""
+    coming: "MpcMemory | None" = None
+    """Memory with the plan of the last sample, which comes at the next one, if it is
+    computed in advance and not late."""
+    awaits: bool = False
+    """Whether the plan of the last sample is to come at the next one."""
 
 
 class Sample(NamedTuple):
@@ -125,6 +135,11 @@ class Planner:
         self._made = lru_cache(maxsize=SOLVERS_KEPT)(self._make)
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
         self.initial = MpcMemory(force=force, asked=force)
+
+    def prepare(self, force: np.ndarray) -> None:
+        """Makes the problem of a desired force (6,) [N, N m], which is remembered."""
+        if self._targets is not None:
+            self._solver_for(np.asarray(force, dtype=float))
 
     def first(self, sample: Sample) -> MpcMemory:
         """Returns the memory with a first plan: the robot coasts over its committed part.
@@ -194,6 +209,39 @@ class Planner:
         if status != SOLVED:
             force, solution = memory.force, replace(solution, plan=None, evaluation=None)
         return self._remember(sample, replace(memory, force=force), guess, solution, status)
+
+    def between(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
+        """Returns the memory between a later sample and the next one, when its plan comes.
+
+        That has the plan of the last sample, continued to now; its own is still to be computed, by
+        `again` of the memory that `taken` returns. The report is that of the plan taken, but for
+        its time.
+        """
+        ocp, report = self._current(sample, memory).ocp, memory.report.copy()
+        report[0] = sample.time
+        return replace(memory, plan=self._guess(sample, memory, ocp), report=report, awaits=True)
+
+    def taken(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
+        """Returns the memory with the plan that comes; without it, if it is late or not sound."""
+        coming, memory = memory.coming, replace(memory, coming=None)
+        if coming is not None and (coming.report[1] == HOVERED
+                                   or self._is_usable(sample, coming, memory)):
+            return coming
+        if not memory.awaits or memory.report[1] == HOVERED:
+            return memory
+        status, report = TIMED_OUT if coming is None else KEPT, memory.report.copy()
+        _say(sample.time, status, memory)
+        report[1] = status
+        return replace(memory, report=report)
+
+    def _is_usable(self, sample: Sample, coming: MpcMemory, memory: MpcMemory) -> bool:
+        """Returns whether a plan is sound with the inputs given now, or the last one is not."""
+        if not sample.given:
+            return True
+        ocp = self._current(sample, coming).ocp
+        new, last = (ocp.evaluate(plan.after(self._committed))
+                     for plan in (coming.plan, memory.plan) if plan is not None)
+        return ocp.is_sound(new) or not ocp.is_sound(last)
 
     def pass_over(self, sample: Sample, memory: MpcMemory, status: int) -> MpcMemory:
         """Returns the memory with the same plan, continued if it ends before the next sample."""
@@ -295,14 +343,16 @@ def _say(now: float, status: int, old: MpcMemory) -> None:
         warn(now, TROUBLE[status])
 
 
-def committed_intervals(law: AncillaryLaw, command_path: CommandPath, time_step: float) -> int:
-    """Returns n; zero for a law without feedforward preview.
+def committed_intervals(law: AncillaryLaw, command_path: CommandPath, time_step: float,
+                        in_advance: bool = False) -> int:
+    """Returns n; zero for a law without feedforward preview, whose plans come at once.
 
     Args:
         law: The law.
         command_path: Path of the commands, with ℓ as its `preview`.
         time_step: h [s].
+        in_advance: Whether a plan comes at the sample after its own, one interval later.
     """
     if not law.takes_wrench:
-        return 0
-    return math.ceil(max(command_path.preview) / time_step - KNOT_TOLERANCE)
+        return int(in_advance)
+    return int(in_advance) + math.ceil(max(command_path.preview) / time_step - KNOT_TOLERANCE)

@@ -76,6 +76,9 @@ class MpcConfig:
     deadline: Annotated[float, Positive] | None = None
     """Wall time after which a plan, other than the first, is discarded [s]; none if it is left out.
     A run that has one is not reproducible bit for bit."""
+    in_advance: bool = False
+    """Whether a plan is computed in advance: the plan of a sample comes at the next one, and
+    one more interval of each is committed. So a computer may take a sampling period for it."""
     terminal_weight: np.ndarray | None = None
     """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
     terms: list[CostTerm] = field(default_factory=list)
@@ -180,7 +183,7 @@ class Ocp:
         self.iterations = mpc.iterations
         self.solver = mpc.solver
         self.hover = mpc.hover
-        self.deadline = mpc.deadline
+        self.deadline, self.in_advance = mpc.deadline, mpc.in_advance
         self.y_des = y_des
         self.limits = limits
         self.own_terms: list[CostTerm] = list(mpc.terms)

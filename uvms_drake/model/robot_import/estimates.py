@@ -14,7 +14,7 @@ from uvms_drake.model.description.hydrodynamics_file import (
     Drag,
     added_mass_about_origin,
 )
-from uvms_drake.model.description.thruster_file import undriven_axes
+from uvms_drake.model.description.thruster_file import AXES, undriven_axes
 from uvms_drake.model.description.water_center import center_of_water
 from uvms_drake.model.robot_import.bodies import Body
 from uvms_drake.model.robot_import.plugins import Thruster, Waters
@@ -80,16 +80,17 @@ def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Not
 
 def estimate_thrust(vehicle: Body, placed: list[Thruster], notes: Notes) -> tuple[float, list[str]]:
     """Returns the force [N] of thrusters without a curve, and the axes that no thruster drives."""
-    # The force that pulls the vehicle forward or sideways at `SPEED`.
+    # The force that pulls the vehicle at `SPEED` forward or sideways, as far as they push so.
+    axes = undriven_axes([(thruster.position, thruster.axis) for thruster in placed])
     drag = sum((strip.linear + strip.quadratic * SPEED for strip in vehicle.drag), np.zeros(6))
-    limit = float(f"{max(SPEED * drag[:2].max(), 1.0):.2g}")
+    pulls = SPEED * drag[[axis not in axes for axis in AXES[:2]] + 4 * [False]]
+    limit = float(f"{np.max(pulls, initial=1.0):.2g}")
     unknown = [thruster.name for thruster in placed if thruster.force.size < 2]
     if unknown:
         notes.ask("thrusters.yaml", "kinds.*.curves", f"no limit of {listed(unknown)} in the file. "
                   f"ESTIMATE: ±{limit:g} N, with which one alone moves the vehicle at 1 m/s")
     if any(thruster.lag is None for thruster in placed):
         notes.ask("thrusters.yaml", "kinds.*.lag", f"the file has none. ESTIMATE: {LAG:g} s")
-    axes = undriven_axes([(thruster.position, thruster.axis) for thruster in placed])
     if axes:
         notes.taken.append(f"axes that the thrusters do not drive: {', '.join(axes)}")
     return limit, axes

@@ -12,6 +12,8 @@ from uvms_drake.common.wiring import WiredSystem
 
 SAME = 1e-6
 """Fraction of a period within which two instants are the same."""
+FASTEST = 10
+"""Number of ticks in a period for which a `TickedVector` has memory."""
 MOST_PARTS = 4
 """Largest number of parts of a period, such that instants are those of a faster clock."""
 
@@ -151,3 +153,76 @@ class SampledVector(WiredSystem):
             for rows in self._propagated:
                 hold[rows] += now[rows]
         output.SetFromVector(hold)
+
+
+class TickedVector(WiredSystem):
+    """Delayed sample and hold of a vector, by the ticks of a clock outside of the Diagram.
+
+    There is a sample at the beginning of the first step of the simulation with a new value of
+    `tick`, whatever the value; it is the output from the first step on that begins δ later. At
+    regular ticks it is a `SampledVector` with one clock without error.
+
+    .. pydrake_system::
+
+        name: TickedVector
+        input_ports:
+        - vector
+        - tick
+        output_ports:
+        - hold
+
+    - `vector`, `hold` (size).
+    - `tick` (1).
+
+    The discrete state is the held vector (size), the last tick (1), NaN before the first, and the
+    last samples, the newest last, each after its time: enough for ticks `FASTEST` times as fast as
+    the period; of faster ones the oldest is lost.
+
+    Args:
+        size: Size of the vector.
+        clock: The clock, with the period of regular ticks.
+    """
+
+    def __init__(self, size: int, clock: Clock):
+        super().__init__()
+        self._size, self._delay, self._close = size, clock.delay, SAME * clock.period
+        self._vector_port = self.DeclareVectorInputPort("vector", size)
+        self._tick_port = self.DeclareVectorInputPort("tick", 1)
+        self.DeclareDiscreteState(size)
+        self.DeclareDiscreteState([np.nan])
+        self.DeclareDiscreteState(np.full(FASTEST * clock.kept * (1 + size), np.nan))
+        self.DeclarePerStepDiscreteUpdateEvent(self._update)
+        if (event := clock.passing_on) is not None:  # Only ends a step there.
+            self.DeclarePeriodicPublishEvent(*event, lambda context: None)
+        self.DeclareVectorOutputPort(
+            "hold", size, self._calc, {self.xd_ticket(), self._vector_port.ticket()})
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        hold, last, old = (context.get_discrete_state(i).value() for i in range(3))
+        tick, now = self._tick_port.Eval(context)[0], context.get_time()
+        samples = old.reshape(-1, 1 + hold.size).copy()
+        if tick != last[0]:
+            vector = self._vector_port.Eval(context)
+            if math.isnan(last[0]):
+                samples[:] = np.append(-np.inf, vector)
+            else:
+                samples[:-1] = samples[1:]
+                samples[-1] = np.append(now, vector)
+            state.set_value(1, [tick])
+            state.set_value(2, samples.ravel())
+        elif math.isnan(last[0]):
+            return
+        due = samples[samples[:, 0] + self._delay <= now + self._close]
+        if len(due):
+            state.set_value(0, due[-1, 1:])
+
+    def newest(self, context: Context) -> np.ndarray:
+        """Returns the last sample (size,), even if it is not the output yet; NaN before it."""
+        rows = context.get_discrete_state(2).value().reshape(-1, 1 + self._size)
+        out: np.ndarray = rows[-1, 1:].copy()
+        return out
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        begun = not math.isnan(context.get_discrete_state(1).value()[0])
+        output.SetFromVector(
+            context.get_discrete_state(0).value() if begun else self._vector_port.Eval(context))

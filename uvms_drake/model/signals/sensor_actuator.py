@@ -20,6 +20,9 @@ vehicle, by their model driven by the commands. A law that `takes_wrench` takes 
 actuation. Its port may depend on states alone: a direct feedthrough from the command closes an
 algebraic loop, which Drake refuses."""
 
+TICK = "tick"
+"""Name of the signal (1) whose changes are the ticks of a clock outside of the Diagram, if it has
+one: a `SampledCommand` goes by them in place of a clock of its own."""
 
 PAYLOAD, PAYLOAD_AT_REST = "payload", "payload_at_rest"
 """Names of the signals (6) [N, N m] of a plant with a payload: the wrench on the payload, about

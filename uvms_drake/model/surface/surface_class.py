@@ -27,6 +27,11 @@ def is_floor(direction: np.ndarray) -> bool:
     return bool(abs(direction[2]) > np.cos(STEEPEST_FLOOR))
 
 
+def heading_of(direction: np.ndarray) -> float:
+    """Returns the heading [rad] of a robot that faces a wall, about z of Σ_I; 0 above a floor."""
+    return 0.0 if is_floor(direction) else float(np.arctan2(direction[1], direction[0]))
+
+
 def axis_names(direction: np.ndarray) -> tuple[str, str]:
     """Returns the names of t₁ and t₂ of `wall_axes`: down and to port, or by the compass."""
     if is_floor(direction):

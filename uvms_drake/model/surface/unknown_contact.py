@@ -57,6 +57,9 @@ class UnknownContact:
     """Bound of the part of it that may change at any rate [N]."""
     force_error: Annotated[float, Positive] = 4.2
     """Bound ν of the error of a reading of the force, in norm, without that of `delay` [N]."""
+    force_line: Annotated[float, Positive] | None = None
+    """Largest error of the normal force at the end of a hold that is no failure of a drawn run [N];
+    None: a tenth of the force, or the error of the sensor, whichever is larger."""
     delay: Annotated[float, NotNegative] = 0.11
     """Largest age of the force in a reading [s]: five lags and a period of the sensor."""
     period: Annotated[float, Period] = 0.01

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
+from pydrake.common.yaml import yaml_load_data
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
@@ -31,7 +32,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import LogVectorOutput
 
-from uvms_drake.common.errors import RunFailed, require, vector, within
+from uvms_drake.common.errors import InvalidParameter, RunFailed, require, vector, within
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import WiredSystem, output_of, release
@@ -56,6 +57,7 @@ from uvms_drake.papers.nikou2018.transpose import Transpose
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.model_error import add_simulated_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
+from uvms_drake.report.compare import differing_keys
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -442,10 +444,13 @@ def posed(scenario: Scenario) -> tuple[ContactModel, np.ndarray, Bounds]:
     Raises:
         InvalidParameter: It has no meaning for this simulation.
     """
-    usual, model = Scenario(), load_model(replace(scenario, simulation=""))
-    for key in WITHOUT:
-        require(repr(getattr(scenario, key)) == repr(getattr(usual, key)), key,
-                getattr(scenario, key), "left out, where the velocity is the input")
+    model = load_model(replace(scenario, simulation=""))
+    for key, values in differing_keys([Scenario(), scenario]).items():
+        if (root := key.partition(".")[0]) in WITHOUT:
+            is_part = "-" in values  # Of a kind that is not there by default.
+            raise InvalidParameter(root if is_part else key, getattr(scenario, root) if is_part
+                                   else yaml_load_data(f"value: {values[1]}")["value"],
+                                   "left out, where the velocity is the input")
     require(isinstance(scenario.ancillary, Transpose | Resolved), "ancillary",
             type(scenario.ancillary).__name__, "!Transpose or !Resolved")
     check_values(scenario.ancillary)

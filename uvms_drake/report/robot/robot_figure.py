@@ -4,14 +4,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH, VERMILION
 from uvms_drake.report.robot.render import RobotScene, picture_axes
-from uvms_drake.station.problem import true_surface
+from uvms_drake.station.problem import surface_heading, true_surface
 from uvms_drake.station.record import Record
 
 EYE = np.array([-0.35, 0.9, -0.35])
-"""Direction to the eye in Σ_I, whose z points down."""
+"""Direction to the eye of one who sees a wall to the north, in Σ_I, whose z points down."""
 PIXELS = 1000
 """Width of the picture."""
 WALL = np.array([0.80, 0.84, 0.87])
@@ -24,13 +25,9 @@ ARROW = 0.4
 
 def draw_robot(record: Record) -> Figure:
     """Draws the robot at the last sample, the surface, the path of its tip, and the force."""
-    scenario, tip, force = record.scenario, record.chi[-1, :3], record.force[-1, :3]
-    wall = check_surface(true_surface(scenario)).patch(tip, SIZE, SQUARES + 1)
-    squares = [] if wall is None else wall_triangles(wall)
-    scene = RobotScene(scenario.model, record.config[-1], squares)
+    force, scene, R = record.force[-1, :3], scene_at(record, -1), axes_of(record)
     size = float(np.linalg.norm(force))
     arrow = ARROW / size * force if size > 0.0 else np.zeros(3)
-    R = picture_axes(EYE)
     way, path = R @ arrow, record.chi[:, :3] @ R.T
     corners = np.concatenate([scene.corners @ R.T, path, path[-1:] + way])[:, :2]
     low, high = corners.min(axis=0) - 0.05, corners.max(axis=0) + [0.35, 0.05]
@@ -50,6 +47,20 @@ def draw_robot(record: Record) -> Figure:
     axis.plot(corner[0] + [0.0, 0.25], corner[[1, 1]], color=BLACK, linewidth=2.0)
     axis.text(corner[0] + 0.125, corner[1] - 0.05, "0.25 m", ha="center", va="center")
     return figure
+
+
+def axes_of(record: Record) -> np.ndarray:
+    """Returns the axes (3, 3) of a picture of a run, see `picture_axes`; they turn with a wall."""
+    turn = rotation_matrix(np.array([0.0, 0.0, surface_heading(record.scenario)]))
+    return picture_axes(turn @ EYE)
+
+
+def scene_at(record: Record, sample: int) -> RobotScene:
+    """Returns the robot at a sample, and the wall about the last place of the tip."""
+    surface = check_surface(true_surface(record.scenario))
+    wall = surface.patch(record.chi[-1, :3], SIZE, SQUARES + 1)
+    return RobotScene(record.scenario.model, record.config[sample],
+                      [] if wall is None else wall_triangles(wall))
 
 
 def _arrow(axis: Axes, tail: np.ndarray, vector: np.ndarray, text: str, color: str) -> None:

@@ -24,6 +24,8 @@ SAFE_REGION = "control/theory.md#safe-region-of-an-unknown-wall"
 """Theorem of the conditions on readings and forces."""
 BETWEEN_KNOTS = 0.12
 """Relative excess of the tip's speed over its limit between the knots of a plan."""
+TENTH = 0.1
+"""Part of a desired force that its error may be at the end of a hold, if nothing is declared."""
 LONGEST_FREEZE = 0.25
 """Longest time for which a frozen reading is taken for a force before it is detected [s]; the safe
 region allows for it at every reading. A sensor that needs longer has no detection."""
@@ -98,6 +100,14 @@ def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds, uneven
         + 0.5 * omega**2 * (force.age**2 + force.lag**2) * np.hypot(1.0, mu))
     missing = reading_of(scenario).missing(contact.delay)
     return float(force.error + force.size * missing + turned + unseen)
+
+
+def force_line(scenario: Scenario, force: float) -> float:
+    """Returns `contact.force_line` of a desired force [N], its default included [N]."""
+    declared = sensed_contact(scenario).force_line
+    if declared is not None:
+        return declared
+    return max(TENTH * force, float(np.max(reading_of(scenario).error[:3])))
 
 
 def turning_of(scenario: Scenario) -> float:

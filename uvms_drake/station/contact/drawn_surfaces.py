@@ -6,6 +6,7 @@ class, in a ball with every point where the tip may touch it.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -41,14 +42,14 @@ class Ball(NamedTuple):
     """Radius [m]."""
 
 
-def share(rng: np.random.Generator, least: float = 0.0) -> float:
+def share(rng: np.random.Generator, likely: float, least: float = 0.0) -> float:
     """Returns a fraction of a bound, uniform from `least` to 1, or 1 but for rounding."""
     part = rng.uniform(least, 1.0)
-    return BELOW if rng.uniform() < AT_THE_BOUND else float(part)
+    return BELOW if rng.uniform() < likely else float(part)
 
 
 def draw_wall(contact: UnknownContact, start: np.ndarray, goal: np.ndarray,
-              rng: np.random.Generator) -> ShapedSurface | None:
+              rng: np.random.Generator, likely: float = AT_THE_BOUND) -> ShapedSurface | None:
     """Returns a wall at the start, its friction with a creep of 1 m/s; None: not in the class.
 
     It stays in the class when moved along n.
@@ -58,11 +59,12 @@ def draw_wall(contact: UnknownContact, start: np.ndarray, goal: np.ndarray,
         start: Start of the tip (3,) [m].
         goal: A point (3,) of the line along n to press at [m].
         rng: Random generator.
+        likely: Probability of a parameter to be at its bound.
     """
-    n = np.asarray(contact.direction, dtype=float)
-    law = draw_law(SOFTEST * contact.stiffness, contact.stiffness, rng)
-    angle, flat = contact.angle * share(rng), float(rng.uniform(FLAT, 1.0))
-    dissipation, friction = contact.dissipation * share(rng), contact.friction * share(rng)
+    n, part = np.asarray(contact.direction, dtype=float), partial(share, rng, likely)
+    law = draw_law(SOFTEST * contact.stiffness, contact.stiffness, rng, likely)
+    angle, flat = contact.angle * part(), float(rng.uniform(FLAT, 1.0))
+    dissipation, friction = contact.dissipation * part(), contact.friction * part()
     point = start + 0.5 * across(n, goal - start)
     reach = ball_about(point, contact, law, start, goal).reach
     surface = ShapedSurface(draw_shape(point, n, angle, flat, reach, rng), law, dissipation,
@@ -70,9 +72,10 @@ def draw_wall(contact: UnknownContact, start: np.ndarray, goal: np.ndarray,
     return within_class(surface, contact, start, goal)
 
 
-def draw_law(least: float, most: float, rng: np.random.Generator) -> AnyNormalLaw:
+def draw_law(least: float, most: float, rng: np.random.Generator, likely: float = AT_THE_BOUND
+             ) -> AnyNormalLaw:
     """Returns a static force with slopes from `least` to `most` [N/m] past its transition."""
-    high = most * share(rng, least / most)
+    high = most * share(rng, likely, least / most)
     low, transition = float(rng.uniform(least, high)), float(rng.uniform(*TRANSITIONS))
     kind = rng.integers(4)
     if kind == 0:

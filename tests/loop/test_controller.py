@@ -1,0 +1,226 @@
+"""The controller in a loop of one's own: equal to `simulate`, and safe for whatever comes."""
+
+import re
+from dataclasses import MISSING, fields
+
+import numpy as np
+import pytest
+from support.own_loop import own_loop
+
+import uvms_drake as uv
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.loop.command import Mode
+
+EXACT = ["log_period=0.015625", "mpc.time_step=0.1875"]
+"""Periods in powers of two, of which all clocks agree to the last digit."""
+SENSED = [*EXACT, "sensing=[!ForceSensor {rate: 64.0}]", "contact.period=0.015625"]
+CLOCK = "!SampledCommand {period: 0.015625, delay: 0.0}"
+DELAYED = "!SampledCommand {period: 0.015625, delay: 0.0078125}"
+OBSERVED = ["ancillary.vehicle.observer=1.0", "ancillary.tip.observer=3.0",
+            "ancillary.observer_period=0.015625"]
+THRUSTERS = "!Thrusters {period: 0.015625, lag: 0.15, dead_time: 0.046875}"
+
+
+@pytest.mark.parametrize(("name", "more", "duration", "wait"), [
+    ("girona500_ideal", [*EXACT, f"actuation=[{DELAYED}, !IdealWrench {{undriven: [roll]}}]"],
+     0.5, None),
+    ("girona500_ideal", [*EXACT, f"actuation=[{CLOCK}, !IdealWrench {{undriven: [roll]}}]",
+                         "mpc.in_advance=true"], 0.8, np.inf),
+    pytest.param("girona500_contact", [*SENSED, f"actuation=[{CLOCK}]", "start.eta.0=-1.25"],
+                 3.0, None, marks=pytest.mark.slow),
+    pytest.param("girona500_contact", [*SENSED, f"actuation=[{CLOCK}]", "start.eta.0=-1.25",
+                                       "mpc.in_advance=true"], 2.0, np.inf, marks=pytest.mark.slow),
+    pytest.param("girona500_tip_first", [*SENSED, f"actuation=[{CLOCK}]", *OBSERVED],
+                 1.0, None, marks=pytest.mark.slow),
+    pytest.param("girona500_real_loop", [
+        *SENSED, "current=[0, 0, 0]", f"actuation=[{DELAYED}, {THRUSTERS}]", "mpc.hover=0.75",
+        OBSERVED[-1]], 2.0, None, marks=pytest.mark.slow)])
+def test_at_regular_times_it_equals_simulate_bit_for_bit(name, more, duration, wait):
+    scenario = uv.load_scenario(name, [*more, f"duration={duration}"])
+    rows, record = own_loop(scenario, duration, wait=wait), uv.simulate(scenario)
+    at = np.searchsorted(rows.time, record.time - 1e-9)[:-1]  # Of the last instant there is none.
+    np.testing.assert_array_equal(rows.time[at], record.time[:-1])
+    np.testing.assert_array_equal(rows.state[at], record.state[:-1])
+    if DELAYED not in str(more):  # Else the log has the command before.
+        np.testing.assert_array_equal(rows.tau[at], record.signals["zoh_command"][1:])
+    assert not any(command.alarms for command in rows.commands)
+
+
+@pytest.fixture(scope="module")
+def controller():
+    return uv.Controller(uv.load_scenario("girona500_contact"), period=0.01)
+
+
+@pytest.fixture
+def started(controller):
+    controller.reset(rest(controller))
+    return controller
+
+
+def rest(controller) -> np.ndarray:
+    config = controller.scenario.start.config
+    return np.concatenate([config, np.zeros_like(config)])
+
+
+# What comes at a tick: time since the last one in periods, whether its samples are of use, and
+# the mode that is documented for it.
+COMES = {
+    "regular": (1.0, True, Mode.RUNNING), "early": (0.3, True, Mode.RUNNING),
+    "late": (7.3, True, Mode.RUNNING), "missing": (1.0, None, Mode.RUNNING),
+    "nan": (1.0, np.nan, Mode.RUNNING), "wrong size": (1.0, np.zeros(3), Mode.RUNNING),
+    "text": (1.0, "no state", Mode.RUNNING), "repeated": (0.0, True, Mode.REPEATED),
+    "out of order": (-2.6, True, Mode.REPEATED), "no time": (np.nan, True, Mode.REPEATED),
+    "never": (np.inf, True, Mode.REPEATED)}
+
+
+def within_limits(controller, command) -> bool:
+    """Returns whether τ is finite and of a u within limits, as far as the state is the start's."""
+    limits, model = controller.scenario.limits, controller.model
+    M = model.mass_matrix(model.kinematics(controller.scenario.start.config))
+    u = np.linalg.solve(M, command.tau)
+    return bool(np.isfinite(command.tau).all() and (np.abs(u) <= 1.001 * np.array(limits.u)).all())
+
+
+def random_pattern(controller, seed: int) -> None:
+    """Sends samples in a random pattern, and checks each outcome against the table above."""
+    rng, state = np.random.default_rng(seed), rest(controller)
+    controller.reset(state)
+    time = rng.uniform(-10.0, 1e9)
+    assert controller.step(time, state, np.zeros(6)).mode == Mode.RUNNING
+    last = time
+    for kind in rng.choice(list(COMES), size=12):
+        periods, usable, mode = COMES[kind]
+        time = last + periods * 0.01
+        given = state + 1e-4 * rng.standard_normal(20) if usable is True else usable
+        if usable is np.nan:
+            given = np.where(np.arange(20) == rng.integers(20), np.nan, state)
+        command = controller.step(time, given, None if rng.random() < 0.2 else 0.1 * np.ones(6))
+        assert within_limits(controller, command), (seed, kind)
+        assert command.mode == mode, (seed, kind, command.alarms)
+        assert mode == Mode.RUNNING or command.time == last, (seed, kind)
+        assert bool(command.alarms) or kind in ("regular", "early"), (seed, kind)
+        if mode == Mode.RUNNING:
+            last = time
+
+
+def test_random_patterns_of_samples_have_the_documented_outcomes(controller):
+    for seed in range(50):
+        random_pattern(controller, seed)
+
+
+@pytest.mark.long
+def test_a_thousand_patterns(controller):
+    for seed in range(1000, 2000):
+        random_pattern(controller, seed)
+
+
+def test_a_late_tick_tells_so_and_a_too_late_one_stops_until_reset(started):
+    state, no_force = rest(started), np.zeros(6)
+    started.step(0.0, state, no_force)
+    late = started.step(0.1, state, no_force)
+    assert late.mode == Mode.RUNNING and late.alarms[0].startswith("late: 0.1 s")
+    stopped = started.step(0.7, state, no_force)
+    assert stopped.mode == Mode.STOPPED and stopped.alarms == ("stopped: no sample for 0.6 s",)
+    # It hovers there, at rest, and stays so.
+    model = started.model
+    hover = model.inverse_dynamics(
+        model.kinematics(state[:10]), np.zeros(10), np.zeros(10), np.zeros(6))
+    np.testing.assert_allclose(stopped.tau, hover, rtol=1e-9, atol=1e-9)
+    again = started.step(0.71, state, no_force)
+    assert again.mode == Mode.STOPPED and again.time == 0.71
+    started.reset(state)
+    assert started.step(0.72, state, no_force).mode == Mode.RUNNING
+
+
+def test_a_lost_state_and_a_clock_that_stands_stop_it_after_the_longest_gap(started):
+    state = rest(started)
+    started.step(0.0, state)
+    modes = [started.step(0.01 * k, None).mode for k in range(1, 60)]
+    assert modes == [Mode.RUNNING] * 50 + [Mode.STOPPED] * 9
+    started.reset(state)
+    started.step(5.0, state)
+    modes = [started.step(5.0 - 0.01 * k, state).mode for k in range(1, 60)]
+    assert modes == [Mode.REPEATED] * 50 + [Mode.STOPPED] * 9
+
+
+def test_without_a_state_the_command_is_the_plans_own(started):
+    """It is the law's about no deviation: that of the nominal state as the measured one."""
+    commands, nominal = [], None
+    for _ in range(2):
+        started.reset(rest(started))
+        started.step(0.0, rest(started), np.zeros(6))
+        commands.append(started.step(0.01, nominal, np.zeros(6)).tau)
+        nominal = started.signal("nominal_state").copy()
+    np.testing.assert_allclose(*commands, rtol=1e-9, atol=1e-9)
+
+
+def test_a_failure_inside_is_a_stop_and_no_exception(started, monkeypatch):
+    started.step(0.0, rest(started), np.zeros(6))
+    monkeypatch.setattr(started, "_alarms", lambda: 1 / 0)
+    command = started.step(0.01, rest(started), np.zeros(6))
+    assert command.mode == Mode.STOPPED
+    assert command.alarms == ("stopped: it failed: division by zero",)
+
+
+def test_thrusters_and_joints_get_what_moves_them_so(started):
+    state = rest(started)
+    command = started.step(0.0, state, np.zeros(6))
+    thrusters = started._outputs._allocation.thrusters
+    np.testing.assert_allclose(thrusters.forces_of(command.thruster_commands),
+                               command.thruster_forces, atol=1e-9)
+    wrench = thrusters.B @ command.thruster_forces
+    np.testing.assert_allclose(wrench[thrusters.driven], command.tau[thrusters.driven], atol=0.1)
+    # The joints' acceleration is that of the drift plus u, and their motion its integral.
+    model, T = started.model, started.period
+    u = np.linalg.solve(model.mass_matrix(model.kinematics(state[:10])), command.tau)
+    rate = (model.drift(state[:10], state[10:], np.zeros(6)) + u)[6:]
+    np.testing.assert_allclose(command.joints.velocity, T * rate, atol=1e-9)
+    np.testing.assert_allclose(command.joints.position, state[6:10] + 0.5 * T**2 * rate, atol=1e-9)
+    np.testing.assert_array_equal(command.joints.torque, command.tau[6:])
+
+
+def test_a_new_task_is_taken_at_the_next_step(started):
+    started.step(0.0, rest(started), np.zeros(6))
+    started.set_task(force=[12.0, 0, 0, 0, 0, 0], place=[0.0, 0.05, 0.1])
+    started.step(0.01, rest(started), np.zeros(6))
+    assert started.signal("desired_force")[0] == pytest.approx(12.0)
+    assert started.signal("target")[1:] == pytest.approx([0.05, 0.1])
+
+
+@pytest.mark.parametrize(("call", "text"), [
+    (lambda c: c.reset(np.zeros(3)), "state = array.*must be 20 finite numbers|state = "),
+    (lambda c: c.reset(np.full(20, np.nan)), "state = .*must be 20 finite numbers"),
+    (lambda c: c.reset(np.append([0, 0, 0, 1.0, 0, 0], rest(c)[6:])), r"state\.start\.eta = "),
+    (lambda c: c.set_task(force=[1.0]), "desired_force = .*must be 6 finite numbers"),
+    (lambda c: c.set_task(place=[0, 0, np.nan]), "place = .*must be 3 finite numbers"),
+    (lambda c: uv.Controller(c.scenario, longest_gap=0.001), "longest_gap = 0.001: must be more"),
+    (lambda c: uv.Controller(c.scenario, wait=0.0), "mpc.in_advance = False: must be true"),
+    (lambda c: uv.Controller(uv.load_scenario("girona500_contact"), period=0.05),
+     r"contact\.period = 0\.01: must be more than"),
+    (lambda c: uv.Controller(uv.load_scenario("girona500_ideal")).step(0.0), "reset = 'missing'"),
+])
+def test_bad_input_is_one_line(controller, call, text):
+    with pytest.raises(uv.InvalidParameter, match=text) as caught:
+        controller.reset(rest(controller))
+        call(controller)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_certificate_of_another_scenario_is_refused(controller):
+    other = uv.load_scenario("girona500_ideal", ["disturbance.bound=0.01"])
+    empty = Certificate(**{field.name: None for field in fields(Certificate) if (
+        field.default is MISSING and field.default_factory is MISSING)})
+    with pytest.raises(uv.InvalidParameter, match="certificate = "):
+        uv.Controller(other, empty)
+
+
+@pytest.mark.slow
+def test_a_plan_that_is_not_waited_for_comes_late_and_the_last_one_goes_on():
+    """Samples a hundred times faster than real: no plan is ready, and it says so."""
+    controller = uv.Controller(
+        uv.load_scenario("girona500_ideal", ["mpc.in_advance=true"]), wait=0.0)
+    controller.reset(rest(controller))
+    commands = [controller.step(0.02 * k, rest(controller)) for k in range(60)]
+    said = [bool(re.search("deadline", " ".join(command.alarms))) for command in commands]
+    assert any(said) and not any(said[:20])
+    assert all(command.mode == Mode.RUNNING for command in commands)

@@ -1,0 +1,61 @@
+"""Use of a tube: the largest deviation of a run from its plan over each declared radius."""
+
+import numpy as np
+
+from uvms_drake.control.laws.law import FIELDS
+from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.station.diagram import monitor_begin, set_wise_radii
+from uvms_drake.station.record import Record
+
+ROUNDING = 1e-9
+"""Least radius that a deviation is divided by."""
+
+
+def tube_use(record: Record) -> dict[str, float]:
+    """Returns the largest deviation over its radius of each row that a tube bounds, by name.
+
+    From the logged samples after the hover; empty if there are none. Rows are those of
+    `control.limits.TubeRadii`: `e` and `z`, and each that tightens a limit. Without a sensed
+    contact those along its direction are left out.
+    """
+    watched = record.time >= monitor_begin(record.scenario.mpc.hover, bool(record.certified))
+    if not np.any(watched):
+        return {}
+    tube, law = resolved_radii(record.scenario.tube), record.scenario.ancillary
+    norms, radii = deviations(record), radii_of(tube)
+    for field, radius in set_wise_radii(tube, law).items():
+        name = {"task": "e"}.get(field, field)
+        norms[name], radii[name] = record.tube_deviation[:, FIELDS.index(field)], radius
+    return {name: float(np.max(norms[name][watched])) / max(radius, ROUNDING)
+            for name, radius in radii.items() if name in norms}
+
+
+def radii_of(tube: TubeRadii) -> dict[str, float]:
+    """Returns the radii of `deviations` by name; those that were not declared are left out."""
+    parts = ("nu1", "nu2", "qdot", "roll", "pitch", "tip_speed", "depth", "depth_speed")
+    radii = {name: getattr(tube, name) for name in parts if getattr(tube, name) is not None}
+    tau = () if tube.tau is None else tube.tau
+    return radii | {f"{name}[{i}]": float(radius) for name, of in (("u", tube.u), ("tau", tau))
+                    for i, radius in enumerate(of)}
+
+
+def deviations(record: Record) -> dict[str, np.ndarray]:
+    """Returns |real − nominal| (T,) of velocities, angles, depth and inputs, by `TubeRadii`."""
+    model, contact = record.model, record.scenario.contact.declared_wall()
+    nominal = model.kinematics(record.nominal_config)
+    angles = np.abs(pose_difference(record.config, record.nominal_config)[:, 3:6])
+    off = record.zeta - record.nominal_zeta
+    tip = (times(model.tip_kinematics(record.config).J_chi[:, :3], record.zeta)
+           - times(nominal.J_chi[:, :3], record.nominal_zeta))
+    planned = times(model.mass_matrix(nominal), record.nominal_input)
+    found = {"nu1": np.linalg.norm(off[:, :3], axis=1), "nu2": np.linalg.norm(off[:, 3:6], axis=1),
+             "qdot": np.linalg.norm(off[:, 6:], axis=1), "roll": angles[:, 0],
+             "pitch": angles[:, 1], "tip_speed": np.linalg.norm(tip, axis=1)}
+    if contact is not None:
+        found |= {"depth": np.abs((record.chi - record.chi_nominal)[:, :3] @ contact.direction),
+                  "depth_speed": np.abs(tip @ contact.direction)}
+    for name, error in (("u", record.u - record.nominal_input), ("tau", record.tau - planned)):
+        found |= {f"{name}[{i}]": np.abs(row) for i, row in enumerate(error.T)}
+    return found

@@ -1,0 +1,73 @@
+"""A first scenario with the advice of its certificate put in, until it certifies.
+
+Its numbers are estimates, and the certificate computes them. A condition that fails has
+an advice where a value is known, such as a smaller `disturbance.bound`: that is taken, as an owner
+would take it, or else the disturbance is made smaller, and the certificate computed again.
+"""
+
+import re
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.common.progress import Progress, silent
+from uvms_drake.setup.first_scenario import WEAKEST, FirstScenario, format_first_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
+
+ATTEMPTS = 5
+"""Number of certificates that are computed at most."""
+LESS = 0.7
+"""Part of the disturbance that is kept where a condition fails without a number that helps."""
+
+
+def settle(found: FirstScenario, model: str, robot: str, file: Path, progress: Progress = silent
+           ) -> Certificate:
+    """Writes a scenario, with tube and terminal set of its certificate, and returns that.
+
+    Args:
+        found: Its numbers.
+        model: As `model` has it: a name or a path from the file's folder.
+        robot: Name of the robot.
+        file: The scenario's.
+        progress: As of `certify`.
+    """
+    settings: dict[str, str] = {}
+
+    def write() -> None:
+        text = with_settings(format_first_scenario(found, model, robot), settings)
+        file.write_text(text, encoding="utf-8")
+
+    for _ in range(ATTEMPTS):
+        write()
+        certificate = certified_once(load_scenario(str(file)), progress)
+        if certificate.failed is None:
+            break
+        advice = certificate.failed.advice
+        share = 1.0 if advice else LESS
+        for setting in shlex.split(advice)[1::2]:
+            key, _, value = setting.partition("=")
+            if key == "disturbance.bound":
+                share = float(value) / float(found.disturbance[0])
+            else:
+                settings[key] = value
+        if share * found.covered < WEAKEST:
+            break
+        found = found.weaker(share)
+    if certificate.certified and certificate.tube is not None and certificate.terminal is not None:
+        found = replace(found, tube=certificate.tube, source="those of its certificate",
+                        terminal_radius=certificate.terminal.radius)
+        write()
+    return certificate
+
+
+def with_settings(text: str, settings: dict[str, str]) -> str:
+    """Returns the text of a scenario with values by their keys, `section.name`, in their lines."""
+    for key, value in settings.items():
+        section, _, name = key.partition(".")
+        line = re.compile(rf"^({section}:.*\n(?:[ #].*\n)*?  {name}: )[^#\n]*?( *#.*)?$", re.M)
+        if not line.search(text):
+            text = re.sub(rf"^{section}:.*$", rf"\g<0>\n  {name}: 0", text, flags=re.M)
+        text = line.sub(rf"\g<1>{value}  # by advice of the certificate", text)
+    return text
