@@ -22,15 +22,23 @@ seed and of the time, so that ε needs no state.
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import pairwise
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.constraints import Between, Fraction, NotNegative, Rate, Vector
+from uvms_drake.common.constraints import (
+    Between,
+    Fraction,
+    NotNegative,
+    Positive,
+    Rate,
+    Vector,
+)
 from uvms_drake.common.errors import require
 from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
 from uvms_drake.common.wiring import WiredSystem, output_of
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Sensor, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -103,10 +111,6 @@ class Dvl:
     """Bound of the growth of the error without a fix, of each component [m/s²]: the bias of the
     accelerometers, drawn by the scenario's seed."""
 
-    outage: Annotated[np.ndarray, Vector(2), NotNegative] = field(
-        default_factory=lambda: np.zeros(2))
-    """Start and duration of an outage without a fix, beyond the declared `gap` [s]."""
-
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         require(1.0 <= self.gap * self.rate <= 1e4, "gap", self.gap,
@@ -122,13 +126,38 @@ class Dvl:
 
         Every fix whose index is a multiple of `most` is there, which keeps the gaps short.
         """
-        start, duration = self.outage
-        if start < time < start + duration:
-            time = start
         j = int(time * self.rate + 1e-9)
         while j % self.most and uniform_number(seed, (STREAM, 1, j)) < self.lost:
             j -= 1
         return j
+
+
+@dataclass
+class LostFixes(Fault):
+    """Doppler log without a fix, for longer than the declared gap."""
+
+    place: ClassVar[Literal["fixes"]] = "fixes"
+
+    start: Annotated[float, NotNegative] = 0.0
+    """Time of the last fix before it [s]."""
+    duration: Annotated[float, Positive] = 5.0
+    """Duration [s]."""
+
+    def of(self, dvl: Dvl) -> "LostDvl":
+        """Returns a log with the fault."""
+        return LostDvl(**vars(dvl), outage=self)
+
+
+@dataclass
+class LostDvl(Dvl):
+    """Doppler log of a scenario with its fault."""
+
+    outage: LostFixes = field(default_factory=LostFixes)
+    """The fault."""
+
+    def last_fix(self, time: float, seed: int) -> int:
+        """Returns the index j of the last fix that is neither lost nor in the outage."""
+        return super().last_fix(self.outage.start if self.outage.is_active(time) else time, seed)
 
 
 class NavigationError(NamedTuple):

@@ -45,7 +45,13 @@ from uvms_drake.station.contact.bounds import (
 )
 from uvms_drake.station.problem import load_model, make_ocp, retargeted_ocp
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.parts import command_path_of, faults_at, keyed, with_faults
+from uvms_drake.station.scenario.parts import (
+    command_path_of,
+    faults_at,
+    keyed,
+    with_faults,
+    with_lost_fixes,
+)
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.supervision import safety_of
 from uvms_drake.visual.controls import ForceSlider, HomeButton
@@ -229,7 +235,8 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         return add_chain(builder, model, port, signals, parts, scenario.seed)
 
     # Measurements, targets and faults, by the names of the controller's inputs.
-    sensors = {} if TICK in signals else keyed("sensing", scenario.sensing)
+    sensors = {} if TICK in signals else keyed(
+        "sensing", with_lost_fixes(scenario.sensing, faults))
     measured = chain(state, faults_at("sensing", faults) | sensors)
     given = {"state": measured}
     force_faults = faults_at("force", faults)

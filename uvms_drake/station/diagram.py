@@ -30,6 +30,7 @@ from uvms_drake.station.problem import (
     start_state,
     surface_heading,
 )
+from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.supervision import MONITOR_FLOOR, MONITOR_SLACK
 from uvms_drake.visual.controls import DisturbanceSlider
@@ -120,7 +121,8 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     builder.Connect(exerted, uvms.GetInputPort("tau"))
     if exerted is not controller.GetOutputPort("tau"):
         signals["exerted"] = exerted
-    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, [
+        *scenario.waves, *faults_at("water", scenario.faults).values()]))
     wire(builder, uvms, outputs(water))
 
     # The monitor, and the disturbance, which may be aimed with the monitor's errors.
