@@ -181,6 +181,14 @@ def test_a_matrix_that_was_written_with_z_up_is_asked_about(tmp_path):
     assert "turned by diag(1, -1, -1) it is at (0, 0, -0.2) m" in line
 
 
+def test_a_link_that_is_frd_has_its_matrix_turned_by_the_simulator_and_is_asked_about(tmp_path):
+    """Its z is down, and `ToNED` changes the signs of y and z all the same."""
+    text = urdf(uuv(FRD, link="base_link_frd", center="0 0 -0.2"), "base_link_frd")
+    M, asked = lines_of(text, tmp_path)
+    np.testing.assert_allclose(M, FLU, atol=1e-9)
+    assert any("turned by diag(1, -1, -1) it is at (0, 0, -0.2) m" in line for line in asked)
+
+
 @pytest.mark.parametrize(("scale", "said"), [(1e3, "times the displaced water"), (1.0, None)])
 def test_an_added_mass_in_grams_is_asked_about(scale, said, tmp_path):
     _, asked = lines_of(urdf(uuv(scale * FRD)), tmp_path)
@@ -246,3 +254,12 @@ def test_the_published_water_of_rexrov_is_where_its_buoyancy_is(tmp_path):
     folder.mkdir()
     _, asked = lines_of(text.replace(numbers(M), numbers(TURN @ M @ TURN)), folder)
     assert any("turned by diag(1, -1, -1)" in line for line in asked)
+
+
+def test_a_scaling_that_the_simulator_does_not_read_is_told_and_not_applied(tmp_path):
+    """`HMFossen` sets it to 1, and changes it by a service alone."""
+    text = urdf(uuv(FRD)).replace("<type>", "<scaling_added_mass>2</scaling_added_mass><type>")
+    M, _ = lines_of(text, tmp_path)
+    np.testing.assert_allclose(M, FRD, atol=1e-9)
+    changed = import_robot(tmp_path / "file.urdf", "scout").notes.changed
+    assert any("scaling_added_mass = 2" in line for line in changed)

@@ -118,6 +118,7 @@ SPEED = ("<use_angvel_cmd>true</use_angvel_cmd><thrust_coefficient>0.02</thrust_
               "<wake_fraction>0.3</wake_fraction>"), {30: 30}, "left out: wake_fraction = 0.3 (l"),
     (thruster(SPEED, "<max_thrust_cmd>100</max_thrust_cmd>", "<deadband>5</deadband>"),
      {49: 0.0, 51: 5.2, 100: 20, -100: -20}, "one limit alone"),
+    (thruster("<deadband>4</deadband>"), {3.9: 0.0, 4.1: 4.1, -3.9: 0.0}, "no limit of prop in th"),
     (uuv(BASIC, "<clampMax>50</clampMax>"), {50: 50, -50: -50}, "one limit alone of prop"),
     (uuv(BASIC, "<thrustMax>32</thrustMax>"), {40: 32, 99: 32, -99: -32}, "one limit alone of p"),
     (uuv(TABLE, "<clampMin>-50</clampMin>", "<clampMax>75</clampMax>"), {99: 30, -99: -10}, ""),
@@ -158,6 +159,15 @@ def test_a_current_of_a_plugin_is_named(tmp_path, capsys):
                "<link_name>hull</link_name><default_current>0 0.5 0</default_current>"
                "<xDotU>-9</xDotU><yDotV>-9</yDotV><zDotW>-9</zDotW></plugin>")
     assert "left out: default_current = 0 0.5 0 (line 1)" in taken(file, tmp_path, capsys)
+
+
+def test_a_spring_and_the_density_of_buoyancy_are_not_lost(tmp_path, capsys):
+    springs = "<dynamics><spring_stiffness>40</spring_stiffness></dynamics>"
+    file = sdf(tmp_path, HULL, body("a"), joint("a_j", "hull", "a", more=springs),
+               '<plugin name="gz::sim::systems::Buoyancy" filename="gz-sim-buoyancy-system">'
+               "<uniform_fluid_density>1025</uniform_fluid_density></plugin>")
+    assert "spring of joint a_j left out" in taken(file, tmp_path, capsys)
+    assert uv.Robot.load(tmp_path / "robot").uvms.hydrodynamics.fluid_density == 1025.0
 
 
 # What ROS forgives --------------------------------------------------------------------------------
@@ -356,3 +366,9 @@ def test_numbers_that_it_writes_itself_are_never_refused(mass, arm, tmp_path, ca
     hull = (f'<link name="hull"><inertial><mass>{mass}</mass><inertia><ixx>{inertia}</ixx><iyy>'
             f"{inertia}</iyy><izz>{inertia}</izz></inertia></inertial></link>")
     taken(sdf(tmp_path, hull, chain(arm) if arm else ""), tmp_path, capsys)
+
+
+def test_a_robot_of_stonefish_is_refused_with_the_reason(tmp_path, capsys):
+    file = tmp_path / "auv.scn"
+    file.write_text('<scenario><robot name="auv"/></scenario>', encoding="utf-8")
+    assert "not <scenario>: Stonefish has the masses" in refused(file, tmp_path, capsys)

@@ -315,3 +315,23 @@ def test_a_hand_in_millimetres_has_its_tip_near(tmp_path, capsys):
     assert main(["robot", str(tmp_path / "rov")]) == 0
     tip = uv.UvmsModel(uv.Robot.load(tmp_path / "rov").uvms).task_pose(np.zeros(8))[0]
     assert 0.2 < tip - 0.8 < 0.3
+
+
+def test_a_hull_along_another_axis_than_its_added_mass_is_asked_about(tmp_path):
+    """As of a published glider, whose meshes have their length along y, and its water along x."""
+    turned = HULL.replace("0 1.5707963 0", "1.5707963 0 0")
+    for text, asked in ((GLIDER, False), (GLIDER.replace(HULL, turned), True)):
+        (tmp_path / "glider.urdf").write_text(text, encoding="utf-8")
+        lines = import_robot(tmp_path / "glider.urdf", "glider").notes.asked
+        assert any("slender along x, by the shadows of its shapes along y" in line
+                   for line in lines) == asked
+
+
+@pytest.mark.parametrize("axis", ["Y_UP", "Z_UP"])
+def test_an_axis_that_others_leave_out_is_told(axis, tmp_path):
+    shutil.copytree(CASES / "collada_nodes", tmp_path / "files")
+    mesh = tmp_path / "files" / "prop.dae"
+    mesh.write_text(mesh.read_text("utf-8").replace("Z_UP", axis), encoding="utf-8")
+    changed = import_robot(tmp_path / "files" / "rov.urdf", "rov").notes.changed
+    told = [line for line in changed if "RViz and Gazebo do not" in line]
+    assert told == [] if axis == "Z_UP" else "COLLADA with Y_UP" in told[0]

@@ -58,8 +58,8 @@ class PlainUrdf:
             if (inertial := link.find("inertial")) is not None:
                 X = self.in_frd(base, name) @ origin(inertial)
                 m, S = float(inertial.find("mass").get("value")), skew(X[:3, 3])
-                central = inertia_of([float(inertial.find("inertia").get(key)) for key in NUMBERS],
-                                     X[:3, :3])
+                inertia = inertial.find("inertia")
+                central = inertia_of([float(inertia.get(key, 0.0)) for key in NUMBERS], X[:3, :3])
                 total += np.block([[m * np.eye(3), -m * S], [m * S, central - m * S @ S]])
         return total
 

@@ -18,7 +18,7 @@ def mutated(source: Path, folder: Path, rng: random.Random) -> tuple[Path, str]:
     files = [path for path in sorted(robot.iterdir()) if path.suffix in (".sdf", ".urdf", ".yaml")]
     file = rng.choice(files)
     text = file.read_text(encoding="utf-8")
-    text, specification = (_yaml if file.suffix == ".yaml" else _xml)(text, rng)
+    text, specification = (_yaml if file.suffix == ".yaml" else mutated_xml)(text, rng)
     file.write_text(text, encoding="utf-8")
     return robot, f"{file.name}: {specification}"
 
@@ -44,7 +44,7 @@ def _scaled(text: str, rng: random.Random) -> str:
     return text[: number.start()] + new + text[number.end():]
 
 
-def _xml(text: str, rng: random.Random) -> tuple[str, str]:
+def mutated_xml(text: str, rng: random.Random) -> tuple[str, str]:
     """Returns a URDF or SDFormat text with a mistake."""
     text = text.replace("drake:", "drake__")  # A prefix that ElementTree does not resolve.
     root = ElementTree.fromstring(text)

@@ -47,6 +47,12 @@ def mesh_triangles(path: Path) -> np.ndarray | None:
     return mesh[1] if mesh is not None and len(mesh[1]) else None
 
 
+def up_axis(path: Path) -> str:
+    """Returns the axis of a COLLADA file that points up: Y_UP if it does not say."""
+    found = re.search(r"<up_axis>\s*(\w+)", path.read_text(encoding="utf-8", errors="replace"))
+    return found[1] if found else "Y_UP"
+
+
 def _stl(path: Path) -> Surface:
     data = path.read_bytes()
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
@@ -88,7 +94,7 @@ def _dae(path: Path) -> Surface:
     known = {f"#{item.get('id')}": item for item in root.iter()}
     unit, scene = root.find("asset/unit"), root.find("scene/instance_visual_scene")
     X = np.diag([*np.full(3, float("1" if unit is None else unit.get("meter", "1"))), 1.0])
-    X[:3, :3] = UP[root.findtext("asset/up_axis", "Y_UP").strip()] @ X[:3, :3]
+    X[:3, :3] = UP[up_axis(path)] @ X[:3, :3]
     placed = ((item, X) for item in root.iter("geometry")) if scene is None else _geometries(
         known[scene.get("url", "")], X, known)
     parts = [(_geometry(item, known), X) for item, X in placed]

@@ -23,9 +23,8 @@ from uvms_drake.model.description.elements import (
     spec_of,
 )
 from uvms_drake.model.description.hydrodynamics_file import FARTHEST
-from uvms_drake.model.description.xml_tree import MOST, Node
+from uvms_drake.model.description.xml_tree import MOST, NUMBER, Node
 
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 INFINITE = re.compile(r"[-+]?inf(inity)?", re.IGNORECASE)
 DEGREES = 2.0 * math.pi
 """Size of an angle of a pose from which it is taken for degrees [rad]."""

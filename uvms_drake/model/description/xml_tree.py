@@ -4,6 +4,7 @@ Prefixes such as `drake:` are parts of the names, whether they are declared or n
 Drake's parsers. Attributes of URDF are elements in SDFormat: `Node.value` finds both.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from uvms_drake.common.errors import InvalidFile, InvalidParameter, require
 
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MOST = 1e9
 """Size of a number from which it is none of a robot's."""
 
@@ -77,13 +79,11 @@ class Node:
         child.used = True
         return child.attributes.get("value", child.text).strip()
 
-    def equals(self, other: "Node") -> bool:
-        """Whether two elements say the same: numbers count by their values, places not at all."""
-        return (self.tag == other.tag and _words(self.text) == _words(other.text)
-                and self.attributes.keys() == other.attributes.keys()
-                and all(_words(self.attributes[key]) == _words(other.attributes[key])
-                        for key in self.attributes) and len(self.children) == len(other.children)
-                and all(map(Node.equals, self.children, other.children)))
+    def meaning(self) -> tuple[object, ...]:
+        """Returns all that an element says: numbers count by their values, places not at all."""
+        return (self.tag, _words(self.text), *sorted(
+            (key, _words(text)) for key, text in self.attributes.items()),
+            *(child.meaning() for child in self.children))
 
     def is_true(self, path: str) -> bool:
         """Whether the text at a path is a yes."""
@@ -154,15 +154,10 @@ class Node:
         return f"{self.file}: line {self.line}: <{self.tag}{named}>"
 
 
-def _words(text: str) -> list[float | str]:
-    """Returns the words of a text, numbers as such."""
-    found: list[float | str] = []
-    for word in text.split():
-        try:
-            found.append(float(word))
-        except ValueError:
-            found.append(word)
-    return found
+def _words(text: str) -> str:
+    """Returns a text with all its numbers written in one way."""
+    return " ".join(repr(float(word) + 0.0) if NUMBER.fullmatch(word) else word
+                    for word in text.split())
 
 
 def element(tag: str, line: int, values: dict[str, object], urdf: bool) -> Node:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from pydrake.math import RigidTransform
 
+from uvms_drake.common.errors import require
 from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     Drag,
@@ -40,6 +41,8 @@ LEAST_MOTOR = 0.05
 """Least inertia of a motor as its joint feels it [kg m², kg]."""
 OF_LARGEST = 0.02
 """Least inertia of a motor, over that of the load of the arm's strongest one."""
+SLENDER = 3.0
+"""Ratio of two shadows, or of two added masses, from which a body is slender."""
 SPEED = 1.0
 """Speed that thrusters of unknown force are to reach [m/s]."""
 LAG = 0.15
@@ -57,6 +60,7 @@ def estimate(bodies: list[Body], tip: RigidTransform, waters: Waters, notes: Not
         notes: Ask for each number.
     """
     density = waters.density or FRESH
+    require(density > 0.0, "fluid density of the plugins", density, "positive [kg/m³]")
     known = [body for body in bodies if body.added_mass]
     if waters.shapes_float:
         _take_collisions(bodies, density, notes)
@@ -237,6 +241,12 @@ def _shadow_drag(body: Body, density: float, notes: Notes) -> list[Drag]:
     cube, size = (body.volume or 1e-3) ** (1.0 / 3.0), plausible_size(body, density, notes)
     edge = np.full(3, cube) if size is None else np.ptp(size[0], axis=0)
     areas = np.full(3, cube**2) if size is None else size[1]
+    added = np.diag(added_mass_about_origin(body.added_mass))[:3]
+    thin, light = np.argmin(areas), np.argmin(added)
+    if areas[light] > SLENDER * areas[thin] and added[thin] > SLENDER * added[light]:
+        notes.ask(WATER, f"bodies.{body.name}.added_mass", "by its added mass the body is slender "
+                  f"along {'xyz'[light]}, by the shadows of its shapes along {'xyz'[thin]}: one of "
+                  "them is in other axes")
     turning = areas[[1, 2, 1]] * edge[[2, 0, 0]] ** 3
     quadratic = 0.5 * density * DRAG * np.concatenate([areas, turning / 32.0])
     return [Drag(0.1 * quadratic, quadratic, body.center)]

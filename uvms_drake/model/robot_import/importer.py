@@ -262,8 +262,7 @@ def format_thrusters(name: str, placed: list[Thruster],
     rows = []
     for thruster in placed:
         known = thruster.force.size >= 2
-        command = thruster.command if known else np.array([-force, 0.0, force])
-        values = thruster.force if known else command
+        command, values = thruster.curve(force)
         key = (tuple(command), tuple(values), thruster.lag, thruster.smallest)
         if key not in kinds:
             kinds[key] = f"thruster_{len(kinds) + 1}"

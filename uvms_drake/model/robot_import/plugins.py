@@ -33,8 +33,8 @@ POINTS = 8
 """Number of commands on a parabola, each way."""
 GZ_MOST = 1000.0
 """Size of gz-sim's commands in a file without a limit: none that is meant."""
-NONZERO, WORDS = re.compile(r"[1-9]"), re.compile(r"[^-+.\d\seE]")
-"""Texts of plugins that are numbers, not all zero."""
+NUMBERS = re.compile(r"(?=.*[1-9])([-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?(\s+|$))+", re.I | re.S)
+"""Numbers that are not all zero."""
 JUMP = 1e-6
 """Share of a dead band over which the force rises to that of its edge."""
 
@@ -71,6 +71,8 @@ def read_water(tree: Tree, notes: Notes) -> Waters:
             _read_gz(tree, prefix, plugin, waters, notes)
         elif kind == "uuv":
             _read_uuv(tree, prefix, plugin, waters, notes)
+        elif kind == "buoyancy":
+            waters.density = plugin.known("uniform_fluid_density") or waters.density
         waters.shapes_float |= kind in ("gz", "buoyancy")
     for link in tree.links.values():
         if link.added_mass is not None:
@@ -93,8 +95,8 @@ def tell_unread(tree: Tree, notes: Notes) -> None:
     lost: dict[str, list[int]] = {}
     for _, plugin in tree.plugins:
         for node in plugin.walk() if _kind(plugin) else ():
-            if not node.used and NONZERO.search(node.text) and not (
-                    WORDS.search(node.text) or node.tag.endswith("ID")):
+            if not node.used and NUMBERS.fullmatch(node.text.strip()) and not (
+                    node.tag.endswith("ID")):
                 lost.setdefault(f"{node.tag} = {' '.join(node.text.split())}", []).append(node.line)
     if lost:
         notes.changed.append("numbers of these plugins left out: " + listed([
@@ -177,9 +179,7 @@ def _read_fossen(key: str, model: Node, water: Water, notes: Notes) -> None:
         notes.changed.append(f"{key}: the model '{kind}' is not read, only 'fossen'")
         return
     if (added := model.find("added_mass")) is not None:
-        scale = model.number("scaling_added_mass", 1.0)
-        water.added_mass = UUV.in_link(
-            symmetric(f"{key}: added_mass", scale * _square(added), notes))
+        water.added_mass = UUV.in_link(symmetric(f"{key}: added_mass", _square(added), notes))
     damping = []
     for name in ("linear_damping", "quadratic_damping"):
         node = model.find(name)
@@ -283,6 +283,23 @@ class Thruster:
         inside = np.unique([x[0], *inside, x[1]])
         self.command, self.force = inside, np.interp(inside, self.command, self.force)
 
+    def curve(self, force: float) -> tuple[np.ndarray, np.ndarray]:
+        """Returns commands and forces [N], none in the dead band, at whose edges it jumps.
+
+        Args:
+            force: Largest force [N], if the curve is not known.
+        """
+        if self.force.size < 2:
+            self.command = self.force = max(force, 2.0 * self.smallest) * np.array([-1.0, 0.0, 1.0])
+        x, f, band = self.command, self.force, self.smallest
+        if band == 0.0:
+            return x, f
+        edges, still = np.interp([-band, band], f, x), np.interp(0.0, f, x)
+        inner = still + (1.0 - JUMP) * (edges - still)
+        steep = np.unique(np.round([*x, *edges, *inner], 9))
+        force_of = np.interp(steep, x, f)
+        return steep, np.where(np.abs(force_of) < (1.0 - 0.5 * JUMP) * band, 0.0, force_of)
+
 
 def read_thrusters(tree: Tree, notes: Notes) -> tuple[list[Thruster], set[str]]:
     """Returns the thrusters and the names of their joints, and says where they were found."""
@@ -375,7 +392,8 @@ def _gz_curve(plugin: Node, thruster: Thruster, pilot: tuple[float, float] | Non
     """
     gain = (plugin.number("thrust_coefficient", 1.0) * plugin.number("fluid_density", 1000.0)
             * plugin.number("propeller_diameter", 0.02)**4)
-    turns, band = plugin.is_true("use_angvel_cmd"), plugin.number("deadband")
+    turns = plugin.is_true("use_angvel_cmd")
+    thruster.smallest = max(plugin.number("deadband"), 0.0)
     ends = [plugin.known(key) for key in ("min_thrust_cmd", "max_thrust_cmd")]
     limits = thruster.limit(*(end if end is not None and (turns or abs(end) < GZ_MOST) else None
                               for end in ends)) or pilot
@@ -390,20 +408,8 @@ def _gz_curve(plugin: Node, thruster: Thruster, pilot: tuple[float, float] | Non
         thruster.command = thruster.force = np.unique([least, 0.0, most])
     if pilot is not None:
         thruster.cut(*pilot)
-    if band <= 0.0:
-        return
-    # No force in the dead band, at the edge of which it jumps: a steep rise.
-    x, f = thruster.command, thruster.force
-    require(bool(max(-f[0], f[-1]) > band), f"{plugin.place()} deadband", band,
-            "below the largest force")
-    edges, still = np.interp([-band, band], f, x), np.interp(0.0, f, x)
-    inner = still + (1.0 - JUMP) * (edges - still)
-    more = (1.0 + JUMP) * band
-    outside, beyond = np.abs(f) > more, np.array([-f[0], f[-1]]) > more
-    x = np.concatenate([x[outside], edges[beyond], inner])
-    f = np.concatenate([f[outside], np.array([-band, band])[beyond], np.zeros(2)])
-    order = np.argsort(x)
-    thruster.command, thruster.force, thruster.smallest = x[order], f[order], band
+    require(bool(max(-thruster.force[0], thruster.force[-1]) > thruster.smallest),
+            f"{plugin.place()} deadband", thruster.smallest, "below the largest force")
 
 
 def _uuv_curve(plugin: Node, thruster: Thruster) -> None:

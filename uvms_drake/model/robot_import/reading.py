@@ -85,7 +85,9 @@ def read_file(file: Path) -> Node:
         raise InvalidParameter("--from", str(file), "a text in UTF-8") from None
     root = read_xml(text, file)
     require(root.tag in ("sdf", "robot", "package"), "--from", str(file),
-            f"URDF (<robot>) or SDFormat (<sdf>), not <{root.tag}>")
+            f"URDF (<robot>) or SDFormat (<sdf>), not <{root.tag}>" + (
+                ": Stonefish has the masses of its robots from meshes and materials"
+                if root.tag == "scenario" else ""))
     if root.tag == "robot":
         root.attributes.setdefault("name", file.stem)
     return root
@@ -261,6 +263,9 @@ class _Source:
             joint.velocity = max(axis.number("limit/velocity", 0.0, np.inf), 0.0)
             joint.damping = axis.number("dynamics/damping")
             joint.friction = axis.number("dynamics/friction")
+            if axis.number("dynamics/spring_stiffness"):
+                self.notes.changed.append(f"spring of joint {joint.name} left out: there is none "
+                                          "here")
         if not urdf and kind == "revolute" and not np.isfinite([joint.lower, joint.upper]).any():
             joint.kind = "continuous"
         for path in ("mimic", "axis/mimic", "drake:mimic"):
@@ -286,10 +291,11 @@ def _without_twins(root: Node) -> list[Node]:
     """Takes out of an element all below it that are there twice and equal, and returns them."""
     twins: list[Node] = []
     for node in root.walk():
-        kept: list[Node] = []
+        kept: dict[object, Node] = {}
         for child in node.children:
-            (twins if any(map(child.equals, kept)) else kept).append(child)
-        node.children = kept
+            if kept.setdefault(child.meaning(), child) is not child:
+                twins.append(child)
+        node.children = list(kept.values())
     return twins
 
 

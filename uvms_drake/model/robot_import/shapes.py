@@ -14,6 +14,7 @@ from uvms_drake.model.description.meshes import (
     format_obj,
     mesh_triangles,
     mesh_volume,
+    up_axis,
 )
 from uvms_drake.model.description.visuals import reason_not_drawn
 from uvms_drake.model.robot_import.bodies import Body
@@ -93,6 +94,7 @@ def _mesh(shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]) -> 
     name, file = shape.uri.rsplit("/", 1)[-1], shape.file
     box = None if file is None else bounding_box(file)
     target = "" if file is None else f"{_folder(file, out)}/{name}"
+    # Kept as it is, converted, or a box; one that is not in metres is none of these.
     if box is not None and np.max(np.linalg.norm(box * shape.size, axis=1)) > FARTHEST:
         fates.setdefault(f"left out, for they reach beyond {FARTHEST:g} m, as in millimetres",
                          []).append(name)
@@ -112,6 +114,10 @@ def _mesh(shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]) -> 
         fates.setdefault(fate, []).append(name)
         if file is None or box is None:
             return None
+        if file.suffix.lower() == ".dae" and up_axis(file) != "Z_UP":
+            fates.setdefault(f"of COLLADA with {up_axis(file)}, turned to z up as it says (RViz "
+                             "and Gazebo do not; with Z_UP in it they stay as there)",
+                             []).append(name)
         low, high = np.sort(box * shape.size, axis=0)
         X = shape.X @ RigidTransform(0.5 * (low + high))
         return Shape("box", np.maximum(high - low, 1e-3), X, color=shape.color)

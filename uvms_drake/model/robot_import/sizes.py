@@ -28,11 +28,12 @@ def shadow(triangles: np.ndarray, axis: int) -> float:
     """
     # Strips between corners of the triangles, and between lines of equal distances.
     u, v = np.moveaxis(np.delete(triangles, axis, axis=2), 2, 0)
+    least, most = v.min(axis=1), v.max(axis=1)
     share, area = np.linspace(0.0, 1.0, STRIPS + 1), 0.0
     edges = np.unique([*np.quantile(np.unique(v), share, method="nearest"),
                        *(v.min() + share * np.ptp(v))])
     for at, width in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True):
-        near = (v.min(axis=1) <= at) & (v.max(axis=1) >= at)
+        near = (least <= at) & (most >= at)
         U, V = u[near], v[near]
         with np.errstate(divide="ignore", invalid="ignore"):
             part = (at - V) / (np.roll(V, -1, axis=1) - V)
