@@ -140,7 +140,8 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
     """
     scenario, norms = record.scenario, record.tube_deviation
     floor = monitor_floor(set_wise_radii(scenario.tube, scenario.ancillary))
-    watched = record.time >= monitor_begin(scenario.mpc.hover, bool(record.certified))
+    watched = record.followed & (record.time >= monitor_begin(
+        scenario.mpc.hover, bool(record.certified)))
     left = beyond(norms, bounds, MONITOR_SLACK, floor) & watched[:, None]
     ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)
 

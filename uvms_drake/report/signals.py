@@ -62,13 +62,14 @@ def constraints(record: Record) -> dict[str, Constraint]:
     """Returns the constraints of a run by name.
 
     The static force is that of the pose, at rest, on the controller's model of the surface: a limit
-    of the penetration.
+    of the penetration. After a retreat of the supervisor nothing counts: its margin is infinite.
     """
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
     at = Points(record.model, record.config, y, record.zeta, record.u, record.tau)
     return {name: Constraint(
         values, bound, limit.unit_of(name),
-        values - bound if name.endswith("_min") else bound - values)
+        np.where(record.followed, values - bound if name.endswith("_min") else bound - values,
+                 np.inf))
         for limit in real_limits(record).values()
         for name, (values, bound) in limit.signals(at).items() if np.isfinite(bound)}
 

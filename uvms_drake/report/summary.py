@@ -15,6 +15,7 @@ from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
 from uvms_drake.report.metrics import LAST_SECONDS, metrics
+from uvms_drake.report.safety import retreat_sentence, summarise_safety
 from uvms_drake.report.signals import wrench_unit
 from uvms_drake.station.record import Record
 
@@ -53,6 +54,7 @@ def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict
         "wall_time_s": wall,
         "real_time_factor": scenario.duration / wall if wall > 0.0 else None,
         **found,
+        "safety": summarise_safety(record),
         "assumptions": [asdict(each) for each in assumptions_of(scenario, record.model)]
         if record.certified else [],
         "in_probability": summarise_claim(certificate, found["contact"]),
@@ -104,6 +106,8 @@ def verdict_of(summary: dict[str, Any], failed: Sequence[str]) -> tuple[bool, st
         failed: The ways in which it failed, as `broken`.
     """
     certified, claim = summary["tube"]["certified"], summary["in_probability"]
+    if (retreat := retreat_sentence(summary["safety"])) is not None:
+        return False, f"RETREATED: {retreat}"
     if claim is not None:
         own = (f"this run FAILED: {', '.join(failed)}" if failed else
                "this run did not fail: tube and all limits kept")
@@ -120,7 +124,9 @@ def verdict_of(summary: dict[str, Any], failed: Sequence[str]) -> tuple[bool, st
 
 def headline(summary: dict[str, Any]) -> str:
     """Returns one sentence: the task, its errors, the largest force, the tube and the limits."""
-    parts = [_task(summary)]
+    retreat = retreat_sentence(summary["safety"])
+    parts = [retreat] if retreat else []
+    parts.append(_task(summary))
     if summary["contact"]["first_touch_s"] is not None:
         parts.append(f"at most {summary['contact']['largest_force']:.3g} N in contact")
     parts.append(used(summary["tube"], summary.get("in_probability") is not None))

@@ -3,6 +3,7 @@
 import numpy as np
 
 from uvms_drake.actuation import Thrusters
+from uvms_drake.common.errors import require
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.supervisor.detections import Thresholds
 from uvms_drake.control.supervisor.retreat import RetreatSettings
@@ -44,7 +45,8 @@ def safety_of(scenario: Scenario, model: ContactModel) -> Safety | None:
 def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     """Returns the thresholds.
 
-    With ν the error of a reading, of which c never changes, ε of the measured position, κ₊ and
+    With ν the error of a reading, declared or the sensor's own if that is larger, of which c never
+    changes, ε of the measured position, κ₊ and
     F_max of the class, and the radii of the tube:
 
     * force: F_max − ν, so that the true one is at most F_max;
@@ -66,14 +68,19 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
         velocity = multiple * float(np.max(dvl.noise)) + dvl.growth * dvl.gap
         turning = multiple * navigation.turning.noise
         fix = dvl.gap + 1.0 / dvl.rate + path.period
-    constant = 0.0 if reading is None else float(np.linalg.norm(reading.constant[:3]))
+    constant, error = 0.0, contact.force_error
+    if reading is not None:
+        constant = float(np.linalg.norm(reading.constant[:3]))
+        error = max(error, constant + float(np.max((reading.error - reading.constant)[:3])))
+    require(contact.force > error, "contact.force", contact.force,
+            f"more than {error:.3g} N, the error of a reading, for the supervisor")
     config = np.asarray(scenario.start.config, dtype=float)
     M, J = model.mass_matrix(model.kinematics(config)), model.task_jacobian(config)[:3]
     lever = float(np.linalg.norm(model.task_pose(config)[:3] - config[:3]))
     flow = float(np.linalg.norm(scenario.current)) + sum(wave.speed for wave in scenario.waves)
     linear, angular = drag_accelerations(model, config, flow)
     observer = getattr(getattr(scenario.ancillary, "vehicle", None), "observer", 0.0)
-    drift = TIMES * np.array([linear, angular]) + contact.force_error * np.array(
+    drift = TIMES * np.array([linear, angular]) + error * np.array(
         [1.0 / np.min(np.diag(M)[:3]), lever / np.min(np.diag(M)[3:6])])
     drift += TIMES * observer * np.array([velocity, turning])
     off = (1.0 + MONITOR_SLACK) * np.array([
@@ -82,8 +89,8 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
         + float(np.linalg.norm(J[:, 6:], 2)) * (tube.joints or 0.0)]) + MONITOR_FLOOR
     horizon, h = scenario.mpc.horizon, scenario.mpc.time_step
     return Thresholds(
-        force=contact.force - contact.force_error, slope=2.0 * (contact.force_error - constant),
-        stiffness=contact.stiffness, touch=0.5 * contact.force_error, depth_error=position,
+        force=contact.force - error, slope=2.0 * (error - constant),
+        stiffness=contact.stiffness, touch=0.5 * error, depth_error=position,
         off=off, fix=fix, drift=drift, cut=TIMES * max(path.mean_delays[0], h),
         plan=max(horizon - 2, 1) * h, lost=LOST, begin=scenario.mpc.hover)
 
