@@ -127,8 +127,8 @@ def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
     assert out == ""
     last = err.splitlines()[-1]
     assert last.startswith("uvms-drake: error: ")
-    assert ": not certified: tube in limits.u[" in last
-    assert last.endswith("; --uncertified takes the scenario's declared tube")
+    assert ": --uncertified runs it with its declared tube, " in last
+    assert "; not certified: tube in limits.u[" in last
     assert not (tmp_path / "out").exists()
     assert run_in(tmp_path / "out", *NOT_CERTIFIED, "--uncertified") == 0
 

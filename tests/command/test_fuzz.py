@@ -1,4 +1,4 @@
-"""Random scenario files: exit status 0, 2 or 3, one line for an error, never more.
+"""Random scenario files: exit status 0, 2, 3 or 4, one line for an error, never more.
 
 Status 1 is for a run that was started from values that mean something and could not be carried
 through. Every case is a function of its number, so that one that fails can be looked at alone.
@@ -14,10 +14,8 @@ from pydrake.common.yaml import yaml_dump, yaml_load_data
 from support.refusals import OBJECT
 
 from uvms_drake.command.main import main
-from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
-from uvms_drake.station.simulation import require_finite
 
 pytestmark = pytest.mark.slow
 
@@ -45,8 +43,8 @@ FAULTS = (
 KEYS = ("", "a", "0", "_x", "name", "seed", "mpc", "é\n", "limits.u", "~", "- -", "_tag")
 
 
-class Stuck(Exception):
-    """A case took too long."""
+class Stuck(BaseException):
+    """A case took too long; an Exception would be a failure of the run."""
 
 
 def paths_of(data, here=()):
@@ -139,15 +137,6 @@ def deadline():
     signal.signal(signal.SIGPROF, old)
 
 
-def test_a_signal_that_is_not_finite_ends_in_one_line():
-    signal = np.zeros((4, 2))
-    logs = {"time": 0.1 * np.arange(4.0), "state": signal, "tau": signal.copy()}
-    require_finite(logs)
-    logs["tau"][2, 1] = np.nan
-    with pytest.raises(RunFailed, match=r"^tau is not finite from t = 0\.200 s on$"):
-        require_finite(logs)
-
-
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_any_file_ends_in_a_run_or_in_one_line(tmp_path, capsys, deadline, chunk):
     failures = []
@@ -163,9 +152,9 @@ def test_any_file_ends_in_a_run_or_in_one_line(tmp_path, capsys, deadline, chunk
             continue
         err = capsys.readouterr().err
         said = [line for line in err.splitlines() if "error: " in line]
-        if status not in (0, 1, 2, 3) or "Traceback" in err or OBJECT.search(err) or (
+        if status not in (0, 1, 2, 3, 4) or "Traceback" in err or OBJECT.search(err) or (
                 len(said) != (status in (1, 2))):
             failures.append((number, status, err))
-        if output.exists() != (status in (0, 3)):
+        if output.exists() != (status in (0, 3, 4)):
             failures.append((number, status, "half-written"))
     assert not failures

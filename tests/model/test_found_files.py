@@ -289,6 +289,7 @@ EYE = '<sensor name="eye" type="camera"/>'
      "3 joints, shoulder_pan_j, elbow_j, wrist_tilt_j", "'x_j' to 'y_j'"),
     ([chain("a b camera_flange"), '<frame name="tcp" attached_to="camera_flange"/>'],
      "3 joints, a_j, b_j, camera_flange_j", ""),
+    ([chain("arm_rov/tilt arm_rov/camera"), chain("a")], "1 joints, a_j", "arm_rov/camera_j"),
     # Nothing but a camera: the tool is bolted on.
     ([chain("tilt camera")], "none, for no joint moves; the tool is bolted on",
      "fixed, a camera: tilt_j, camera_j")])

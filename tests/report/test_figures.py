@@ -17,8 +17,9 @@ from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report.contact_figures import contact_drawing, depths_of, marks_of
 from uvms_drake.report.drawing import Drawing, Instant, Panel, band, draw, line
 from uvms_drake.report.figure_style import COLUMN_WIDTH, ORANGE, STYLE, tube_label
-from uvms_drake.report.figures import FIGURES, UNCERTIFIED, figures_of, make_figures
+from uvms_drake.report.figures import FIGURES, figures_of, make_figures
 from uvms_drake.report.html import format_report
+from uvms_drake.report.summary import summarise
 from uvms_drake.station.contact.bounds import safe_depth_margin
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
@@ -46,7 +47,7 @@ def texts_of(figure):
     return " ".join(text.get_text() for text in figure.findobj(matplotlib.text.Text))
 
 
-def test_every_figure_is_a_readable_png_at_column_width_and_says_if_it_is_uncertified(
+def test_every_figure_is_a_readable_png_at_column_width_and_has_the_verdict_of_the_run(
         record, tmp_path, monkeypatch):
     seen, before, write = [], dict(matplotlib.rcParams), Figure.text
     monkeypatch.setattr(Figure, "text", lambda self, x, y, text, **how: (
@@ -56,10 +57,14 @@ def test_every_figure_is_a_readable_png_at_column_width_and_says_if_it_is_uncert
     assert {path.name for path in paths} == NAMES == set(FIGURES) - rare
     for path in paths:
         assert imread(path).shape[1] in (COLUMN_WIDTH * 300, 2 * COLUMN_WIDTH * 300)
-    assert seen == [UNCERTIFIED] * len(NAMES)
+    verdict = summarise(record)["verdict"]["text"]
+    assert verdict.endswith("without a certificate")
+    assert [" ".join(text.split()) for text in seen] == [verdict] * len(NAMES)
     assert dict(matplotlib.rcParams) == before
-    make_figures(replace(record, certified=np.array(True)), tmp_path)
-    assert all(text.startswith("certified for ") for text in seen[len(NAMES):])
+    for path in make_figures(replace(record, certified=np.array(True)), tmp_path):
+        assert imread(path).shape[1] in (COLUMN_WIDTH * 300, 2 * COLUMN_WIDTH * 300)
+    assert all(text.startswith("all guarantees kept\ncertified for ")
+               for text in seen[len(NAMES):])
 
 
 @pytest.mark.parametrize("certified", [False, True])

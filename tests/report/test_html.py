@@ -9,10 +9,12 @@ from support.probability import made
 from support.synthetic import synthetic_record
 
 from uvms_drake.certificate.certificate import Certificate, write_certificate
+from uvms_drake.certificate.run_verdict import BROKEN, verdict_of
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.report.figures import make_figures
 from uvms_drake.report.html import format_report, load_run
-from uvms_drake.report.summary import EVENT_LINES
+from uvms_drake.report.summary import EVENT_LINES, summarise
 from uvms_drake.station.record import save_record
 from uvms_drake.tube.conditions import Condition
 
@@ -44,7 +46,7 @@ def test_it_says_what_it_is_about_what_is_certified_and_how_to_run_it_again(reco
     for part in ("girona500_ideal", "stiffness: 1000.0", "Run without a certificate",
                  "uvms-drake run scenario.yaml --uncertified"):
         assert part in text and (part not in certified) == ("certif" in part), part
-    for part in ("Certified: all 1 conditions hold", "less than 2.64 N", "tube in limits.nu1"):
+    for part in ("certified: all 1 conditions hold", "less than 2.64 N", "tube in limits.nu1"):
         assert part in certified, part
 
 
@@ -105,7 +107,23 @@ def test_a_folder_that_is_no_run_is_refused_in_a_line(record, tmp_path, name, co
     assert "\n" not in str(caught.value)
 
 
+def test_the_verdict_is_that_of_the_run_and_comes_before_what_its_certificate_says(record):
+    certified = replace(record, certified=np.array(True))
+    left = replace(certified, tube_report=np.where(
+        np.array(TUBE_REPORT) == "set_exits", 2.0, record.tube_report))
+    for run, verdict, kind in ((certified, "all guarantees kept", ""),
+                               (left, "GUARANTEES BROKEN: the tube, set-wise", " no")):
+        text = format_report(run, [], certificate(record))
+        assert f'<p class="verdict{kind}">{verdict[0].upper()}{verdict[1:]}.' in text
+        assert ("less than 2.64 N" in text) == (run is certified)
+        assert text.index(f"Of this run: {verdict}. ") < text.index("certified: all 1 conditions")
+
+
 def test_the_verdict_in_probability_has_the_runs_own_failures(record):
-    text = format_report(record, [], made(), ["the tube, set-wise", "it lost the contact"])
-    assert '"verdict no">This run FAILED: the tube, set-wise, it lost the contact.<br>' in text
-    assert "This run FAILED" not in format_report(record, [], made())
+    summary = summarise(record, made())
+    also = {**summary, "verdict": verdict_of(summary, ["it lost the contact"])}
+    assert also["verdict"]["status"] == BROKEN
+    assert '"verdict no">This run FAILED: it lost the contact; certified in prob' in format_report(
+        record, [], made(), also)
+    assert "This run did not fail: tube and all limits kept; certified in prob" in format_report(
+        record, [], made())

@@ -76,7 +76,7 @@ def test_a_hold_has_the_band_of_a_plan_that_has_stood_and_what_was_held(record):
     assert first["certified_hold"] < first["certified"]
     assert first["held"] == pytest.approx(np.max(np.abs(
         1.5 * np.sin(2.0 * np.pi * known.time[(known.time >= 1.5) & (known.time <= late)]))))
-    assert slide["certified_hold"] is not None
+    assert slide["certified_hold"] is None  # However slow its plan: the tip slides.
     shorter = replace(scenario, tube=replace(scenario.tube, hold=replace(hold, time=10.0)))
     never = summarise(replace(known, scenario=shorter))["mission"]["steps"][1]
     assert (never["held"], never["certified_hold"]) == (None, None)

@@ -8,14 +8,16 @@ from support.synthetic import synthetic_record, synthetic_sensed_record
 
 import uvms_drake as uv
 from uvms_drake.campaign.run import outcome
+from uvms_drake.certificate.run_verdict import broken
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Cylinder, Plane
 from uvms_drake.model.surface.unknown_contact import HoldForces, UnknownContact
 from uvms_drake.report.contact_check import departures, force_bands, has_stood, summarise_bands
 from uvms_drake.report.metrics import wall_metrics
-from uvms_drake.report.signals import surface_depth, surface_slope
-from uvms_drake.report.summary import broken, format_summary
+from uvms_drake.report.signals import surface_slope
+from uvms_drake.report.summary import format_summary
+from uvms_drake.station.true_wall import surface_depth
 from uvms_drake.tube.contact.sensor_error import ripple
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 

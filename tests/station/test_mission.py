@@ -8,13 +8,13 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from support.meshcat import press
 
 import uvms_drake as uv
+from uvms_drake.certificate.run_verdict import broken
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
 from uvms_drake.model.surface.law import TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.report.mission import summarise_mission
-from uvms_drake.report.summary import broken
 from uvms_drake.station.contact.bounds import largest_force, mission_conditions
 from uvms_drake.station.contact.drawn_mission import (
     ends_of,

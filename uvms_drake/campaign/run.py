@@ -10,6 +10,7 @@ import numpy as np
 from uvms_drake.campaign.campaign import Campaign, require_same_code
 from uvms_drake.campaign.draws import Drawn, draw
 from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
 from uvms_drake.control.mpc.solver_faults import solver_fault
@@ -37,7 +38,7 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
         RunFailed: This process has other files or versions than the campaign was made with.
     """
     require_same_code(campaign)
-    LOGGER.setLevel(logging.ERROR)
+    LOGGER.setLevel(logging.CRITICAL)
     started = time.perf_counter()
     result: dict[str, Any] = {"index": index, "error": None}
     steps = np.zeros(0)
@@ -45,6 +46,8 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
         found = draw(campaign, index)
         result |= drawn(found)
         record = simulate(found.scenario)
+        if record.failure:
+            raise RunFailed(str(record.failure))
         result |= outcome(record)
         steps = 1e3 * record.step_seconds[np.isin(record.mpc_status, (SOLVED, KEPT))]
     except Exception as error:

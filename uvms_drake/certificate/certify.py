@@ -1,6 +1,7 @@
 """Computes the certificate of a scenario, stage by stage.
 
-    constants ──▶ tube ──▶ unknowns ──▶ margins ──▶ second search ──▶ terminal set ──▶ first plan
+    declared class ──▶ constants ──▶ tube ──▶ unknowns ──▶ margins
+                   ──▶ second search ──▶ terminal set ──▶ first plan
 
 Each of the `STAGES` adds its claims and conditions to a draft; certification stops at the first
 with a condition that does not hold. The tube depends on the law, see `tube.laws.TUBES`; a law that
@@ -52,6 +53,7 @@ from uvms_drake.station.problem import (
 )
 from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.true_wall import in_words, outside
 from uvms_drake.tube.conditions import Condition, assumption, setting
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.estimates import Estimate, unrefuted
@@ -122,6 +124,27 @@ class Draft:
     def with_claims(self) -> Scenario:
         """Returns the scenario with the certified tube and terminal set, as far as there are."""
         return self.certificate.applied_to(self.scenario)
+
+
+def class_conditions(scenario: Scenario, model: ContactModel) -> list[Condition]:
+    """Returns the condition that the scenario's own surface is of its declared class, if it is."""
+    if scenario.contact.declared_wall() is None:
+        return []
+    departed = outside(scenario, model)
+    reason = f"which is outside of its declared class: {in_words(departed)}" if departed else ""
+    return [assumption("surface", reason, len(departed), topic="class of the wall",
+                       theorem="model/surface/theory.md#class-of-surfaces")]
+
+
+def refusal(scenario: Scenario, model: ContactModel) -> Condition | None:
+    """Returns the first condition that fails by the scenario's own words, before any search."""
+    said = (*class_conditions(scenario, model), *assumed_conditions(scenario, model))
+    return next((each for each in said if not each.holds), None)
+
+
+def declared(draft: Draft) -> None:
+    """Compares the scenario's own surface with its declared class."""
+    draft.require(*class_conditions(draft.scenario, draft.model))
 
 
 def constants(draft: Draft) -> None:
@@ -207,8 +230,9 @@ def plan_from_start(draft: Draft) -> None:
 
 
 STAGES: dict[str, Callable[[Draft], None]] = {
-    "constants": constants, "tube": tube, "unknowns": unknowns, "margins": margins,
-    "second search": second_search, "terminal set": terminal_set, "first plan": plan_from_start}
+    "declared class": declared, "constants": constants, "tube": tube, "unknowns": unknowns,
+    "margins": margins, "second search": second_search, "terminal set": terminal_set,
+    "first plan": plan_from_start}
 """Stages of a certificate; how long each takes differs from scenario to scenario."""
 
 

@@ -25,6 +25,7 @@ INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller
           "limits.static_force (contact.force, where it is sensed), up to which the tube is taken")
 HELP = {
     "contact.force_error": "a larger contact.force_error or contact.delay, or a better sensor",
+    "class of the wall": "a contact that declares this surface, or --uncertified",
     "contact.clearance": "a larger contact.clearance, or a shorter tare",
     "contact.speed": "a shorter mpc.time_step, or slower limits",
     "safe region": "a softer tool (contact.stiffness), larger gains or a larger "
@@ -84,9 +85,13 @@ NAMED, USES = 12, 6
 
 def verdict(claims: Claims) -> str:
     """Returns one line: certified, or not, with the first failed condition and advice."""
-    failed = claims.failed
-    if failed is None:
+    if claims.failed is None:
         return f"certified: all {len(claims.conditions)} conditions hold{_proven(claims)}"
+    return refused(claims.failed)
+
+
+def refused(failed: Condition) -> str:
+    """Returns one line: not certified, with a failed condition and advice."""
     advice = help_for(failed)
     return f"not certified: {violation(failed)}" + (f"; {advice}" if advice else "")
 

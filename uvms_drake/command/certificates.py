@@ -24,6 +24,7 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.scenario.scenario import Scenario, remarks
 from uvms_drake.station.scenario.scenario_file import reported_in
+from uvms_drake.station.true_wall import in_words, outside
 
 AnyCert = TypeVar("AnyCert", Certificate, AnyCertificate)
 
@@ -56,25 +57,35 @@ def new_certificate(args: argparse.Namespace, scenario: Scenario, model: Contact
     """Returns the worst-case certificate; if it does not hold, one in probability from the cache.
 
     Raises:
-        RunFailed: There is neither.
+        RunFailed: There is neither; at once, if the scenario itself says that none can hold.
     """
-    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.certificate.certify import certified_once, refusal
+    from uvms_drake.certificate.text import refused
 
-    with reported_in(source), bar(args, CERTIFYING, is_steady=False) as progress:
-        worst_case = certified_once(scenario, progress, model)
-    known = None if worst_case.certified else stored(cache_key(scenario))
-    found: AnyCertificate = worst_case if known is None else from_data(known)
-    return sound(replace(found, made_by="run"), source)
+    with reported_in(source):
+        failed = refusal(scenario, model)
+        if failed is None:
+            with bar(args, CERTIFYING, is_steady=False) as progress:
+                worst_case = certified_once(scenario, progress, model)
+            failed = worst_case.failed
+    if failed is None:
+        return replace(worst_case, made_by="run")
+    if (known := stored(cache_key(scenario))) is not None:
+        return replace(from_data(known), made_by="run")
+    raise not_sound(source, refused(failed))
 
 
 def sound(certificate: AnyCert, source: str) -> AnyCert:
     """Returns a certificate that holds, or raises `RunFailed`; one in probability is none less."""
     if not certificate.certified:
-        instead = "" if isinstance(certificate, ProbabilityCertificate) else (
-            "; 'certify --runs N' bounds the probability that a run fails")
-        raise RunFailed(f"{source}: {certificate.verdict}{instead}; --uncertified takes the "
-                        "scenario's declared tube")
+        raise not_sound(source, certificate.verdict)
     return certificate
+
+
+def not_sound(source: str, verdict: str) -> RunFailed:
+    """Returns the error of a run without a certificate that holds, with both ways out of it."""
+    return RunFailed(f"{source}: --uncertified runs it with its declared tube, and 'certify --runs "
+                     f"N' bounds the probability that a run fails; {verdict}")
 
 
 def announce(certificate: AnyCertificate) -> None:
@@ -82,6 +93,13 @@ def announce(certificate: AnyCertificate) -> None:
     lines = ([certificate.verdict] if isinstance(certificate, ProbabilityCertificate) else
              [*scope(certificate), f"certified: {certificate.force_sentence}"])
     print("\n".join(lines), file=sys.stderr)
+
+
+def compare_class(scenario: Scenario, model: ContactModel) -> None:
+    """Says on stderr whether the scenario's own surface is outside of its declared class."""
+    if words := in_words(outside(scenario, model)):
+        print(f"the scenario's own surface is outside of its declared class: {words}",
+              file=sys.stderr)
 
 
 def note(scenario: Scenario) -> None:

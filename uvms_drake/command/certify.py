@@ -6,7 +6,7 @@ import time
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.command.campaign import take_workers
-from uvms_drake.command.certificates import note
+from uvms_drake.command.certificates import compare_class, note
 from uvms_drake.command.files import asked, folder, left_out, take_scenario
 from uvms_drake.command.largest import find_largest, take_largest
 from uvms_drake.command.paper import certify_own
@@ -66,6 +66,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     with output_folder(path, names, replaces=True) as output:
         with reported_in(source):
             model = check_inputs(scenario)  # Before anything is announced.
+            compare_class(scenario, model)
             note(scenario)
             started = time.perf_counter()
             with bar(args, CERTIFYING, is_steady=False) as progress:

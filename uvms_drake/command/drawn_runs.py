@@ -41,10 +41,10 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.certificate.certify import certified_once
+from uvms_drake.certificate.run_verdict import BROKEN
 from uvms_drake.certificate.text import format_probability
 from uvms_drake.command.certificates import note, sound
 from uvms_drake.command.files import (
-    BROKEN,
     DATA_FILES,
     asked,
     left_out,
@@ -201,7 +201,7 @@ def replay_run(args: argparse.Namespace) -> int:
     with output_folder(path, (*DATA_FILES, *picture_files())) as output:
         summary = write_data(record, output.folder)
         output.keep()
-        write_pictures(record, None, output.folder, figures=True, replay=False)
+        write_pictures(record, None, output.folder, summary, figures=True, replay=False)
     print(f"{format_summary(summary)}\n\nthe tube is the campaign's; a run of it has no "
           f"certificate of its own\nwritten to {path}: {', '.join(sorted(output.kept))}")
     return 0

@@ -3,20 +3,18 @@
 import argparse
 import contextlib
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from uvms_drake.certificate.certificate import AnyCertificate, Certificate
-from uvms_drake.certificate.in_probability import FAILURES, ProbabilityCertificate
+from uvms_drake.certificate.in_probability import FAILURES
 from uvms_drake.common.errors import InvalidParameter, require, shortened
 from uvms_drake.common.jsonable import write_json
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import scenario_source, set_options
 
-BROKEN = 3
-"""Exit status of a completed run that has broken a guarantee or violated a limit."""
 MAIN_SCENARIO = "girona500_contact"
 SUMMARY_FILE = "summary.json"
 REPLAY_FILE = "replay.html"
@@ -90,6 +88,29 @@ def picture_files() -> tuple[str, ...]:
     return (*FIGURES, REPORT_FILE, REPLAY_FILE)
 
 
+def summary_of(record: Record, certificate: AnyCertificate | None = None) -> dict[str, Any]:
+    """Returns the summary of a run, with its verdict.
+
+    One of the declared distribution of a certificate in probability fails as the certificate's own
+    would.
+    """
+    from uvms_drake.certificate.run_verdict import NAMED, broken, verdict_of
+    from uvms_drake.report.summary import summarise
+
+    summary = summarise(record, certificate)
+    claim = summary["in_probability"]
+    if claim is not None and not claim["outside"] and not record.failure:
+        from uvms_drake.campaign.failures import failures_of
+        from uvms_drake.campaign.run import outcome
+
+        kinds = failures_of({"error": None, **outcome(record)})
+        said = " ".join(broken(summary))  # Not of all radii of the tube, nor of all losses.
+        summary["verdict"] = verdict_of(summary, [
+            f"it {FAILURES[kind]}" for kind in kinds if kind not in NAMED or (
+                kind != "limit" and kind not in said)])
+    return summary
+
+
 def write_data(record: Record, folder: Path, certificate: AnyCertificate | None = None
                ) -> dict[str, Any]:
     """Writes the data of a run into a folder and returns its summary.
@@ -104,9 +125,8 @@ def write_data(record: Record, folder: Path, certificate: AnyCertificate | None 
     from uvms_drake.report.log_export import format_log
     from uvms_drake.report.mission import format_inspection
     from uvms_drake.report.signals import has_mission
-    from uvms_drake.report.summary import summarise
 
-    summary = summarise(record, certificate)
+    summary = summary_of(record, certificate)
     save_record(record, folder)
     (folder / TABLE_FILE).write_text(format_log(record), encoding="utf-8")
     if has_mission(record):
@@ -115,46 +135,27 @@ def write_data(record: Record, folder: Path, certificate: AnyCertificate | None 
     return summary
 
 
-def failures_in_words(record: Record, certificate: AnyCertificate | None, summary: dict[str, Any]
-                      ) -> list[str]:
-    """Returns the ways in which a run failed, of `broken`.
-
-    One of the declared distribution of a certificate in probability fails as the certificate's own
-    would.
-    """
-    from uvms_drake.report.summary import NAMED, broken
-
-    failed, claim = broken(summary), summary["in_probability"]
-    if isinstance(certificate, ProbabilityCertificate) and not claim["outside"]:
-        from uvms_drake.campaign.failures import failures_of
-        from uvms_drake.campaign.run import outcome
-
-        result = {"error": None, **outcome(record)}
-        failed += [f"it {FAILURES[kind]}" for kind in failures_of(result) if kind not in NAMED]
-    return failed
-
-
-def write_pictures(record: Record, certificate: AnyCertificate | None, folder: Path, *,
-                   figures: bool, replay: bool, failed: Sequence[str] = ()) -> None:
+def write_pictures(record: Record, certificate: AnyCertificate | None, folder: Path,
+                   summary: dict[str, Any], *, figures: bool, replay: bool) -> None:
     """Writes figures and replay of a run into a folder; the report comes with the figures.
 
     Args:
         record: The run.
         certificate: Its certificate, if any.
         folder: The folder.
+        summary: Its summary.
         figures: Whether figures and report are written.
         replay: Whether the replay is written.
-        failed: With a certificate in probability, the ways in which the run itself failed.
     """
     if figures:
         from uvms_drake.report.figures import make_figures
         from uvms_drake.report.html import format_report
 
         bounds = certificate.bounds if isinstance(certificate, Certificate) else None
-        report = format_report(record, make_figures(record, folder, bounds), certificate,
-                               failed)
-        (folder / REPORT_FILE).write_text(report, encoding="utf-8")
+        drawn = make_figures(record, folder, bounds, summary["verdict"])
+        (folder / REPORT_FILE).write_text(
+            format_report(record, drawn, certificate, summary), encoding="utf-8")
     if replay:
         from uvms_drake.report.replay import write_replay
 
-        write_replay(record, folder / REPLAY_FILE)
+        write_replay(record, folder / REPLAY_FILE, summary["verdict"]["text"])

@@ -1,8 +1,9 @@
 """The command line: `uvms-drake run`, `certify`, `campaign`, ...
 
 The exit status is 0 for success, 1 if a run failed or a scenario is not certified, 2 for bad input,
-3 if a run broke a guarantee or violated a limit, and 128 + the signal for an interrupted command:
-130 after Ctrl-C, 143 after SIGTERM. An error is one line on stderr.
+3 if a run broke a guarantee or violated a limit, 4 if an exception ended a run, whose data until
+then are written, and 128 + the signal for an interrupted command: 130 after Ctrl-C, 143 after
+SIGTERM. An error is one line on stderr.
 """
 
 import argparse

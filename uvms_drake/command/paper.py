@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from uvms_drake.command.files import BROKEN, folder, take_quiet
+from uvms_drake.certificate.run_verdict import BROKEN
+from uvms_drake.command.files import folder, take_quiet
 from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, require

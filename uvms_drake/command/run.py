@@ -8,17 +8,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
-from uvms_drake.command.certificates import announce, kept_certificate, new_certificate, note
+from uvms_drake.certificate.run_verdict import BROKEN, FAILED
+from uvms_drake.command.certificates import (
+    announce,
+    compare_class,
+    kept_certificate,
+    new_certificate,
+    note,
+)
 from uvms_drake.command.files import (
-    BROKEN,
     DATA_FILES,
     MAIN_SCENARIO,
     REPLAY_FILE,
     REPORT_FILE,
     asked,
-    failures_in_words,
     folder,
     picture_files,
+    summary_of,
     take_scenario,
     write_data,
     write_pictures,
@@ -50,8 +56,10 @@ keys that are changed most, of {MAIN_SCENARIO} ('uvms-drake keys' lists all):
 
 A file of your own that begins with 'base: girona500_ideal' has only the differences.
 
-Exit status {BROKEN}: a certified run has left its tube, or pressed a wall that is not of its class;
-or a run has violated a limit, or is not of the distribution of its certificate in probability.
+Exit status {BROKEN}: the run has passed a limit, of which contact.force is one, or left its tube,
+declared or certified, or pressed a wall that is not of its declared class; or it is not of the
+distribution of its certificate in probability. Exit status {FAILED}: an exception of a law, the
+MPC, a sensor or the plant ended it, and what was simulated until then is written.
 Ctrl-C ends a run: the data up to then are written, without figures ('uvms-drake plot'), status 130.
 """
 
@@ -107,6 +115,8 @@ def run_scenario(args: argparse.Namespace) -> int:
         return run_own(args, scenario, source, path)
     with reported_in(source):
         model = load_model(scenario) if args.uncertified else check_inputs(scenario)
+        if args.uncertified:
+            compare_class(scenario, model)
     kept = None if args.uncertified else kept_certificate(
         path / CERTIFICATE_FILE, scenario, source,
         ["certify", args.scenario, *set_options(args.overrides), "--output", str(path)])
@@ -130,10 +140,9 @@ def run_scenario(args: argparse.Namespace) -> int:
                                    certified=isinstance(certificate, Certificate))
             summary = write_data(record, output.folder, certificate)
             output.keep(replaces=True)
-        failed = failures_in_words(record, certificate, summary)
-        write_pictures(record, certificate, output.folder, figures=not args.no_figures,
-                       replay=not args.no_replay, failed=failed)
-    status = print_outcome(summary, path, output.kept, failed)
+        write_pictures(record, certificate, output.folder, summary, figures=not args.no_figures,
+                       replay=not args.no_replay)
+    status = print_outcome(summary, path, output.kept)
     if meshcat is not None and not args.no_wait:
         from uvms_drake.visual.controls import wait_for_end
 
@@ -143,15 +152,14 @@ def run_scenario(args: argparse.Namespace) -> int:
     return status
 
 
-def print_outcome(summary: dict[str, Any], path: Path, names: Sequence[str], failed: Sequence[str]
-                  ) -> int:
+def print_outcome(summary: dict[str, Any], path: Path, names: Sequence[str]) -> int:
     """Prints the summary of a run, its files and the verdict; returns the exit status."""
-    from uvms_drake.report.summary import format_summary, verdict_of
+    from uvms_drake.report.summary import format_summary
 
-    print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}")
-    kept, text = verdict_of(summary, failed)
-    print(text)
-    return 0 if kept else BROKEN
+    verdict = summary["verdict"]
+    print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}\n"
+          f"{verdict['text']}")
+    return int(verdict["status"])
 
 
 def _open_meshcat(args: argparse.Namespace) -> "Meshcat":
@@ -192,14 +200,12 @@ def plot_run(args: argparse.Namespace) -> int:
     """Draws figures and report of a finished run, from its data."""
     from uvms_drake.report.html import load_run
     from uvms_drake.report.log_export import MCAP_FILE, write_mcap
-    from uvms_drake.report.summary import summarise
 
     record, certificate = load_run(args.folder)
-    failed = failures_in_words(record, certificate, summarise(record, certificate))
     with output_folder(args.folder, (*picture_files(), MCAP_FILE)) as output:
         if args.mcap:
             write_mcap(record, output.folder / MCAP_FILE)
-        write_pictures(record, certificate, output.folder, figures=True, replay=args.replay,
-                       failed=failed)
+        write_pictures(record, certificate, output.folder, summary_of(record, certificate),
+                       figures=True, replay=args.replay)
     print(f"written to {args.folder}: {', '.join(output.kept)}")
     return 0

@@ -12,6 +12,7 @@ from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import read_yaml
 from uvms_drake.common.wiring import release
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario, remarks
@@ -22,6 +23,7 @@ from uvms_drake.station.scenario.scenario_file import (
     scenario_path,
     shipped_scenarios,
 )
+from uvms_drake.station.true_wall import in_words, outside
 
 
 def add_scenario(commands: argparse._SubParsersAction) -> None:
@@ -67,7 +69,9 @@ def check_scenario(file: str) -> int:
               f"absent: {', '.join(lost) or 'nothing'}")
     scenario = load_scenario(file)
     with reported_in(path.name):
-        require_runnable(scenario)
+        model = require_runnable(scenario)
+        if words := in_words(outside(scenario, model)):
+            print(f"its own surface is outside of its declared class: {words}")
     if (base := base_of(read_yaml(path), path)) is not None:
         for key, (before, now) in differing_keys([load_scenario(str(base)), scenario]).items():
             print(f"{key}: {now} (base: {before})")
@@ -77,14 +81,15 @@ def check_scenario(file: str) -> int:
     return 0
 
 
-def require_runnable(scenario: Scenario) -> None:
-    """Raises the error of the first value with which a run would be refused."""
+def require_runnable(scenario: Scenario) -> ContactModel:
+    """Returns the controller's model, or raises the error with which a run would be refused."""
     from uvms_drake.station.diagram import make_station
     from uvms_drake.station.problem import check_inputs
     from uvms_drake.station.step_size import with_step
 
     known = check_inputs(scenario)
     release(make_station(with_step(scenario, known), model=known))
+    return known
 
 
 def place_words(scenario: Scenario) -> list[str]:

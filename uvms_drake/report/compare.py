@@ -46,6 +46,7 @@ def metrics_of(summary: Mapping[str, Any]) -> dict[str, float | None]:
             value = value[key]
         out[name] = value
     margins = {name: row["margin"] for name, row in summary["constraints"].items()}
+    out["failed at [s]"] = summary["duration_s"] if summary["failure"] else None
     out["limits violated [-]"] = sum(not margin >= 0.0 for margin in margins.values())
     return out
 

@@ -20,6 +20,7 @@ from uvms_drake.report.signals import attempts_of, has_mission
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.contact.tube_in_contact import STANDING
 from uvms_drake.station.record import Record
+from uvms_drake.station.true_wall import Departure
 from uvms_drake.tube.contact.sensor_error import ripple
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
@@ -64,11 +65,7 @@ def force_bands(record: Record) -> ForceBands:
     lags = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
     lags = lags * record.signals["stiffness_used"][:, 0] / contact.stiffness  # ℓ counts κ̂ℓ.
     touched = record.signals["touched"][:, 0] > 0.0
-    holds = touched & has_stood(record)
-    recedes = np.zeros(len(goal))
-    for attempt in attempts_of(record) if has_mission(record) else ():
-        step = record.scenario.mission.steps[attempt.step]
-        recedes[attempt.when] = step.speed
+    holds, recedes = touched & has_stood(record), sliding(record)
     bound, off = np.full(len(goal), np.nan), tip_errors(tube)
     for i in np.flatnonzero(touched):
         bound[i] = contact.band(goal[i], off, recedes[i], lags[i])
@@ -77,8 +74,20 @@ def force_bands(record: Record) -> ForceBands:
     return ForceBands(force_error(record), bound, holds)
 
 
+def sliding(record: Record) -> np.ndarray:
+    """Returns the speed of the mission's step along the wall (T,) [m/s]; zero but in a slide."""
+    speed = np.zeros(len(record.time))
+    for attempt in attempts_of(record) if has_mission(record) else ():
+        speed[attempt.when] = record.scenario.mission.steps[attempt.step].speed
+    return speed
+
+
 def has_stood(record: Record) -> np.ndarray:
-    """Returns whether the plan has stood for the time of a hold (T,); never without one."""
+    """Returns whether the plan has stood for the time of a hold (T,); never without one.
+
+    No step of a mission that slides is a hold, however slowly its plan begins: the tip slides, and
+    the bounds `contact.hold` are of one that does not.
+    """
     hold, zeta = record.scenario.tube.hold, record.nominal_zeta
     if hold is None:
         return np.zeros(len(record.time), dtype=bool)
@@ -87,7 +96,7 @@ def has_stood(record: Record) -> np.ndarray:
     speeds = np.stack([np.maximum(walls.advance(velocity), walls.advance(-velocity)),
                        *(np.linalg.norm(zeta[:, part], axis=1)
                          for part in (slice(3, 6), slice(6, None)))], axis=-1)
-    moves = np.any(speeds > STANDING, axis=1)
+    moves = np.any(speeds > STANDING, axis=1) | (sliding(record) > 0.0)
     last = np.maximum.accumulate(np.where(moves, record.time, -np.inf))
     stood: np.ndarray = record.time - np.maximum(last, record.time[0]) >= hold.time
     return stood
@@ -110,15 +119,6 @@ def summarise_bands(record: Record) -> dict[str, Any]:
                 found.error[there]))), "least_bound": float(np.min(found.bound[there])),
             "worst_ratio": float(np.max(ratio)), "exits": int(np.count_nonzero(ratio > 1.0))}
     return {"force_bands": out}
-
-
-class Departure(NamedTuple):
-    """Bound of the class that was exceeded, in the unit of the bound."""
-
-    specified: float
-    """Specified bound."""
-    observed: float
-    """Observed value."""
 
 
 def departures(specified: UnknownContact, time: np.ndarray, tip: np.ndarray, velocity: np.ndarray,

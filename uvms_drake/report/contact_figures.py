@@ -19,7 +19,6 @@ from uvms_drake.report.signals import (
     nominal_limits,
     real_limits,
     settling_index,
-    surface_depth,
     surface_slope,
     wrench_unit,
 )
@@ -27,6 +26,7 @@ from uvms_drake.station.contact.bounds import safe_depth_margin, sensed_contact
 from uvms_drake.station.diagram import PAINTED
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
+from uvms_drake.station.true_wall import surface_depth
 
 AT_TASK = 1e-3
 """Error of the nominal pose from which on the plan counts as at the task [m, rad]."""

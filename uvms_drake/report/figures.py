@@ -4,10 +4,12 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from uvms_drake.certificate.assumptions import assumptions_of, scope_of
 from uvms_drake.control.limits import resolved_radii
@@ -19,6 +21,7 @@ from uvms_drake.report.contact_figures import contact_drawing, draw_coverage, mi
 from uvms_drake.report.drawing import Drawing, Panel, band, draw, levels, line, pair
 from uvms_drake.report.robot.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits, thruster_part, thrusters_of
+from uvms_drake.report.summary import summarise
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -26,49 +29,54 @@ FORCE, INPUTS, JOINTS, THRUSTERS, MISSION, COVERAGE = (
     "force.png", "inputs.png", "joints.png", "thrusters.png", "mission.png", "coverage.png")
 DASHED = {"linewidth": 0.8, "linestyle": "--"}
 DOTS = {"marker": ".", "markersize": 3.5, "linestyle": ""}
-UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
 """Rounding of the components of a disturbance [m/s², rad/s²]."""
 FAINT = 0.05
 """Fraction of a bound below which deviations have a logarithmic axis, to stay visible."""
 FOOTER_CHARACTERS = 30
 """Characters of the footer in an inch of a figure's width."""
+FOOTER_POINTS = 4
+"""Size of its letters [pt]."""
 
 
 def make_figures(record: Record, output_dir: str | Path,
-                 certified: Mapping[str, float] | None = None) -> list[Path]:
+                 certified: Mapping[str, float] | None = None,
+                 verdict: dict[str, Any] | None = None) -> list[Path]:
     """Writes all figures of a run as PNG files into a folder and returns their paths.
+
+    The verdict of the run is below each of them.
 
     Args:
         record: Record of the run.
         output_dir: Folder of the files, created if missing.
         certified: Ultimate bounds of the run's certificate, if it has one.
+        verdict: Of the run's summary, which is made here if it is left out.
     """
+    verdict = verdict or summarise(record)["verdict"]
     figures = FIGURES | {
         FORCE: partial(contact_drawing, certified=(certified or {}).get("force"))}
     paths, folder = [], Path(output_dir)
-    certified_for = [f"certified for {about}: {statement}" for about, statement in scope_of(
-        assumptions_of(record.scenario, record.model)).items()]
+    scope = scope_of(assumptions_of(record.scenario, record.model)) if record.certified else {}
+    lines = [verdict["text"], *(f"certified for {about}: {said}" for about, said in scope.items())]
+    color = "0.4" if record.certified and not verdict["status"] else style.VERMILION
     folder.mkdir(parents=True, exist_ok=True)
     for name in figures_of(record.scenario):
         with matplotlib.rc_context(style.STYLE):
             made = figures[name](record)
             figure = draw(made) if isinstance(made, Drawing) else made
-            if not record.certified:
-                figure.text(0.995, 0.005, UNCERTIFIED, ha="right", va="bottom", fontsize=6,
-                            color=style.VERMILION)
-            else:
-                _add_footer(figure, certified_for)
-            figure.savefig(folder / name, bbox_inches="tight" if record.certified else None)
+            figure.savefig(folder / name, bbox_inches=_with_footer(figure, lines, color))
         paths.append(folder / name)
     return paths
 
 
-def _add_footer(figure: Figure, paragraphs: Sequence[str]) -> None:
-    """Adds small lines of text below a figure, to be saved with a tight bounding box."""
-    width = int(figure.get_figwidth() * FOOTER_CHARACTERS)
-    lines = [line for each in paragraphs for line in textwrap.wrap(each, width)]
-    figure.text(0.995, 0.0, "\n".join(lines), ha="right", va="top", fontsize=4, color="0.4")
+def _with_footer(figure: Figure, paragraphs: Sequence[str], color: str) -> Bbox:
+    """Adds small lines of text below a figure; returns the box of both, as wide as the figure."""
+    width, height = figure.get_size_inches()
+    lines = [line for each in paragraphs for line in textwrap.wrap(
+        each, int(width * FOOTER_CHARACTERS))]
+    figure.text(0.995, 0.0, "\n".join(lines), ha="right", va="top", fontsize=FOOTER_POINTS,
+                color=color)
+    return Bbox([[0.0, -len(lines) * 1.25 * FOOTER_POINTS / 72.0 - 0.02], [width, height]])
 
 
 def figures_of(scenario: Scenario) -> list[str]:

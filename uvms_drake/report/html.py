@@ -87,19 +87,21 @@ def _in_probability(path: Path) -> ProbabilityCertificate | None:
 
 
 def format_report(record: Record, figures: Sequence[Path], certificate: AnyCertificate | None,
-                  failed: Sequence[str] = ()) -> str:
+                  summary: dict[str, Any] | None = None) -> str:
     """Returns the report of a run as HTML.
 
     Args:
         record: Record of the run.
         figures: PNG files to embed.
         certificate: Certificate of the run, if any.
-        failed: With a certificate in probability, the ways in which the run itself failed.
+        summary: Summary of the run; made here if left out.
     """
-    scenario, summary = record.scenario, summarise(record, certificate)
+    scenario, summary = record.scenario, summary or summarise(record, certificate)
     captions = CAPTIONS | (SENSED_CAPTIONS if ESTIMATE in record.signals else {})
     drawn = {path.name: _figure(path, captions.get(path.name)) for path in figures}
-    kept, verdict = _verdict(certificate, summary, failed)
+    verdict, sound = summary["verdict"], certificate and not summary["verdict"]["status"]
+    about = [] if not isinstance(certificate, Certificate) else [
+        *scope(certificate), *([certificate.force_sentence] if sound else [])]
     texts = {
         "title": scenario.name, "description": " ".join(scenario.description.split()),
         "summary": format_summary(summary, event_lines=None), "scenario": dump_scenario(scenario),
@@ -108,32 +110,24 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
         "drake": summary["versions"]["drake"], "python": summary["versions"]["python"]}
     return PAGE.substitute(
         {name: html.escape(text) for name, text in texts.items()},
-        portrait=drawn.pop(PORTRAIT, ""), kept="" if kept else " no",
+        portrait=drawn.pop(PORTRAIT, ""), kept="" if sound else " no",
         figures="".join(drawn.values()) or "<p>Made without figures.</p>",
-        verdict="<br>".join(f"{html.escape(line[:1].upper() + line[1:])}." for line in verdict),
-        certificate=_certificate(certificate, scenario))
+        verdict="<br>".join(f"{html.escape(line[:1].upper() + line[1:])}." for line in [
+            verdict["text"], *filter(None, about)]),
+        certificate=_certificate(certificate, scenario, verdict["text"]))
 
 
-def _verdict(certificate: AnyCertificate | None, summary: dict[str, Any], failed: Sequence[str]
-             ) -> tuple[bool, list[str]]:
-    """Returns whether a run is as its certificate has it, and the sentences that say it."""
-    if certificate is None:
-        return False, ["run without a certificate: the tube is declared, and nothing is guaranteed"]
-    if isinstance(certificate, ProbabilityCertificate):
-        outside = summary["in_probability"]["outside"]
-        own = [f"this run FAILED: {', '.join(failed)}"] if failed else []
-        return not (outside or failed), [*own, "; ".join(outside) or certificate.verdict]
-    return certificate.certified, [*scope(certificate), certificate.verdict,
-                                   *filter(None, [certificate.force_sentence])]
+def _certificate(certificate: AnyCertificate | None, scenario: Scenario, verdict: str) -> str:
+    """Returns the section of the certificate of a scenario, of either kind.
 
-
-def _certificate(certificate: AnyCertificate | None, scenario: Scenario) -> str:
-    """Returns the section of the certificate of a scenario, of either kind."""
+    The verdict of the run is first: the certificate's own is for any run within its scope.
+    """
     if certificate is None:
         return "<p>Run without a certificate, with the tube that the scenario declares.</p>"
+    of_run = f"<p>Of this run: {html.escape(verdict)}. Of any run within its scope:</p>"
     if isinstance(certificate, ProbabilityCertificate):
-        return f"<pre>{html.escape(format_probability(certificate))}</pre>"
-    return (f"<pre>{html.escape(format_overview(certificate, scenario))}</pre>"
+        return f"{of_run}<pre>{html.escape(format_probability(certificate))}</pre>"
+    return (f"{of_run}<pre>{html.escape(format_overview(certificate, scenario))}</pre>"
             "<details><summary>Everything: constants, conditions, tube, budget, estimates</summary>"
             f"<pre>{html.escape(str(certificate))}</pre></details>")
 

@@ -1,10 +1,12 @@
 """Animation of a run in one HTML file that needs no server."""
 
+import html
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat
 
+from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import setting_of
 from uvms_drake.station.record import Record
 from uvms_drake.visual.contact import KNOWN
@@ -15,8 +17,20 @@ MOST_FRAMES = 1800
 """Largest number of pictures in a replay, of 4 kB each; the browser interpolates."""
 
 
-def write_replay(record: Record, path: Path) -> None:
-    """Writes the run as an animation that plays at true speed."""
+BANNER = ('<body><div style="position: fixed; z-index: 1; left: 1em; bottom: 1em; max-width: 60%; '
+          'font: 14px sans-serif; color: #333; pointer-events: none">{}</div>')
+"""Verdict of the run, over the picture."""
+
+
+def write_replay(record: Record, path: Path, verdict: str | None = None) -> None:
+    """Writes the run as an animation that plays at true speed, with its verdict.
+
+    Args:
+        record: The run.
+        path: The file.
+        verdict: Text of the verdict of its summary, which is made here if it is left out.
+    """
+    verdict = verdict or summarise(record)["verdict"]["text"]
     rate = min(record.scenario.visual.rate, MOST_FRAMES / max(float(record.time[-1]), 1e-9))
     meshcat = open_meshcat()
     scene = scene_of(record, meshcat)
@@ -25,7 +39,8 @@ def write_replay(record: Record, path: Path) -> None:
         scene.show(moment_of(record, i), record.time[i] + 1e-6)
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+    page = meshcat.StaticHtml().replace("<body>", BANNER.format(html.escape(verdict)), 1)
+    path.write_text(page, encoding="utf-8")
 
 
 def scene_of(record: Record, meshcat: Meshcat) -> Scene:

@@ -30,7 +30,7 @@ def summarise_safety(record: Record) -> dict[str, Any]:
     time, after = record.trip, ~record.followed
     touching = record.time[after & (force > SEPARATE)]
     start = record.state[after, :3][:1]
-    return out | {
+    out |= {
         "retreated_s": time, "cause": list(CAUSES)[int(last[1]) - 1],
         "stiffness": last[3] if np.isfinite(last[3]) else None,
         "declared_stiffness": contact.stiffness,
@@ -41,12 +41,11 @@ def summarise_safety(record: Record) -> dict[str, Any]:
         "distance": float(np.max(np.linalg.norm(
             record.state[after, :3] - start, axis=1), initial=0.0)),
         "filtered": bool(np.any(record.signals["input_filtered"]))}
+    return out | {"text": retreat_sentence(out)}
 
 
-def retreat_sentence(safety: dict[str, Any]) -> str | None:
-    """Returns the sentence about a retreat; None if there was none."""
-    if safety.get("retreated_s") is None:
-        return None
+def retreat_sentence(safety: dict[str, Any]) -> str:
+    """Returns the sentence about a retreat."""
     text = f"retreated at {safety['retreated_s']:.1f} s: {CAUSES[safety['cause']]}"
     if safety["cause"] == "slope" and safety["stiffness"] is not None:
         text += (f" ({1e-3 * safety['stiffness']:.2g} kN/m, "

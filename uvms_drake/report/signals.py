@@ -11,16 +11,14 @@ from uvms_drake.control.plan.points import Points
 from uvms_drake.mission.law import REASONS, RUNNING
 from uvms_drake.mission.system import PROGRESS
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.station.diagram import bounds_disturbance
-from uvms_drake.station.problem import limits_of
+from uvms_drake.station.problem import limits_of, true_surface
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
 """Relative and absolute rounding [m/s², rad/s²] of a disturbance of exactly d̃."""
-AROUND, HALVINGS = 0.5, 20
-"""Search distance for a surface [m], and number of bisections of 5 mm of it."""
 STEP = 1e-5
 """Step of the difference for the slope of a force [m]."""
 UNFINISHED, DONE_STEP = "not over", "done"
@@ -62,43 +60,28 @@ def constraints(record: Record) -> dict[str, Constraint]:
     """Returns the constraints of a run by name.
 
     The static force is that of the pose, at rest, on the controller's model of the surface: a limit
-    of the penetration. After a retreat of the supervisor nothing counts: its margin is infinite.
+    of the penetration. `contact.force` limits that on the real surface, which a controller with a
+    sensed contact does not know. After a retreat of the supervisor it alone counts, and the margin
+    of others is infinite.
     """
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
     at = Points(record.model, record.config, y, record.zeta, record.u, record.tau)
-    return {name: Constraint(
+    found = {name: Constraint(
         values, bound, limit.unit_of(name),
         np.where(record.followed, values - bound if name.endswith("_min") else bound - values,
                  np.inf))
         for limit in real_limits(record).values()
         for name, (values, bound) in limit.signals(at).items() if np.isfinite(bound)}
+    if (wall := record.scenario.contact.declared_wall()) is not None:
+        static = check_surface(true_surface(record.scenario)).static_force(record.chi)
+        found["contact.force"] = Constraint(static, wall.force, "N", wall.force - static)
+    return found
 
 
 def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:
     """Returns the unit of 𝔉 and its errors for 𝔉_des (6,): of a force, a torque or both."""
     force, torque = np.any(desired[:3]), np.any(desired[3:])
     return "N, N m" if force and torque else "N m" if torque else "N"
-
-
-def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Returns the depth n·𝔭 (T,) [m] at which the tip first touches the surface along n.
-
-    The search is over `AROUND` on both sides of the tip; NaN if there is no surface.
-
-    Args:
-        surface: The surface.
-        chi: Poses of the end-effector (T, 6) [m, rad].
-        direction: Unit vector n into the surface (3,).
-    """
-    along, steps = np.pad(direction, (0, 3)), np.linspace(-AROUND, AROUND, 201)
-    inside = np.array([surface.penetration(chi + step * along) > 0.0 for step in steps])
-    first = np.argmax(inside, axis=0)
-    low, high = steps[first - 1], steps[first]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        deep = surface.penetration(chi + middle[:, None] * along) > 0.0
-        low, high = np.where(deep, low, middle), np.where(deep, middle, high)
-    return np.where(first > 0, chi[:, :3] @ direction + high, np.nan)
 
 
 def surface_slope(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The summary of a run: its figures of merit and its claim as data, and as a table."""
 
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
@@ -11,11 +11,12 @@ import numpy as np
 from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
 from uvms_drake.certificate.certificate import AnyCertificate
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
+from uvms_drake.certificate.run_verdict import BANDS, verdict_of
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
 from uvms_drake.report.metrics import LAST_SECONDS, metrics
-from uvms_drake.report.safety import retreat_sentence, summarise_safety
+from uvms_drake.report.safety import summarise_safety
 from uvms_drake.report.signals import wrench_unit
 from uvms_drake.station.record import Record
 
@@ -23,8 +24,6 @@ COUNTERS = ("solves", "failures", "late", "fallbacks", "dropped", "kept", "refus
 """Counters of the MPC; but for the first they are of exceptional samples, and usually zero."""
 EVENT_LINES = 12
 """Largest number of lines for events in the table for a terminal."""
-BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
-"""Names of the bands of the force of a sensed contact."""
 MISSION_COLUMNS = (
     ("begin_s", "from", "s", 1.0, ".1f"), ("seconds", "for", "s", 1.0, ".1f"),
     ("mean_force", "mean", "N", 1.0, ".2f"), ("force_rms", "rms", "N", 1.0, ".2f"),
@@ -33,8 +32,6 @@ MISSION_COLUMNS = (
     ("within", "within", "%", 100.0, ".1f"), ("off_rms", "off rms", "mm", 1e3, ".2f"),
     ("off_worst", "worst", "mm", 1e3, ".2f"), ("behind", "behind", "mm", 1e3, ".1f"))
 """Columns of the table of a mission: key, name, unit, unit's factor, and format."""
-NAMED = ("tube", "limit", "contact")
-"""Kinds of `in_probability.FAILURES` that `broken` names."""
 
 
 def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict[str, Any]:
@@ -45,21 +42,23 @@ def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict
         certificate: Certificate of the run; of one in probability the summary tells the claim.
     """
     scenario, wall, found = record.scenario, record.wall_time_s, metrics(record)
+    seconds = float(record.time[-1]) if record.failure else scenario.duration
     data: dict[str, Any] = jsonable({
         "scenario": scenario.name,
         "seed": scenario.seed,
         "versions": {"uvms_drake": VERSION, "drake": version("drake"),
                      "python": platform.python_version()},
-        "duration_s": scenario.duration,
+        "duration_s": seconds,
         "wall_time_s": wall,
-        "real_time_factor": scenario.duration / wall if wall > 0.0 else None,
+        "real_time_factor": seconds / wall if wall > 0.0 else None,
+        "failure": str(record.failure),
         **found,
         "safety": summarise_safety(record),
         "assumptions": [asdict(each) for each in assumptions_of(scenario, record.model)]
         if record.certified else [],
         "in_probability": summarise_claim(certificate, found["contact"]),
     })
-    return data
+    return {"verdict": verdict_of(data), **data}
 
 
 def summarise_claim(certificate: AnyCertificate | None, contact: dict[str, Any]
@@ -78,60 +77,14 @@ def summarise_claim(certificate: AnyCertificate | None, contact: dict[str, Any]
             "outside": [*(f"never drawn: {value}" for value in certificate.never_drawn), *seen]}
 
 
-def broken(summary: dict[str, Any]) -> list[str]:
-    """Returns the limits that a run has violated and, of a certified one, the bounds it left.
-
-    With a certificate in probability also exits of the declared tube, and a lost contact.
-    """
-    names, tube = violated_limits(summary), summary["tube"]
-    names += [f"the force band {BANDS[name]}" for name, row in
-              summary["contact"].get("force_bands", {}).items() if row and row["exits"]]
-    counted = summary.get("in_probability") is not None
-    names += ["the contact, lost"] * bool(counted and summary["contact"]["losses"])
-    return names + [f"the tube, {what}" for key, what in (
-        ("exits", "set-wise"), ("exits_along_the_run", "along the run"))
-        if (tube["certified"] or counted) and tube[key]]
-
-
-def violated_limits(summary: dict[str, Any]) -> list[str]:
-    """Returns the limits that a run has violated."""
-    return [name for name, row in summary["constraints"].items() if not row["margin"] >= 0.0]
-
-
-def verdict_of(summary: dict[str, Any], failed: Sequence[str]) -> tuple[bool, str]:
-    """Returns whether a run kept all guarantees and limits, and the lines that say it.
-
-    Args:
-        summary: Of the run.
-        failed: The ways in which it failed, as `broken`.
-    """
-    certified, claim = summary["tube"]["certified"], summary["in_probability"]
-    if (retreat := retreat_sentence(summary["safety"])) is not None:
-        return False, f"RETREATED: {retreat}"
-    if claim is not None:
-        own = (f"this run FAILED: {', '.join(failed)}" if failed else
-               "this run did not fail: tube and all limits kept")
-        outside = claim["outside"]
-        return not (failed or outside), f"{own}\n{'; '.join(outside) or claim['verdict']}"
-    if failed:
-        return False, (f"{'GUARANTEES BROKEN' if certified else 'LIMITS VIOLATED'}: "
-                       f"{', '.join(failed)}")
-    if certified and (out := summary["contact"].get("out_of_class")):
-        return False, ("NO GUARANTEE for this wall: the certificate is for walls of the class that "
-                       f"`contact` declares, and it was not of it ({', '.join(out)})")
-    return True, "all guarantees kept" if certified else "all limits kept, without a certificate"
-
-
 def headline(summary: dict[str, Any]) -> str:
-    """Returns one sentence: the task, its errors, the largest force, the tube and the limits."""
-    retreat = retreat_sentence(summary["safety"])
-    parts = [retreat] if retreat else []
-    parts.append(_task(summary))
-    if summary["contact"]["first_touch_s"] is not None:
-        parts.append(f"at most {summary['contact']['largest_force']:.3g} N in contact")
-    parts.append(used(summary["tube"], summary.get("in_probability") is not None))
-    failed = violated_limits(summary)
-    parts.append(f"VIOLATED: {', '.join(failed)}" if failed else "all limits kept")
+    """Returns one sentence: the verdict, the task, its errors, the largest force, and the tube."""
+    contact = summary["contact"]
+    parts = [summary["verdict"]["text"], _task(summary)]
+    if contact["first_touch_s"] is not None:
+        lost = f", lost {contact['losses']} times" if contact["losses"] else ""
+        parts.append(f"at most {contact['largest_force']:.3g} N in contact{lost}")
+    parts.append(used(summary["tube"], summary["in_probability"] is not None))
     return f"{summary['scenario']}: {'; '.join(parts)}."
 
 
@@ -194,7 +147,7 @@ def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
         *_format_constraints(summary["constraints"]),
         *_block("thrusters", _format_thrusters(summary["thrusters"])), "",
         *_block("disturbance", _format_disturbance(summary["disturbance"])),
-        *_block("tube", _format_tube(summary["tube"], summary.get("in_probability") is not None)),
+        *_block("tube", _format_tube(summary["tube"], summary["in_probability"] is not None)),
         *_block("certified", _format_certified(summary)), "",
         *_block("events", _format_events(summary["events"], event_lines))])
 
@@ -308,7 +261,7 @@ def _format_disturbance(disturbance: dict) -> list[str]:
 
 def _format_certified(summary: dict) -> list[str]:
     """Returns the kind of certificate that the run has, and the scope of a worst-case one."""
-    claim = summary.get("in_probability")
+    claim = summary["in_probability"]
     if claim is not None:
         kind = claim["verdict"].removeprefix("certified ")
         return [f"{kind} ({claim['failures']} of {claim['runs']} drawn runs failed)",

@@ -1,6 +1,6 @@
 """The closed loop of a scenario: plant, controller and the parts between them, in one Diagram."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import cast
 
 import numpy as np
@@ -228,15 +228,22 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
 
     The samples, of an MPC alone, are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`,
     `mpc_violation`, `mpc_iterations`, `mpc_refused`, `mpc_rows` (K,), see `MPC_REPORT`, and
-    `step_seconds` (K,), wall time.
+    `step_seconds` (K,), wall time. An instant that not all sinks have logged, of an exception, is
+    left out.
     """
     def log(name: str) -> VectorLog:
         return cast(VectorLogSink, station.GetSubsystemByName(f"log.{name}")).FindLog(context)
 
+    def together(names: Iterable[str]) -> list[np.ndarray]:
+        """Returns the data of some logs (T, size), of the samples that all of them have."""
+        data = [log(name).data().T for name in names]
+        return [each[: min(map(len, data))].copy() for each in data]
+
     sinks = [system.get_name() for system in station.GetSystems()]
     logged = [name.removeprefix("log.") for name in sinks if name.startswith("log.")]
-    logs = {name: log(name).data().T.copy() for name in logged if name not in SAMPLED}
-    logs["time"] = log("state").sample_times().copy()
+    names = [name for name in logged if name not in SAMPLED]
+    logs = dict(zip(names, together(names), strict=True))
+    logs["time"] = log("state").sample_times()[: len(logs["state"])].copy()
     if not all(f"log.{name}" in sinks for name in SAMPLED):
         return logs
     # A root Context from GetMyContextFromRoot would keep itself alive for ever.
@@ -248,7 +255,7 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     ports = [station.GetOutputPort(name) for name in SAMPLED]
     samples = np.vstack([
         np.hstack([port.Eval(inside) for port in ports]),
-        np.vstack([log(name).data() for name in SAMPLED]).T])
+        np.hstack(together(SAMPLED))])
     _, first = np.unique(samples[:, 0], return_index=True)
     for i, field in enumerate(MPC_REPORT):
         logs[f"mpc_{field}"] = samples[first, i]

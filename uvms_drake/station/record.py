@@ -30,7 +30,8 @@ class Record:
     """The signals of a run: T logged samples, K samples of the nominal MPC, n joints.
 
     Every array, also of `signals`, is in `log.npz` under its name, except the two wall times, which
-    differ from run to run and are in `timing.npz`. A bar marks the nominal system.
+    differ from run to run, and the text of a failure: they are in `timing.npz`. A bar marks the
+    nominal system.
     """
 
     scenario: Scenario
@@ -103,6 +104,8 @@ class Record:
     """Norms of the deviation, see `laws.law.FIELDS` (T, 6)."""
     tube_bound: np.ndarray
     """Bounds of the norms along the run (T, 6)."""
+    failure: np.ndarray = field(default_factory=lambda: np.array(""))
+    """Time and cause, as text, of the exception that ended the run early; empty: none did."""
     signals: dict[str, np.ndarray] = field(default_factory=dict)
     """Signals of the parts of sensing and actuation (T, size), by name."""
 
@@ -195,7 +198,7 @@ class Record:
         return self.tube_bound[:, FIELDS.index(part)]
 
 
-_TIMING = ("step_seconds", "wall_time_s")
+_TIMING = ("step_seconds", "wall_time_s", "failure")
 _LOGGED = tuple(f.name for f in fields(Record) if f.name not in ("scenario", "signals", *_TIMING))
 
 
@@ -224,7 +227,7 @@ def load_record(folder: str | Path) -> Record:
             arrays = {name: log[name] for name in _LOGGED}
             signals = {name: log[name] for name in log.files if name not in _LOGGED}
             return Record(scenario=load_scenario(str(folder / SCENARIO_FILE)),
-                          step_seconds=timing["step_seconds"],
+                          step_seconds=timing["step_seconds"], failure=timing["failure"],
                           wall_time_s=float(timing["wall_time_s"]), signals=signals,
                           **arrays)
     except OSError as error:

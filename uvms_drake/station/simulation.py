@@ -1,15 +1,18 @@
 """Runs a scenario: station, Simulator and logs to a `Record`."""
 
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.common.wiring import release
 from uvms_drake.control.limits import joint_limits
@@ -22,6 +25,8 @@ from uvms_drake.station.step_size import with_step
 
 PROGRESS_PERIOD = 0.1
 """Simulated time between two calls of `progress` [s]."""
+SIGNALS = ("state", "nominal_state", "acceleration", "u", "tau", "force")
+"""Signals without which a run does not go on, once one is no number."""
 
 
 def simulate(
@@ -36,6 +41,10 @@ def simulate(
 ) -> Record:
     """Returns the record of a run from t = 0 to the scenario's duration.
 
+    An exception inside of the run, of a law, the MPC, a sensor or the plant, ends it, and so does a
+    signal that is no number any more: the record has all until then, and time and cause as
+    `failure`. Before the second logged sample there is nothing to record, and it is raised.
+
     Args:
         scenario: Everything the run depends on.
         model: The controller's model; loaded if left out.
@@ -47,7 +56,7 @@ def simulate(
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
-        RunFailed: The run started, but failed.
+        RunFailed: The run failed before there was anything to record.
     """
     model = model or load_model(scenario)
     if scenario.simulator.max_step_size == 0.0:
@@ -62,41 +71,73 @@ def simulate(
         simulator.set_monitor(
             _monitor(station, progress, stop, scenario.duration, scenario.log_period))
         progress("first plan", 0.0)
-        wall_time = _run(simulator, scenario.duration)
-        if context.get_time() < scenario.duration:
-            scenario = replace(scenario, duration=context.get_time())
-        sampled = station.GetSubsystemByName("log.state").FindLog(context).sample_times()
-        if context.get_time() - sampled[-1] > 1e-6 * scenario.log_period:
-            station.ForcedPublish(context)  # The period does not go into the duration.
-        logs = read_logs(station, context)
+        wall_time, error = _run(simulator, scenario)
+        if error is None:
+            failure, scenario = "", replace(scenario, duration=context.get_time())
+        else:
+            failure = _words(error, context.get_time())
+            if len(_sampled(station, context)) < 2 or "KeyboardInterrupt" in failure:
+                if isinstance(error, InvalidParameter | RunFailed):
+                    raise error
+                raise RunFailed(failure) from error
+        logs, not_finite = finite_part(read_logs(station, context))
     finally:
         release(station)
-    require_finite(logs)
-    return make_record(scenario, model, logs, wall_time, certified)
+    if failure := not_finite or failure:
+        LOGGER.error("the run FAILED %s", failure)
+    return make_record(scenario, model, logs | {"failure": np.array(failure)}, wall_time, certified)
 
 
-def require_finite(logs: dict[str, np.ndarray]) -> None:
-    """Raises `RunFailed` for the first logged signal that is not a number at some time."""
-    for name in ("state", "nominal_state", "u", "tau", "force"):
-        finite = np.all(np.isfinite(logs.get(name, np.zeros((1, 1)))), axis=1)
-        if not np.all(finite):
-            raise RunFailed(f"{name} is not finite from t = "
-                            f"{logs['time'][np.argmin(finite)]:.3f} s on")
+def finite_part(logs: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], str]:
+    """Returns the logs before the first signal that is no number, and in words when that was.
+
+    All of the logs and an empty text if there is none.
+
+    Raises:
+        RunFailed: It was within the first two samples.
+    """
+    bad = {name: int(np.argmin(finite)) for name in SIGNALS
+           if not np.all(finite := np.isfinite(logs[name]).all(axis=1))}
+    if not bad:
+        return logs, ""
+    name, end = min(bad.items(), key=lambda each: each[1])
+    failure = f"at t = {logs['time'][end]:.3f} s: {name} is not finite"
+    if end < 2:
+        raise RunFailed(failure)
+    samples = np.count_nonzero(logs["mpc_time"] < logs["time"][end])
+    return {key: values if key == "tube_report" else values[
+        :samples if key.startswith("mpc_") or key == "step_seconds" else end]
+        for key, values in logs.items()}, failure
 
 
-def _run(simulator: Simulator, duration: float) -> float:
-    """Simulates to `duration` [s] and returns the wall time without initialization [s]."""
+def _run(simulator: Simulator, scenario: Scenario) -> tuple[float, BaseException | None]:
+    """Simulates a run and logs it; returns the wall time [s], and the error that ended it."""
+    station, context = simulator.get_system(), simulator.get_mutable_context()
+    started, error = time.perf_counter(), None
     try:
         simulator.Initialize()
-        started = time.perf_counter()
-        simulator.AdvanceTo(duration)
-    except RunFailed:
-        raise
-    except (RuntimeError, np.linalg.LinAlgError) as error:  # Of Drake and NumPy.
-        reason = " ".join(str(error).split())
-        now = simulator.get_context().get_time()
-        raise RunFailed(f"the simulation stopped at t = {now:.3f} s: {reason}") from error
-    return time.perf_counter() - started
+        started = time.perf_counter()  # Without the initialization.
+        simulator.AdvanceTo(scenario.duration)
+        if context.get_time() - _sampled(station, context)[-1] > 1e-6 * scenario.log_period:
+            station.ForcedPublish(context)  # The period does not go into the duration.
+    except (Exception, SystemExit) as raised:  # A failed assertion of Drake ends a program.
+        error = raised
+    return time.perf_counter() - started, error
+
+
+def _sampled(station: Diagram, context: Context) -> np.ndarray:
+    """Returns the instants of the log so far [s]."""
+    times: np.ndarray = station.GetSubsystemByName("log.state").FindLog(context).sample_times()
+    return times
+
+
+def _words(error: BaseException, now: float) -> str:
+    """Returns time [s] and cause of an error in a run in words, with its place in the source."""
+    text = f"at t = {now:.3f} s: {' '.join(str(error).split())}"
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    if isinstance(error, InvalidParameter | RunFailed) or place.filename == __file__:
+        return text  # Of this package, or of Drake.
+    return f"{text} ({type(error).__name__}, {Path(place.filename).name}, line {place.lineno})"
 
 
 def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | None,

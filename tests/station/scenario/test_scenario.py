@@ -10,11 +10,11 @@ from support.scenarios import error_of, load_text
 
 import uvms_drake as uv
 from uvms_drake.common.errors import ScenarioError
-from uvms_drake.report.signals import surface_depth
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.scenario import dump_scenario, remarks
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
+from uvms_drake.station.true_wall import surface_depth
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())

@@ -24,7 +24,7 @@ from typing import Annotated
 import numpy as np
 
 from uvms_drake.common.constraints import NotNegative, OneOf, Period, Positive
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.laws.law import AncillaryLaw, Command, Observed, Pair
 from uvms_drake.control.laws.outputs import POSE, outputs_of, tip_rows
 from uvms_drake.model.uvms_model import UvmsModel
@@ -117,12 +117,12 @@ class TipFirst(AncillaryLaw):
 
 
 def _solve(A: np.ndarray, right: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Returns A⁻¹ right, or refuses the joint angles q (n,) as a singular posture."""
+    """Returns A⁻¹ right, or raises `RunFailed` for joint angles q (n,) that are singular."""
     try:
         zeta_dot: np.ndarray = np.linalg.solve(A, right)
     except np.linalg.LinAlgError:
         zeta_dot = np.array([np.inf])
     if not (np.abs(zeta_dot) < LARGEST).all():
-        raise InvalidParameter("ancillary.rows", "at the joint angles " + np.array2string(
-            q, precision=3), "rows that the arm can hold, away from its singular postures")
+        raise RunFailed("the arm came to a singular posture of its rows (ancillary.rows), with the "
+                        f"joints at {np.array2string(q, precision=3)}")
     return zeta_dot

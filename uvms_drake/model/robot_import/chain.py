@@ -71,9 +71,9 @@ def choose_chain(tree: Tree, rotors: set[str], notes: Notes) -> Chain:
     why |= {joint.name: "a camera" for joint in watching}
     if watching:
         names = listed([joint.name for joint in watching])
-        notes.asked.append(f"the arm: {names} turn a camera or lamp by their names or by what they "
-                           "carry, and are fixed. If they are the arm, give it a link without a "
-                           "mass that is called tool_tip, and begin again")
+        notes.asked.append(f"the arm: {names} taken for the mount of a camera or lamp, by names or "
+                           "sensors, and fixed. If that is the arm, give it a link without a mass "
+                           "that is called tool_tip, and begin again")
     jaws = {joint.name for path in paths for joint in path if path[:len(arm)] == arm}
     for joint in free:
         if joint not in arm and joint.name not in why:
@@ -192,7 +192,7 @@ def _is_camera(path: list[Joint], tree: Tree, joints: list[Joint]) -> bool:
     """Whether a path turns a camera or a lamp: by its names, or by the sensors that it carries."""
     if _carries_tool(path, tree, joints):
         return False
-    names = [name for joint in path for name in (joint.name, joint.child)]
+    names = [re.split("/|::", name)[-1] for joint in path for name in (joint.name, joint.child)]
     named = sum(bool(CAMERA.search(name)) for name in names)
     sees = any(SEES.search(kind) for link in tree.beyond(path[0].child)
                for kind in tree.links[link].sensors)
