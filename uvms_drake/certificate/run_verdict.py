@@ -31,7 +31,7 @@ def verdict_of(summary: dict[str, Any], also: Sequence[str] = ()) -> dict[str, A
         since = f", from {min(begins):.2f} s on" if begins else ""
         return {"status": FAILED, "text": f"FAILED {summary['failure']}" + (
             f"; before that LIMITS VIOLATED: {failed}{since}" if failed else "")}
-    if retreat := summary["safety"].get("text"):
+    if retreat := summary.get("safety", {}).get("text"):
         return {"status": BROKEN, "text": retreat + (
             f"; LIMITS VIOLATED: {failed}" if failed else "")}
     if claim is not None:

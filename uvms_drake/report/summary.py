@@ -16,9 +16,9 @@ from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
 from uvms_drake.report.metrics import LAST_SECONDS, metrics
-from uvms_drake.report.safety import summarise_safety
 from uvms_drake.report.signals import wrench_unit
 from uvms_drake.station.record import Record
+from uvms_drake.station.safety import summarise_safety
 
 COUNTERS = ("solves", "failures", "late", "fallbacks", "dropped", "kept", "refused_targets")
 """Counters of the MPC; but for the first they are of exceptional samples, and usually zero."""

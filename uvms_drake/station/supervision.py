@@ -1,4 +1,4 @@
-"""Supervisor of a scenario: its thresholds, derived from what the scenario declares."""
+"""Supervisor of a scenario: its thresholds, derived from the declared data."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ MONITOR_FLOOR = 1e-4
 exactly zero. At most a tenth of the tube's smallest radius counts, see `monitor_floor`."""
 TIMES = 2.0
 """Factor of declared times and disturbances at which they are exceeded for sure."""
-UNMEASURED = 0.5
+STATE_LOST = 0.5
 """Time without a state after which it is lost, where no navigation declares a gap [s]."""
 LOST = 1.0
 """Time without a force after which the planned retreat is not waited for any longer [s]."""
@@ -60,7 +60,7 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     contact, tube = sensed_contact(scenario), resolved_radii(scenario.tube)
     reading, path = known_reading(scenario), command_path_of(scenario.actuation, model)
     navigation = next((part for part in scenario.sensing if isinstance(part, Navigation)), None)
-    position, turning, velocity, fix = 0.0, 0.0, 0.0, UNMEASURED
+    position, turning, velocity, fix = 0.0, 0.0, 0.0, STATE_LOST
     if navigation is not None:
         multiple, dvl = navigation.noise_multiple, navigation.dvl
         position = multiple * navigation.position.noise + navigation.drift.bound * (
@@ -68,12 +68,14 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
         velocity = multiple * float(np.max(dvl.noise)) + dvl.growth * dvl.gap
         turning = multiple * navigation.turning.noise
         fix = dvl.gap + 1.0 / dvl.rate + path.period
+    # The error of a reading, and the part of it that never changes.
     constant, error = 0.0, contact.force_error
     if reading is not None:
         constant = float(np.linalg.norm(reading.constant[:3]))
         error = max(error, constant + float(np.max((reading.error - reading.constant)[:3])))
     require(contact.force > error, "contact.force", contact.force,
             f"more than {error:.3g} N, the error of a reading, for the supervisor")
+    # Accelerations by the flow and by that error at the tip, at the start.
     config = np.asarray(scenario.start.config, dtype=float)
     M, J = model.mass_matrix(model.kinematics(config)), model.task_jacobian(config)[:3]
     lever = float(np.linalg.norm(model.task_pose(config)[:3] - config[:3]))

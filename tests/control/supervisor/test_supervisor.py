@@ -27,8 +27,10 @@ from uvms_drake.control.supervisor.retreat import (
     filtered_torque,
     moved,
 )
-from uvms_drake.report.safety import retreat_sentence
+from uvms_drake.mission.law import REASONS, RETREATED, Measured, advance, begin
+from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat
 from uvms_drake.station.problem import load_model
+from uvms_drake.station.safety import retreat_sentence
 from uvms_drake.station.supervision import thresholds_of
 
 LIMITS = Thresholds(
@@ -273,3 +275,14 @@ def test_a_gap_of_the_fixes_is_a_cause_in_contact():
     safety = safety_of(record)
     assert safety["cause"] == "fix" and 13.4 < record.trip < 13.6
     assert safety["largest_force"] < 20.0 and safety["off_wall_s"] < 0.6
+
+
+def test_a_mission_is_over_with_a_retreat():
+    """Its step ends as retreated, and the others are left out."""
+    steps = [Approach(), Hold(), Retreat()]
+    mission = Mission(steps=steps).checked()
+    state = begin(mission, np.zeros(3), 0.0)
+    after, due = advance(mission, state, Measured(np.zeros(3), 0.0, touched=False, retreated=True),
+                         1.0)
+    assert after.outcome == RETREATED and REASONS[after.reason] == "retreated"
+    assert due.force == 0.0 and after.failures == 1

@@ -98,22 +98,22 @@ def moved(settings: RetreatSettings, model: UvmsModel, now: Reference, config: n
         left[0] -= settings.speed * step
     if left[1] > 0.0:
         J = model.task_jacobian(now.config)[:3, 6:]
-        joints = np.linalg.pinv(J, rcond=0.1) @ -n
-        reach = max(float(-n @ J @ joints), 0.1)
-        fastest = SHARE * np.min(settings.joint_speed / np.maximum(np.abs(joints), 1e-9))
+        back = np.linalg.pinv(J, rcond=0.1) @ -n
+        reach = max(float(-n @ J @ back), 0.1)
+        fastest = SHARE * np.min(settings.joint_speed / np.maximum(np.abs(back), 1e-9))
         speed = min(settings.draw_speed, fastest, left[1] / reach / step)
-        rate[6:], left[1] = speed * joints, left[1] - speed * reach * step
+        rate[6:], left[1] = speed * back, left[1] - speed * reach * step
     if heading is not None:
         off = (heading - now.config[5] + np.pi) % (2.0 * np.pi) - np.pi
         rate[5] = np.clip(off / step, -TURNING, TURNING)
     out = now.config + step * rate
     low, high = settings.lower + 2.0 * MARGIN, settings.upper - 2.0 * MARGIN
-    held = np.clip(out[6:], np.minimum(low, now.config[6:]), np.maximum(high, now.config[6:]))
-    rate[6:], out[6:] = (held - now.config[6:]) / step, held
-    ahead = out[:3] - config[:3]
-    distance = float(np.linalg.norm(ahead))
+    joints = np.clip(out[6:], np.minimum(low, now.config[6:]), np.maximum(high, now.config[6:]))
+    rate[6:], out[6:] = (joints - now.config[6:]) / step, joints
+    lead = out[:3] - config[:3]
+    distance = float(np.linalg.norm(lead))
     if distance > LEASH:
-        out[:3], rate[:3] = config[:3] + LEASH / distance * ahead, 0.0
+        out[:3], rate[:3] = config[:3] + LEASH / distance * lead, 0.0
     return Reference(out, rate, np.maximum(left, 0.0))
 
 

@@ -58,7 +58,7 @@ class Safety(NamedTuple):
     """Parts of a supervisor."""
 
     thresholds: Thresholds
-    """Of its detections."""
+    """Thresholds of its detections."""
     retreat: RetreatSettings
     """Distances and speeds, and limits of the joints."""
     allocation: Allocation | None
@@ -76,7 +76,7 @@ class Watch(NamedTuple):
     """Time, depth, force of the last readings, the newest last (3 ROWS,); NaN for none."""
     clocks: np.ndarray
     """Times [s]: of the last update, touch, finite state and new plan; and for which the command
-    was cut, the force lost, the water pushed (7,)."""
+    was cut, the force lost, the water driven (7,)."""
     flow: np.ndarray
     """Low-passed horizontal disturbance (2,) [m/s²]."""
     config: np.ndarray
@@ -107,6 +107,7 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
         settings: Of the retreat.
         model: The controller's model.
     """
+    # The measurements enter the memory, after the readings of the last second are taken.
     rows = before.readings.reshape(-1, 3)
     recent = rows[rows[:, 0] >= seen.time - WINDOW]
     clocks, since = before.clocks.copy(), np.nan_to_num(seen.time - before.clocks[0])
@@ -116,9 +117,10 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     if np.isfinite(seen.force) and not seen.time - rows[-1, 0] < WINDOW / ROWS - 1e-9:
         rows = np.vstack([rows[1:], [seen.time, seen.depth, seen.force]])
     flow = before.flow + min(since / WINDOW, 1.0) * (np.nan_to_num(seen.drift[:2]) - before.flow)
-    pushed = np.linalg.norm(flow) > TURNING_FROM * limits.drift[0]
-    clocks[6] = clocks[6] + since if pushed else 0.0
+    driven = np.linalg.norm(flow) > TURNING_FROM * limits.drift[0]
+    clocks[6] = clocks[6] + since if driven else 0.0
     now = before._replace(readings=rows.ravel(), clocks=clocks, flow=flow)
+    # Watching: the first ratio above one is the trip, at the measured place.
     if before.safety[0] == WATCHING:
         found = ratios(seen, recent, limits)
         now = now._replace(largest=np.maximum(before.largest, found))
@@ -131,6 +133,7 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
             safety=np.array([RETREATING, cause + 1.0, seen.time, stiffness_of_touch(
                 in_touch, limits.depth_error, 0.25 * limits.slope)]),
             **begun(settings, config, seen.time - clocks[1] <= WINDOW)._asdict())
+    # Retreating and standing: the reference moves on.
     standing = before.left[0] <= 0.0
     heading = float(np.arctan2(-flow[1], -flow[0])) if (
         standing and clocks[6] > PATIENCE) else None

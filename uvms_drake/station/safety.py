@@ -50,5 +50,5 @@ def retreat_sentence(safety: dict[str, Any]) -> str:
     if safety["cause"] == "slope" and safety["stiffness"] is not None:
         text += (f" ({1e-3 * safety['stiffness']:.2g} kN/m, "
                  f"{1e-3 * safety['declared_stiffness']:.2g})")
-    held = "" if safety["off_wall"] else ", and NOT off the wall at the end"
-    return f"{text}; {safety['largest_force']:.3g} N at most{held}"
+    state = "" if safety["off_wall"] else ", and NOT off the wall at the end"
+    return f"{text}; {safety['largest_force']:.3g} N at most{state}"
