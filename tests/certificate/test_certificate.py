@@ -328,5 +328,6 @@ def test_the_force_is_said_with_both_bands_where_there_are_two(contact):
     said = "the force is off by less than 16.8 N once the plan is at the task"
     assert HOLDS.force_sentence == said
     assert full(contact).force_sentence == (
-        f"{said}, and by less than 6.12 N in a hold, from 1.3 s after the plan stands")
+        f"{said}, and by less than 6.12 N in a hold: the plan at its target, not clipped by "
+        "`deepest`, and for 1.3 s slower than 2 mm/s, 2 mrad/s and joints 10 mrad/s")
     assert replace(HOLDS, bounds={}).force_sentence == ""

@@ -261,6 +261,16 @@ def test_wings_and_a_mast_have_the_drag_of_their_shadows(tmp_path):
     assert asked == []
 
 
+def test_a_box_turns_as_its_faces_do(tmp_path):
+    """½ ρ C_D ∫ |r|³ w dr of the face that has the larger moment, as of strips in cross flow."""
+    text = GLIDER.replace(HULL, '<visual><geometry><box size="0.9 0.5 0.2"/></geometry></visual>')
+    found, _ = drag_of(text.replace(WINGS, "").replace(MAST, ""), tmp_path)
+    r = np.linspace(-0.5, 0.5, 20001)
+    strip = 0.5 * 1025.0 * 1.1 * np.array([
+        0.9 * 0.5**4, 0.5 * 0.9**4, 0.2 * 0.9**4]) * np.mean(np.abs(r) ** 3)
+    np.testing.assert_allclose(found[3:], strip, rtol=1e-3)
+
+
 @pytest.mark.parametrize(("old", "new"), [
     (MAST, MAST.replace("0.02 0.02 0.6", "0.01 0.01 3").replace("-0.7 0 0.3", "0 0 1.6")),
     (WINGS, WINGS.replace("0.2 1.2 0.01", "0.1 4 0.01")),

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from support.drawings import bands, levels, panels_of, shown
-from support.synthetic import desiring, synthetic_record, synthetic_sensed_record
+from support.synthetic import aimed_at, desiring, synthetic_record, synthetic_sensed_record
 
 from uvms_drake.actuation import Thrusters
 from uvms_drake.control.limits import TubeRadii
@@ -302,12 +302,12 @@ def test_both_certified_bands_are_about_the_force_along_n(sensed):
     held = replace(
         sensed, nominal_state=nominal,
         scenario=replace(sensed.scenario, tube=replace(sensed.scenario.tube, hold=hold)),
-        signals=sensed.signals | {"target": sensed.chi_nominal[:, :3],
-                                  "touched": (sensed.time >= 1.0)[:, None].astype(float)})
+        signals=sensed.signals | aimed_at(sensed.chi_nominal[:, :3]) | {
+            "touched": (sensed.time >= 1.0)[:, None].astype(float)})
     force = contact_panels(held, certified=3.5)[0]
     for name, bound, start in (
         ("in motion", held.scenario.contact.band(20.0, tip_errors(held.scenario.tube)), 1.0),
-        ("in a hold, from 0.5 s on", hold_band(held.scenario.contact, 20.0, hold), 2.5)):
+        ("still at its target for 0.5 s", hold_band(held.scenario.contact, 20.0, hold), 2.5)):
         assert bands(force, name) == [(pytest.approx(20.0 - bound), pytest.approx(20.0 + bound))]
         (found,) = (each for each in force.series if name in each.style.get("label", ""))
         assert sensed.time[np.isfinite(found.y)][0] == pytest.approx(start, abs=0.03)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.drawings import panels_of
 from support.missions import OFF, TIMES, mission_record
-from support.synthetic import synthetic_record, synthetic_sensed_record
+from support.synthetic import aimed_at, synthetic_record, synthetic_sensed_record
 
 from uvms_drake.command.files import write_data
 from uvms_drake.control.limits import HoldRadii
@@ -47,8 +47,8 @@ def test_what_is_certified_of_a_step_grows_with_what_its_plans_were_short_of(rec
     found = []
     for short in ([0.0, 0.0, 0.0], [0.002, 0.0, 0.0], [-0.002, 0.0, 0.0], [0.0, 0.01, 0.0]):
         target = record.chi_nominal[:, :3] + short
-        known = replace(record, certified=np.array(True), signals=record.signals | {
-            "target": target})
+        known = replace(
+            record, certified=np.array(True), signals=record.signals | aimed_at(target))
         found.append([row["certified"] for row in summarise(known)["mission"]["steps"][1:3]])
     contact, (there, less, more, beside) = record.scenario.contact, np.array(found)
     assert there[0] == contact.band(10.0, tip_errors(record.scenario.tube))
@@ -67,7 +67,7 @@ def test_a_hold_has_the_band_of_a_plan_that_has_stood_and_what_was_held(record):
     state = record.nominal_state.copy()
     state[:, state.shape[1] // 2:] = 0.0
     known = replace(record, scenario=scenario, certified=np.array(True), nominal_state=state)
-    known = replace(known, signals=known.signals | {"target": known.chi_nominal[:, :3]})
+    known = replace(known, signals=known.signals | aimed_at(known.chi_nominal[:, :3]))
     first, slide = summarise(known)["mission"]["steps"][1:3]
     late = known.time[known.signals["mission_progress"][:, 0] == 1][-1]
     assert first["certified"] == pytest.approx(scenario.contact.band(

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.synthetic import synthetic_record, synthetic_sensed_record
+from support.synthetic import aimed_at, synthetic_record, synthetic_sensed_record
 
 import uvms_drake as uv
 from uvms_drake.campaign.run import outcome
@@ -39,8 +39,9 @@ def record():
     return replace(
         base, nominal_state=nominal, force=force, certified=np.array(True),
         scenario=replace(base.scenario, tube=replace(base.scenario.tube, hold=HOLD)),
-        signals=base.signals | {"target": target, "touched": (time >= 1.0)[:, None].astype(float),
-                                  "stiffness_used": np.full((len(time), 1), 800.0)})
+        signals=base.signals | aimed_at(target) | {
+            "touched": (time >= 1.0)[:, None].astype(float),
+            "stiffness_used": np.full((len(time), 1), 800.0)})
 
 
 def test_a_plan_has_stood_once_all_of_its_speeds_were_small_for_the_time(record):
@@ -70,7 +71,9 @@ def test_the_summary_has_both_phases_and_a_band_that_is_left_breaks_the_guarante
     assert bands["hold"]["exits"] == bands["motion"]["exits"] == 0
     (line,) = (line for line in format_summary(uv.summarise(record)).splitlines()
                if " in a hold (" in line)
-    assert f"which is {least:.3g} N at least" in line
+    assert f"from {bands['hold']['after_touch_s']:.2g} s after the touch" in line
+    assert f"0.4 of {least:.3g} N at {bands['hold']['at']['time_s']:.2f} s" in line
+    assert bands["hold"]["after_touch_s"] == pytest.approx(STANDS + HOLD.time - 1.0, abs=0.021)
     outside = record.force.copy()
     outside[-1, 0] = 20.0 + 1.01 * least
     left = uv.summarise(replace(record, force=outside))

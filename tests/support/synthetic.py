@@ -72,6 +72,11 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
     return replace(Record(scenario=scenario, wall_time_s=10.0, **arrays), **changes)
 
 
+def aimed_at(target: np.ndarray) -> dict[str, np.ndarray]:
+    """Returns the signals of a press target (T, 3) that nothing clips, without noise."""
+    return {"target": target, "unclipped_target": target, "target_of_reading": target}
+
+
 def synthetic_sensed_record(duration: float = 4.0, **changes: object) -> Record:
     """Returns the record as one of a sensed wall at x = 0, with 25 mm of safe depth.
 
@@ -83,9 +88,9 @@ def synthetic_sensed_record(duration: float = 4.0, **changes: object) -> Record:
         "surface.geometry.normal=[-1, 0, 0]", "surface.law.stiffness=700"])
     record = synthetic_record(duration)
     known = record.time > 2.09
-    signals = {
+    signals = aimed_at(np.column_stack([
+        2.0 * record.chi[:, 0], np.zeros((len(record.time), 2))])) | {
         "force_last_valid": record.force + 0.3 * np.sin(40.0 * record.time)[:, None],
-        "target": np.column_stack([2.0 * record.chi[:, 0], np.zeros((len(record.time), 2))]),
         "safe_depth": record.chi_nominal[:, :1] + 0.025,
         "contact_depth": np.where(known, 0.003, np.nan)[:, None],
         "stiffness_estimate": np.where(

@@ -28,7 +28,7 @@ from uvms_drake.tube.conditions import Condition, assumption
 
 GUARANTEE = "control/theory.md#closed-loop-guarantee"
 """Theorem that the conditions are for."""
-SCOPE = ("actuation", "sensing", "surface")
+SCOPE = ("actuation", "sensing", "surface", "unknowns")
 """Subjects whose first assumption is part of the verdict."""
 OPERATOR, CERTIFIER = "operator", "the person who certifies"
 """Guarantors of declared data, and of estimates."""
@@ -129,7 +129,8 @@ def _sensing(force: list[Statement], path: CommandPath) -> Iterator[Statement]:
     """Yields the measured state, and the statements about the measured force."""
     yield ("sensing", "exact pose, velocity and joint angles, "
            + ("at the ticks of the clock" if path.period > 0.0 else "in continuous time")
-           + ("; a force sensor within its declared errors" if force else ""),
+           + ("; a force sensor within its declared errors, mounted as declared and of exactly "
+              "first order" if force else ""),
            "maker of navigation and encoders" + (f", {SENSOR_MAKER}" if force else ""))
     yield from force
 
@@ -155,6 +156,7 @@ def _surface(scenario: Scenario, wall: SensedContact | None) -> Iterator[Stateme
                "normal and stiffness, without friction that it does not declare", OPERATOR)
         return
     yield ("surface", f"every wall, {wall.clearance:g} m or more off the tip at the start, "
+           "that stands still and is elastic (no hysteresis, creep or adhesion), "
            f"with its normal within {np.rad2deg(wall.angle):.3g}° of the direction, "
            f"{wall.stiffness:g} N/m at most with the tool, friction {wall.friction:g}, "
            f"dissipation {wall.dissipation:g} s/m", OPERATOR)
@@ -184,6 +186,9 @@ def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int) -> Iterator[
     if error.size > 0.0:
         yield ("disturbance", "of that, mass, water and joint friction of the robot that are off "
                "by the sizes of model_error", MAKER)
+    if np.any(current) or error.size > 0.0:
+        yield ("unknowns", "current, mass, water and joint friction are constant, and no error "
+               "between both ends of its declared size acts more than at the ends", OPERATOR)
     if unknowns.present:
         yield ("disturbance", f"all else keeps to {1.0 - error.share:.3g} of the bound", OPERATOR)
 

@@ -1,7 +1,7 @@
 """Computes the certificate of a scenario, stage by stage.
 
     declared class ──▶ constants ──▶ tube ──▶ unknowns ──▶ margins
-                   ──▶ second search ──▶ terminal set ──▶ first plan
+                   ──▶ second search ──▶ terminal set ──▶ first plan ──▶ arrival
 
 Each of the `STAGES` adds its claims and conditions to a draft; certification stops at the first
 with a condition that does not hold. The tube depends on the law, see `tube.laws.TUBES`; a law that
@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uvms_drake.certificate.arrival import arrival_of, arrives
 from uvms_drake.certificate.assumptions import GUARANTEE, assumed_conditions, assumptions_of
 from uvms_drake.certificate.certificate import Certificate, fingerprint, from_data, to_data
 from uvms_drake.certificate.claims import TerminalResult
@@ -229,10 +230,19 @@ def plan_from_start(draft: Draft) -> None:
     draft.require(*first_plan(problem, draft.start)[1])
 
 
+def arrival(draft: Draft) -> None:
+    """Simulates the nominal closed loop until it has reached a wall that is sensed."""
+    if draft.scenario.contact.declared_wall() is not None:
+        scenario = draft.with_claims()
+        found = arrival_of(scenario, draft.model, draft.start)
+        draft.claim(arrival=found)
+        draft.require(arrives(scenario, found))
+
+
 STAGES: dict[str, Callable[[Draft], None]] = {
     "declared class": declared, "constants": constants, "tube": tube, "unknowns": unknowns,
     "margins": margins, "second search": second_search, "terminal set": terminal_set,
-    "first plan": plan_from_start}
+    "first plan": plan_from_start, "arrival": arrival}
 """Stages of a certificate; how long each takes differs from scenario to scenario."""
 
 

@@ -4,10 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from uvms_drake.certificate.arrival import Arrival
 from uvms_drake.certificate.assumptions import Assumption
 from uvms_drake.certificate.declared_unknowns import UnknownEffect
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.station.contact.mission_legs import Leg
+from uvms_drake.station.contact.tube_in_contact import STANDING
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.estimates import Estimate
@@ -64,6 +66,8 @@ class Claims:
     estimates: tuple[Estimate, ...] = ()
     """Estimated suprema of the tube, with the result of a second search."""
     terminal: TerminalResult | None = None
+    arrival: Arrival | None = None
+    """Times of the nominal closed loop, of a sensed contact."""
     bounds: dict[str, float] = field(default_factory=dict)
     """Ultimate bounds by name, see `tube.ultimate_bounds`."""
 
@@ -89,7 +93,16 @@ class Claims:
             return ""
         text = (f"the force is off by less than {self.bounds['force']:.3g} N once the plan is at "
                 "the task")
-        if HOLD not in self.bounds or self.tube is None or self.tube.hold is None:
+        if HOLD not in self.bounds or not self.hold_condition:
             return text
-        return (f"{text}, and by less than {self.bounds[HOLD]:.3g} N in a hold, from "
-                f"{self.tube.hold.time:.2g} s after the plan stands")
+        return (f"{text}, and by less than {self.bounds[HOLD]:.3g} N in a hold: "
+                f"{self.hold_condition}")
+
+    @property
+    def hold_condition(self) -> str:
+        """The condition of the band of a hold in words; empty if there is none."""
+        if self.tube is None or (hold := self.tube.hold) is None:
+            return ""
+        tip, turn, joints = 1e3 * STANDING
+        return (f"the plan at its target, not clipped by `deepest`, and for {hold.time:.2g} s "
+                f"slower than {tip:g} mm/s, {turn:g} mrad/s and joints {joints:g} mrad/s")

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from uvms_drake.certificate.arrival import Arrival
 from uvms_drake.certificate.assumptions import scope_of
 from uvms_drake.certificate.claims import Claims
 from uvms_drake.certificate.in_probability import (
@@ -62,6 +63,7 @@ HELP = {
         "limits of angles and static force",
     "first plan": "a start further inside the limits",
     "limit without tightening": "a method tube_takes of that limit, or going without it",
+    "arrival": "a longer duration, or more of contact.speed left by the tube",
     "first plan to the terminal set": "a longer horizon or a closer start",
 }
 """Advice on a failed condition by its `topic`, or by its `kind` if its topic has none. A paper adds
@@ -171,6 +173,15 @@ def largest_force(claims: Claims, scenario: Scenario) -> str:
             f"{desired:.4g} ± {error:.3g} N; static, without impact and damping")
 
 
+def _approach(arrival: Arrival, duration: float) -> str:
+    """Returns speed and times of the nominal closed loop in words."""
+    hold = ("no hold is in force" if math.isinf(arrival.hold) else
+            f"a hold is in force {arrival.hold - arrival.touch:.2g} s after the touch")
+    return (f"at up to {1e3 * arrival.speed:.3g} mm/s, touch at {arrival.touch:.3g} s and target "
+            f"at {arrival.target:.3g} s of {duration:g} s; {hold}; on the scenario's own surface, "
+            "without disturbance")
+
+
 def tightest_limit(claims: Claims) -> Condition | None:
     """Returns the condition of the limit of which the tube takes the largest part."""
     limits = [each for each in claims.conditions if each.kind == "tightening" and each.right > 0.0]
@@ -182,9 +193,13 @@ def _numbers(claims: Claims, scenario: Scenario) -> Iterator[tuple[str, str]]:
     bounds, numbers = claims.bounds, claims.tightening
     if text := largest_force(claims, scenario):
         yield "largest force", text
+    if HOLD in claims.bounds and claims.hold_condition:
+        yield "in a hold", claims.hold_condition
     if "position" in bounds:
         yield ("end-effector", f"within {1e3 * bounds['position']:.3g} mm and "
                f"{1e3 * bounds['orientation']:.3g} mrad of the plan")
+    if claims.arrival is not None:
+        yield "approach", _approach(claims.arrival, scenario.duration)
     if tightest := tightest_limit(claims):
         yield ("tightest limit", f"{tightest.about}: the tube takes "
                f"{100.0 * tightest.left / tightest.right:.3g} %, "
@@ -259,11 +274,11 @@ def _tube_rows(tube: TubeRadii) -> list[str]:
             if not isinstance(value, HoldRadii | None) and np.size(value)]
     if (hold := tube.hold) is None:
         return rows
-    return [*rows, f"in a hold, from {hold.time:.2g} s on with the tip of the plan below "
-            f"{1e3 * hold.standing:g} mm/s",
+    return [*rows, "in a hold",
             f"  {'depth':<20}{hold.depth:>12.4g} m", f"  {'position':<20}{hold.position:>12.4g} m",
             f"  {'advance':<20}{hold.advance:>12.4g} m/s",
-            f"  {'error of a reading':<20}{hold.reading:>12.4g} N, along the direction"]
+            f"  {'error of a reading':<20}{hold.reading:>12.4g} N, along the direction",
+            f"  {'age of the target':<20}{hold.since:>12.4g} s, mean of its readings"]
 
 
 def _radius(value: float | np.ndarray) -> str:
@@ -311,8 +326,7 @@ def _bound_rows(claims: Claims) -> list[str]:
     if hold is None or HOLD not in bounds:
         return rows
     return [*rows[:-1], f"{rows[-1]}, at touch and in motion, the plan at its target",
-            f"{'':<34}{bounds[HOLD]:>11.4g} N, in a hold, from {hold.time:.2g} s after "
-            "the plan stands",
+            f"{'':<34}{bounds[HOLD]:>11.4g} N, in a hold: {claims.hold_condition}",
             f"{'':<34}{bounds[LIKELY]:>11.4g} N, likely in a hold, if noise is independent; "
             "not certified"]
 

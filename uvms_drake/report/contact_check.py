@@ -1,8 +1,10 @@
 """Checks of a contact: the force against its certified bands, the wall against its class.
 
 In contact the force along n is within b(ℓκ̂/κ₊) of the desired one, ℓ how far the plan is from its
-target and κ̂ the stiffness that the target is of: in a hold, once the plan has stood for the time of
-`HoldRadii`, by `hold_band`, else by `SensedContact.band`.
+target, whatever `deepest`, and κ̂ the stiffness that the target is of: in a hold by `hold_band` and
+the target of the mean reading, else by `SensedContact.band` and that of the last one. It is a hold
+where the plan has stood for the time of `HoldRadii` and is within `AT_TARGET` of its target: not
+for some time after a change of the desired force or of its place.
 tube/contact/theory.md#force-band-of-a-hold.
 
 The class of the wall is checked from the static force along the tip's path, so for any surface; a
@@ -14,11 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.report.signals import attempts_of, has_mission
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.contact.tube_in_contact import STANDING
+from uvms_drake.station.contact.tube_in_contact import AT_TARGET, short_of_target, stands
 from uvms_drake.station.record import Record
 from uvms_drake.station.true_wall import Departure
 from uvms_drake.tube.contact.sensor_error import ripple
@@ -60,15 +61,16 @@ def force_error(record: Record) -> np.ndarray:
 def force_bands(record: Record) -> ForceBands:
     """Returns the error of the force and its band, likewise."""
     contact, tube = sensed_contact(record.scenario), record.scenario.tube
-    goal = desired_force(record)
-    short = record.signals["target"] - record.chi_nominal[:, :3]
-    lags = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
-    lags = lags * record.signals["stiffness_used"][:, 0] / contact.stiffness  # ℓ counts κ̂ℓ.
-    touched = record.signals["touched"][:, 0] > 0.0
-    holds, recedes = touched & has_stood(record), sliding(record)
+    goal, touched = desired_force(record), record.signals["touched"][:, 0] > 0.0
+    lags, of_reading = (short_of_target(  # ℓ counts κ̂ℓ.
+        contact.walls, record.chi_nominal[:, :3], record.signals[name],
+        record.signals["stiffness_used"][:, 0] / contact.stiffness) for name in (
+            "unclipped_target", "target_of_reading"))
+    holds = touched & has_stood(record) & (contact.stiffness * lags <= AT_TARGET)
+    recedes = sliding(record)
     bound, off = np.full(len(goal), np.nan), tip_errors(tube)
     for i in np.flatnonzero(touched):
-        bound[i] = contact.band(goal[i], off, recedes[i], lags[i])
+        bound[i] = contact.band(goal[i], off, recedes[i], of_reading[i])
         if holds[i] and tube.hold is not None:
             bound[i] = min(bound[i], hold_band(contact, goal[i], tube.hold, lags[i]))
     return ForceBands(force_error(record), bound, holds)
@@ -82,30 +84,31 @@ def sliding(record: Record) -> np.ndarray:
     return speed
 
 
-def has_stood(record: Record) -> np.ndarray:
+def has_stood(record: Record, earlier: float = 0.0) -> np.ndarray:
     """Returns whether the plan has stood for the time of a hold (T,); never without one.
 
     No step of a mission that slides is a hold, however slowly its plan begins: the tip slides, and
     the bounds `contact.hold` are of one that does not.
+
+    Args:
+        record: Of a sensed contact.
+        earlier: Time by which it has to have stood less [s].
     """
-    hold, zeta = record.scenario.tube.hold, record.nominal_zeta
+    hold = record.scenario.tube.hold
     if hold is None:
         return np.zeros(len(record.time), dtype=bool)
     walls = sensed_contact(record.scenario).walls
-    velocity = times(record.model.tip_kinematics(record.nominal_config).J_chi[:, :3], zeta)
-    speeds = np.stack([np.maximum(walls.advance(velocity), walls.advance(-velocity)),
-                       *(np.linalg.norm(zeta[:, part], axis=1)
-                         for part in (slice(3, 6), slice(6, None)))], axis=-1)
-    moves = np.any(speeds > STANDING, axis=1) | (sliding(record) > 0.0)
+    moves = ~stands(record.model, walls, record.nominal_state) | (sliding(record) > 0.0)
     last = np.maximum.accumulate(np.where(moves, record.time, -np.inf))
-    stood: np.ndarray = record.time - np.maximum(last, record.time[0]) >= hold.time
+    stood: np.ndarray = record.time - np.maximum(last, record.time[0]) >= hold.time - earlier
     return stood
 
 
 def summarise_bands(record: Record) -> dict[str, Any]:
-    """Returns `force_bands`: largest error, smallest band and their largest ratio in both phases.
+    """Returns `force_bands`: largest error, and largest ratio to the band, in both phases.
 
-    Nothing without a certificate or a declared wall; a phase that never was is None.
+    `at` has time, error and band of that ratio, `after_touch_s` is the time from the first touch to
+    the phase. Nothing without a certificate or a declared wall; a phase that never was is None.
     """
     if not record.certified or record.scenario.contact.declared_wall() is None:
         return {}
@@ -113,11 +116,14 @@ def summarise_bands(record: Record) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name, phase in (("motion", ~found.holds), ("hold", found.holds)):
         there = phase & np.isfinite(found.bound)
-        ratio = np.abs(found.error[there]) / found.bound[there]
-        out[name] = None if not len(ratio) else {
-            "share": float(np.mean(there)), "worst_error": float(np.max(np.abs(
-                found.error[there]))), "least_bound": float(np.min(found.bound[there])),
-            "worst_ratio": float(np.max(ratio)), "exits": int(np.count_nonzero(ratio > 1.0))}
+        time, error, bound = record.time[there], np.abs(found.error[there]), found.bound[there]
+        worst = int(np.argmax(error / bound)) if len(time) else 0
+        out[name] = None if not len(time) else {
+            "share": np.mean(there),
+            "after_touch_s": time[0] - record.time[np.argmax(np.isfinite(found.bound))],
+            "worst_error": np.max(error), "worst_ratio": error[worst] / bound[worst],
+            "at": {"time_s": time[worst], "error": error[worst], "bound": bound[worst]},
+            "exits": np.count_nonzero(error > bound)}
     return {"force_bands": out}
 
 

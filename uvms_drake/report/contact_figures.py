@@ -215,7 +215,7 @@ def _normal_forces(record: Record, goal: np.ndarray) -> list[Series]:
 def _bands(record: Record, goal: np.ndarray) -> list[Series]:
     """Returns both certified bands about the desired force (T,): in contact, and in a hold."""
     found, hold = force_bands(record), record.scenario.tube.hold
-    since = "" if hold is None else f", from {hold.time:.2g} s on"
+    since = "" if hold is None else f", the plan still at its target for {hold.time:.2g} s"
     bands = []
     for holds, alpha, label in ((False, 0.12, "certified in motion"),
                                 (True, 0.35, f"certified in a hold{since}")):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.common.jsonable import jsonable
+from uvms_drake.control.contact.contact_state import MEAN
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT
 from uvms_drake.model.frames.euler import pose_difference
@@ -171,7 +172,7 @@ def _summarise_class(record: Record) -> dict[str, object]:
 
     observed = departures(
         contact, record.time, record.chi[:, :3], velocity, record.force[:, :3], static,
-        has_stood(record))
+        has_stood(record, MEAN))
     return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 
 

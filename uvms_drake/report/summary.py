@@ -205,10 +205,12 @@ def _format_contact(contact: dict) -> list[str]:
     if contact["first_touch_s"] is None:
         return []
     lost = f", contact lost {contact['losses']} times" if contact["losses"] else ""
-    bands = [f"{BANDS[name]} ({100.0 * row['share']:.0f} % of the run) off by at most "
-             f"{row['worst_error']:.3g} N, {row['worst_ratio']:.3g} of the certified band, which "
-             f"is {row['least_bound']:.3g} N at least"
-             for name, row in contact.get("force_bands", {}).items() if row]
+    bands = [f"{BANDS[name]}: never" if row is None else
+             f"{BANDS[name]} ({100.0 * row['share']:.0f} % of the run, from "
+             f"{row['after_touch_s']:.2g} s after the touch) off by at most "
+             f"{row['worst_error']:.3g} N, at most {row['worst_ratio']:.3g} of the certified band "
+             f"of its instant: {row['at']['error']:.3g} of {row['at']['bound']:.3g} N at "
+             f"{row['at']['time_s']:.2f} s" for name, row in contact.get("force_bands", {}).items()]
     departed = [f"NOT OF ITS CLASS: contact.{key} is {row['specified']:.3g}, seen was "
                 f"{row['observed']:.3g}" for key, row in contact.get("out_of_class", {}).items()]
     return [f"largest force in contact {contact['largest_force']:.4g} N, static force at most "

@@ -77,6 +77,8 @@ SIGNALS: dict[str, Signal] = {
     "force_filtered": Signal(WRENCH, "Σ_I", "tangential filter: input of the law"),
     "penetration": Signal((("", "m"),), "", "plant: depth of the end-effector in the surface"),
     "target": Signal(POSITION, "Σ_I", "press target: desired position of the end-effector"),
+    "unclipped_target": Signal(POSITION, "Σ_I", "the same, whatever the largest depth"),
+    "target_of_reading": Signal(POSITION, "Σ_I", "the same, by the last reading alone"),
     "safe_depth": Signal((("", "m"),), "", "contact estimator: largest admissible depth"),
     "contact_depth": Signal((("", "m"),), "", "contact estimator: depth of the undeformed wall"),
     "stiffness_estimate": Signal((("", "N/m"),), "", "stiffness estimate: mean of the filter"),

@@ -64,7 +64,7 @@ def hold_band(contact: UnknownContact, force: float, off: HoldRadii, short: floa
     """Returns the largest |n·𝐅 − F| in a hold, with the plan at its target [N]; inf if none is.
 
     With E = E_n + αE_t, the advance s of the tip, d = c₊s < 1, a± = cos θ ± μ sin θ, the error ν of
-    a reading along n, its mean age A and the time H between two, r = a₊(1 + d)/(a₋(1 − d)),
+    a reading along n, its mean age A and that H of a target's readings, r = a₊(1 + d)/(a₋(1 − d)),
 
         b = r(F + ν + κ₊(E + ℓ + v̄H)) + (1 + d)a₊κ₊m − F,
         m = max(min(2αE_t, sH), min(2E, sH) − E) + sA,
@@ -82,9 +82,9 @@ def hold_band(contact: UnknownContact, force: float, off: HoldRadii, short: floa
     if not d < 1.0 or least <= 0.0:
         return float(np.inf)
     # Displacements of the target by the tube, and since the reading; that of E at most once.
-    tilt, since = contact.walls.tilt, off.advance * contact.period
+    tilt, since = contact.walls.tilt, off.advance * off.since
     E, across = off.depth + tilt * off.position, min(2.0 * tilt * off.position, since)
-    steered = E + short + off.standing * contact.period
+    steered = E + short + off.standing * off.since
     moved = max(across, min(2.0 * E, since) - E) + off.advance * off.age
     reading = force + off.reading + contact.stiffness * steered
     largest = (1.0 + d) * most * (reading / (least * (1.0 - d)) + contact.stiffness * moved)
@@ -113,7 +113,7 @@ def _of_slow_friction(contact: UnknownContact, reading: float, moved: float, d: 
     if mu < sine + tilt:
         return float(np.inf)
     ratio, eta = max(1.0 + gap / least, most / (most - gap)), (1.0 - d) / (1.0 + d)
-    turned = slow.force_rate * (off.age + contact.period) + 2.0 * slow.force_ripple
+    turned = slow.force_rate * (off.age + off.since) + 2.0 * slow.force_ripple
     share = eta - ratio * tilt * (1.0 - eta) * (mu * cosine + sine) / least
     if share <= 0.0:
         return float(np.inf)

@@ -1,5 +1,6 @@
 """Tests of `control.contact.contact_estimator`: its state, in and between Contexts."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,8 @@ from support.tiny_robots import drill
 from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import (
+    APART,
+    MEAN,
     EstimatorSettings,
     initial_contact_state,
     updated_contact_state,
@@ -89,7 +92,7 @@ def test_it_finds_where_the_wall_is_and_how_steep():
     simulator, estimator, target = pressing()
     simulator.AdvanceTo(3.95)
     (slope,), (begins,), (_, x, _, load) = values(
-        simulator, estimator, "stiffness_used", "contact_depth", "reading")
+        simulator, estimator, "stiffness_used", "contact_depth", "mean_reading")
     assert 1000.0 <= slope <= 1300.0
     assert begins == pytest.approx(0.01, abs=3e-3)
     assert values(simulator, target, "target")[0] == pytest.approx(
@@ -224,3 +227,30 @@ def test_a_tip_that_retreats_too_fast_feels_nothing():
         surface, SENSING, HERE, initial_contact_state(SENSING), tip, np.zeros(3))
     assert np.all(np.isnan(known.apex))
     np.testing.assert_array_equal(known.stiffness, NO_ESTIMATE.state)
+
+
+def test_a_mean_reading_is_of_the_touches_at_the_place_of_the_last_one():
+    """Noise that alternates is gone from it, and so are gaps, other places and older readings."""
+    sensing = replace(SENSING, period=0.02)
+    count, known = round(MEAN / sensing.period), initial_contact_state(sensing)
+
+    def read(known, place, force):
+        tip = np.append(place, np.zeros(3))
+        return updated_contact_state(
+            SURFACE, sensing, HERE, known, tip, np.array([0.0, force, 0.0]))
+
+    near, far = np.array([0.0, 0.03, 0.0]), np.array([0.0, 0.03, 1.1 * APART])
+    known = read(known, near, 0.5)
+    assert known.mean_reading == pytest.approx([*near, 0.5]), "no touch: the reading itself"
+    for i in range(count):
+        place, force = (near, 20.0 + (-1.0)**i) if i % 10 < 8 else (far, 9.0)
+        known = read(known, place, np.nan if i % 10 == 4 else force)
+    known = read(read(known, near, 20.5), near, 19.5)
+    recent = known.recent.reshape(-1, 4)
+    taken = recent[np.abs(recent[:, 3] - 20.0) < 1.5]
+    assert 0.5 * count < len(taken) < count
+    assert known.mean_reading == pytest.approx(np.mean(taken, axis=0))
+    assert known.mean_reading == pytest.approx([*near, 20.0], abs=0.2), "a tenth of the noise"
+    for _ in range(count):
+        known = read(known, near, 12.0)
+    assert known.mean_reading == pytest.approx([*near, 12.0])

@@ -89,13 +89,16 @@ def test_a_small_force_searches_with_a_limited_lead():
 def test_a_largest_depth_that_is_not_finite_is_none(deepest, depth):
     target = PressTarget(np.array([1.0, 0.0, 0.0]), np.zeros(3))
     context = target.CreateDefaultContext()
-    for name, value in (("desired_force", [20.0]), ("reading", [0.5, 0.0, 0.0, 10.0]),
-                        ("touched", [1.0]), ("stiffness_used", [100.0]), ("tilt", np.zeros(3)),
+    for name, value in (("desired_force", [20.0]), ("reading", [0.5, 0.0, 0.0, 0.0]),
+                        ("mean_reading", [0.5, 0.0, 0.0, 10.0]), ("touched", [1.0]),
+                        ("stiffness_used", [100.0]), ("tilt", np.zeros(3)),
                         ("contact_depth", [0.4]), ("safe_depth", [0.9]), ("force_lost", [0.0]),
                         ("deepest", [deepest])):
         target.GetInputPort(name).FixValue(context, value)
-    found = target.GetOutputPort("target").Eval(context)
-    np.testing.assert_allclose(found, [depth, 0.0, 0.0])
+    for port, expected in (
+            ("target", depth), ("unclipped_target", 0.6), ("target_of_reading", 0.7)):
+        found = target.GetOutputPort(port).Eval(context)
+        np.testing.assert_allclose(found, [expected, 0.0, 0.0])
 
 
 def test_without_readings_it_retreats_from_the_wall_or_from_the_last_reading():

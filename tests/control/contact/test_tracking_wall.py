@@ -103,7 +103,7 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
     target = PressTarget.AddToBuilder(
         builder, DIRECTION, POSITION, desired_force=desired.get_output_port())
     wire(builder, target, outputs(estimator))
-    builder.Connect(target.get_output_port(), mpc.GetInputPort("target"))
+    builder.Connect(target.GetOutputPort("target"), mpc.GetInputPort("target"))
     builder.Connect(estimator.GetOutputPort("facet_depths"), mpc.GetInputPort("safe_depth"))
     logs = [LogVectorOutput(robot.GetOutputPort("state"), builder, SENSING.period),
             LogVectorOutput(estimator.GetOutputPort("force_lost"), builder, SENSING.period),

@@ -51,6 +51,7 @@ class ContactEstimator(WiredSystem):
         - apex
         - touched
         - reading
+        - mean_reading
         - stiffness_estimate
         - stiffness_std
         - stiffness_used
@@ -68,6 +69,8 @@ class ContactEstimator(WiredSystem):
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
     - `touched` (1): 1 if the last reading was a touch, else 0: no contact, or lost again.
     - `reading` (4): place of the tip at the last reading (3) [m], and its force n·𝐅 [N].
+    - `mean_reading` (4): the same of the mean of the readings at that place, see
+      `ContactState.mean_reading`.
     - `stiffness_estimate`, `stiffness_std` (1): mean and standard deviation of the estimated
       stiffness [N/m]; NaN before the first touch.
     - `stiffness_used` (1): κ̂ [N/m], see `stiffness_used`.
@@ -108,6 +111,7 @@ class ContactEstimator(WiredSystem):
             ("apex", 3, lambda now: now.apex),
             ("touched", 1, lambda now: now.reading[4:]),
             ("reading", 4, lambda now: now.reading[:4]),
+            ("mean_reading", 4, lambda now: now.mean_reading),
             ("stiffness_estimate", 1, lambda now: StiffnessEstimate.of(now.stiffness).mean[1]),
             ("stiffness_std", 1, lambda now: stiffness_std(StiffnessEstimate.of(now.stiffness))),
             ("stiffness_used", 1, lambda now: stiffness_used(

@@ -18,6 +18,12 @@ from uvms_drake.control.contact.stiffness_estimate import (
 )
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
+MEAN = 0.8
+"""Time over which a press averages its readings, while the tip stays where it is [s]: noise of
+±a moves the target by no more than 2a/κ̂ in that time."""
+APART = 0.003
+"""Largest distance of the tip at those readings from its place at the last one [m]."""
+
 
 @dataclass(frozen=True)
 class EstimatorSettings:
@@ -72,12 +78,28 @@ class ContactState(NamedTuple):
     `without_reading`. NaN before the first measured one, whose position is then used."""
     missing: np.ndarray
     """Number of readings in a row that are missing (1,)."""
+    recent: np.ndarray
+    """Position of the tip [m] and force n·𝐅 [N] of the readings of the time `MEAN` (4m,); NaN for
+    those that are missing or no touch."""
+
+    @property
+    def mean_reading(self) -> np.ndarray:
+        """Mean position (3) [m] and force [N] of the recent touches within `APART` (4,).
+
+        The last reading itself if that is no touch.
+        """
+        rows = self.recent.reshape(-1, 4)
+        off = rows[:, :3] - self.reading[:3]
+        near = (off * off).sum(axis=1) <= APART**2
+        mean: np.ndarray = rows[near].mean(axis=0) if near.any() else self.reading[:4]
+        return mean
 
 
 def initial_contact_state(sensing: EstimatorSettings) -> ContactState:
     """Returns the state before any reading."""
     return ContactState(np.full(3, np.nan), np.append(np.full(4, np.nan), 0.0), NO_ESTIMATE.state,
-                        np.full(6 * sensing.readings, np.nan), np.zeros(1))
+                        np.full(6 * sensing.readings, np.nan), np.zeros(1),
+                        np.full(4 * max(round(MEAN / sensing.period), 1), np.nan))
 
 
 def without_reading(before: ContactState) -> np.ndarray:
@@ -107,7 +129,9 @@ def updated_contact_state(surface: SurfaceClass, sensing: EstimatorSettings, ext
         motion[missing] = tip
     points, velocities = motion[:, :3], motion[:, 3:]
     known = is_finite(force)
-    before = before._replace(past=past, missing=np.zeros(1) if known else before.missing + 1.0)
+    before = before._replace(
+        past=past, missing=np.zeros(1) if known else before.missing + 1.0,
+        recent=np.append(before.recent[4:], np.full(4, np.nan)))
     if not (known and is_finite(tip)):
         return before
     nu, stiffness = sensing.noise, StiffnessEstimate.of(before.stiffness)
@@ -123,5 +147,8 @@ def updated_contact_state(surface: SurfaceClass, sensing: EstimatorSettings, ext
         travelled_forward = advance.since.max() if steady else np.inf
         stiffness = with_reading(stiffness, surface, tip[:3], pressed, touch, nu, sensing.memory,
                                  sensing.period, travelled_forward)
-    return ContactState(
-        new, np.array([*tip[:3], pressed, touch]), stiffness.state, past, before.missing)
+    recent = before.recent
+    if touch:
+        recent[-4:] = *tip[:3], pressed
+    return ContactState(new, np.array([*tip[:3], pressed, touch]), stiffness.state, past,
+                        before.missing, recent)

@@ -44,7 +44,8 @@ class PressControl:
     Output ports of the controller:
 
     - `desired_force`: desired force, clipped by `DesiredForce` (6) [N, N m].
-    - `target`: target of the end-effector (3) in Σ_I [m].
+    - `target`, `unclipped_target`, `target_of_reading`: target of the end-effector, without
+      `deepest`, and likewise by the last reading alone (3) in Σ_I [m].
     - `safe_depth`, `touched`, `stiffness_estimate`, `stiffness_std`, `stiffness_used`,
       `contact_depth`, `force_lost`: see `ContactEstimator`.
     """
@@ -96,7 +97,7 @@ class PressSystems:
 
     def connect(self, builder: DiagramBuilder, mpc: NominalMpc) -> None:
         """Connects them with the planner, whose extent keeps the safe region from shrinking."""
-        for source, port in ((self.press.get_output_port(), "target"),
+        for source, port in ((self.press.GetOutputPort("target"), "target"),
                              (self.estimator.GetOutputPort("facet_depths"), "safe_depth")):
             if port in self.ocp.inputs_given:
                 builder.Connect(source, mpc.GetInputPort(port))
@@ -112,7 +113,7 @@ class PressSystems:
             builder.ExportInput(self.press.GetInputPort(name), name)
         builder.ExportOutput(self.desired.GetOutputPort("accepted_force"), "desired_force")
         for system, names in (
-            (self.press, ("target",)),
+            (self.press, ("target", "unclipped_target", "target_of_reading")),
             (self.estimator, ("safe_depth", "touched", "stiffness_estimate", "stiffness_std",
                               "stiffness_used", "contact_depth", "force_lost")),
         ):

@@ -1,7 +1,8 @@
 """Depth target of a press: the depth at which the wall should give the desired force.
 
 In contact x_target = x + (F_des − F)/κ̂ − 𝔱·(𝔲 − 𝔭), x the depth of the tip 𝔭 [m], F the force [N]
-of the last reading, κ̂ [N/m] and 𝔱 the estimated stiffness and inclination and 𝔲 the desired place.
+of the mean reading at its place (`ContactState.mean_reading`), κ̂ [N/m] and 𝔱 the estimated
+stiffness and inclination and 𝔲 the desired place.
 The force error contracts by 1 − κ/κ̂ a step: iff κ̂ > κ/2, without overshoot iff κ̂ ≥ κ; see
 control/contact/theory.md#contraction-of-a-press, in motion
 control/contact/theory.md#press-while-the-tip-moves, with delayed plans
@@ -14,13 +15,14 @@ control/contact/theory.md#retreat-without-readings. The target is in no limit of
 """
 
 import math
+from functools import partial
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import Context
 
 from uvms_drake.common.errors import require, unit_vector, vector
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import WiredSystem
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 
 SEARCH_DEPTH = 0.1
@@ -107,6 +109,7 @@ class PressTarget(WiredSystem):
         - place (optional)
         - deepest (optional)
         - reading
+        - mean_reading
         - touched
         - stiffness_used
         - tilt
@@ -115,14 +118,18 @@ class PressTarget(WiredSystem):
         - force_lost
         output_ports:
         - target
+        - unclipped_target
+        - target_of_reading
 
     - `desired_force` (1): F_des along n [N].
     - `place` (3): a point of the line along n on which to press, in Σ_I [m]; the default if it is
       not connected or not finite.
     - `deepest` (1): largest target depth [m]; no limit if it is not connected or not finite.
     - The others: those of a `ContactEstimator`.
-    - `target` (3): the point of that line at `target_depth`, or at `retreat_depth` while the force
-      is lost, in Σ_I [m].
+    - `target` (3): the point of that line at `target_depth` of the mean reading, or at
+      `retreat_depth` while the force is lost, in Σ_I [m].
+    - `unclipped_target` (3): the same without `deepest`.
+    - `target_of_reading` (3): the same of the last reading, without `deepest`.
 
     It has no state.
 
@@ -142,26 +149,35 @@ class PressTarget(WiredSystem):
         self._place_port = self.DeclareVectorInputPort("place", 3)
         self._deepest_port = self.DeclareVectorInputPort("deepest", 1)
         self._ports = {name: self.DeclareVectorInputPort(name, size) for name, size in (
-            ("reading", 4), ("touched", 1), ("stiffness_used", 1), ("tilt", 3),
+            ("reading", 4), ("mean_reading", 4), ("touched", 1), ("stiffness_used", 1), ("tilt", 3),
             ("contact_depth", 1), ("safe_depth", 1), ("force_lost", 1))}
-        self.DeclareVectorOutputPort("target", 3, self._calc, {self.all_input_ports_ticket()})
+        for name, reading, clipped in (
+                ("target", "mean_reading", True), ("unclipped_target", "mean_reading", False),
+                ("target_of_reading", "reading", False)):
+            output_of(self, name, 3, partial(self._target, reading, clipped),
+                      {self.all_input_ports_ticket()})
 
-    def _depth(self, context: Context, line: np.ndarray) -> np.ndarray:
+    def _target(self, reading: str, clipped: bool, context: Context) -> np.ndarray:
+        """Returns the target by one of the readings, not deeper than `deepest` if `clipped`."""
+        line = self._line(context)
+        depth = self._depth(context, line, reading)
+        if clipped and self._deepest_port.HasValue(context):
+            deepest = self._deepest_port.Eval(context)
+            depth = np.where(np.isfinite(deepest), np.minimum(depth, deepest), depth)
+        target: np.ndarray = depth * self._direction + line
+        return target
+
+    def _depth(self, context: Context, line: np.ndarray, of: str) -> np.ndarray:
         estimate = {name: port.Eval(context) for name, port in self._ports.items()}
-        (*tip, force), tilt = estimate.pop("reading"), estimate.pop("tilt")
+        readings = {name: estimate.pop(name) for name in ("reading", "mean_reading")}
+        (*tip, force), tilt = readings[of], estimate.pop("tilt")
         depth, (lost,) = self._direction @ tip, estimate.pop("force_lost")
         reading, off = np.array([depth, force]), tip - depth * self._direction - line
         if lost:
-            depth = retreat_depth(reading, estimate["contact_depth"])
-        else:
-            depth = target_depth(self._desired_port.Eval(context), reading, **estimate,
-                                 depth_offset=tilt @ (tip - line),
-                                 lateral_error=math.sqrt(off @ off),
-                                 search_lead=self._search_lead)
-        if self._deepest_port.HasValue(context):
-            deepest = self._deepest_port.Eval(context)
-            depth = np.where(np.isfinite(deepest), np.minimum(depth, deepest), depth)
-        return depth
+            return retreat_depth(reading, estimate["contact_depth"])
+        return target_depth(self._desired_port.Eval(context), reading, **estimate,
+                            depth_offset=tilt @ (tip - line), lateral_error=math.sqrt(off @ off),
+                            search_lead=self._search_lead)
 
     def _line(self, context: Context) -> np.ndarray:
         """Returns the place's part across n (3,)."""
@@ -171,7 +187,3 @@ class PressTarget(WiredSystem):
             place = asked
         across: np.ndarray = place - (self._direction @ place) * self._direction
         return across
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        line = self._line(context)
-        output.SetFromVector(self._depth(context, line) * self._direction + line)

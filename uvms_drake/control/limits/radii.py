@@ -12,7 +12,7 @@ class HoldRadii:
     """Bounds on the deviation of the tip in a hold of a sensed contact, once the plan has stood."""
 
     time: float = 0.0
-    """Time since the plan stands, from which on they hold [s]."""
+    """Time since the plan stands, from which on they hold, at all readings of a target too [s]."""
     depth: float = 0.0
     """|n·(𝔭 − 𝔭̄)| [m]."""
     position: float = 0.0
@@ -24,7 +24,9 @@ class HoldRadii:
     reading: float = 0.0
     """|n·𝔢| of the error 𝔢 of a reading [N]."""
     age: float = 0.0
-    """Largest mean age of a reading [s]."""
+    """Largest mean age of the force in a reading [s]."""
+    since: float = 0.0
+    """Largest mean age of the readings of a target [s]."""
 
 
 @dataclass

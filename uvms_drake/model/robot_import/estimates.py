@@ -236,7 +236,8 @@ def _added_mass(body: Body, end: np.ndarray | None, density: float) -> AddedMass
 def _shadow_drag(body: Body, density: float, notes: Notes) -> list[Drag]:
     """Returns the drag across the shadows of a body, which turn about the middle of the volume.
 
-    ½ ρ C_D A, and ½ ρ C_D A e³ / 32 of a strip of length e; without shapes, of a cube.
+    ½ ρ C_D A, and ½ ρ C_D A e³ / 32 of the larger of two faces of length e across the axis; without
+    shapes, of a cube.
     """
     cube, size = (body.volume or 1e-3) ** (1.0 / 3.0), plausible_size(body, density, notes)
     edge = np.full(3, cube) if size is None else np.ptp(size[0], axis=0)
@@ -247,7 +248,8 @@ def _shadow_drag(body: Body, density: float, notes: Notes) -> list[Drag]:
         notes.ask(WATER, f"bodies.{body.name}.added_mass", "by its added mass the body is slender "
                   f"along {'xyz'[light]}, by the shadows of its shapes along {'xyz'[thin]}: one of "
                   "them is in other axes")
-    turning = areas[[1, 2, 1]] * edge[[2, 0, 0]] ** 3
+    turning = np.maximum(areas[[1, 2, 0]] * edge[[2, 0, 1]] ** 3,
+                         areas[[2, 0, 1]] * edge[[1, 2, 0]] ** 3)
     quadratic = 0.5 * density * DRAG * np.concatenate([areas, turning / 32.0])
     return [Drag(0.1 * quadratic, quadratic, body.center)]
 

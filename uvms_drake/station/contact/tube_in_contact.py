@@ -4,10 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from uvms_drake.control.contact.contact_state import MEAN
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.control.plan.plan import off_parabola, stopping_distance
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.surface.unknown_contact import UnknownContact
+from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_fault_detector import CHANCE, chance_of_run, run_of_frozen
 from uvms_drake.station.contact.bounds import (
     BETWEEN_KNOTS,
@@ -37,6 +41,41 @@ from uvms_drake.tube.ultimate_bounds import error_along
 
 STANDING = np.array([0.002, 0.002, 0.01])
 """Largest speeds of a plan that stands: advance of the tip [m/s], ‖ν̄₂‖ and ‖q̄̇‖ [rad/s]."""
+
+AT_TARGET = 1.0
+"""Largest κ̂ℓ of a plan at its target, ℓ its distance from it [N]."""
+
+
+def stands(model: UvmsModel, walls: SurfaceClass, state: np.ndarray) -> np.ndarray:
+    """Returns whether a plan is no faster than `STANDING` (...).
+
+    Args:
+        model: The controller's model.
+        walls: The class of walls.
+        state: (𝔮̄, ζ̄) of the plan (..., 2(6+n)).
+    """
+    config, zeta = np.split(state, 2, axis=-1)
+    velocity = times(model.tip_kinematics(config).J_chi[..., :3, :], zeta)
+    speeds = np.stack([np.maximum(walls.advance(velocity), walls.advance(-velocity)),
+                       *(np.linalg.norm(zeta[..., part], axis=-1)
+                         for part in (slice(3, 6), slice(6, None)))], axis=-1)
+    still: np.ndarray = np.all(speeds <= STANDING, axis=-1)
+    return still
+
+
+def short_of_target(walls: SurfaceClass, tip: np.ndarray, target: np.ndarray,
+                    stiffness: np.ndarray) -> np.ndarray:
+    """Returns κ̂ℓ of a plan's tip (..., 3), ℓ = |n·𝔪| + α‖P_t 𝔪‖ its distance from a target [N].
+
+    Args:
+        walls: The class of walls.
+        tip: The plan's tip (..., 3) [m].
+        target: The target (..., 3) [m].
+        stiffness: κ̂ that it is of (...) [N/m].
+    """
+    short = target - tip
+    size: np.ndarray = stiffness * np.maximum(walls.advance(short), walls.advance(-short))
+    return size
 
 
 def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, *,
@@ -77,10 +116,10 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
         omega * age * (np.sin(contact.angle) + mu * np.cos(contact.angle)) / np.hypot(1.0, mu)
         + 0.5 * omega**2 * (age**2 + approach.lag**2))
     return HoldRadii(
-        time=found.time, depth=found.bounds.depth, position=found.bounds.position,
+        time=found.time + MEAN, depth=found.bounds.depth, position=found.bounds.position,
         advance=float(found.speeds[0]), standing=float(STANDING[0]),
         reading=error_along(reading.error, contact.tool_angle) + reading.payload[0] + float(turned),
-        age=age), condition
+        age=age, since=0.5 * (MEAN + contact.period)), condition
 
 
 def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:
