@@ -41,7 +41,7 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "no touch": bool(wall) and wall["first_touch_s"] is None,
         "force line": (result["off_line"] or 0.0) > 1.0,
         "mission": not result.get("mission", {"done": True})["done"],
-        "retreat": result["retreated_s"] is not None}
+        "retreat": result.get("retreated_s") is not None}
     return tuple(kind for kind in FAILURES if did.get(kind, False))
 
 

@@ -8,8 +8,7 @@
     Slide      → done:        its time is over, and the tip is at the end of the line
     Retreat    force 0, straight back to `deepest`, `distance` less deep than the tip
                → done:        the tip is there; next is the next spot, the same, or the end
-    any but Retreat → failed: time-out, or operator stop
-    any             → the end, if the controller's supervisor retreats
+    any but Retreat → failed: time-out, or operator stop; any → the end: the supervisor retreats
     Hold, Slide     → failed: no touch during `patience`, or the force or the state is lost
 
 A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by

@@ -40,7 +40,7 @@ LIMITS = Thresholds(
 QUIET = Seen(time=9.0, depth=0.01, force=10.0, saturated=False, off=np.zeros(3), drift=np.zeros(6),
              fix_age=0.1, raised=False, cut_time=0.0, plan_age=0.2, lost_time=0.0)
 NOTHING = np.zeros((0, 3))
-REAL = "girona500_real_loop"
+REAL, ON = "girona500_real_loop", "supervisor={}"
 NEAR = "start.eta.0=-1.10"
 """The tip 0.09 m off the wall: it touches 12 s after the start."""
 
@@ -175,9 +175,9 @@ def test_thresholds_follow_the_declared_numbers(model):
 
 
 test_bad_input = refusals(REAL, {
-    "supervisor.distance=0": r"supervisor\.distance = 0.*positive",
-    "supervisor.draw=-1": r"supervisor\.draw",
-    "supervisor.speed=.nan": r"supervisor\.speed",
+    "supervisor={distance: 0}": r"supervisor\.distance = 0.*positive",
+    "supervisor={draw: -1}": r"supervisor\.draw",
+    "supervisor={speed: .nan}": r"supervisor\.speed",
     "faults=[!UnknownFlow {velocity: [1]}]": r"faults\[0\]\.velocity",
     "faults=[!LostFixes {duration: 0}]": r"faults\[0\]\.duration",
 }, uv.make_station)
@@ -198,7 +198,7 @@ def safety_of(record):
 @pytest.mark.parametrize(("stiffness", "seen"), [(3500.0, 3500.0), (14000.0, None)])
 def test_a_wall_5_or_20_times_as_stiff_is_left_at_once(stiffness, seen):
     """Declared are 1 kN/m. Within half a second after the detection the tip is off."""
-    record = simulated(REAL, 13.5, NEAR, f"surface.law.stiffness={stiffness}")
+    record = simulated(REAL, 13.5, NEAR, ON, f"surface.law.stiffness={stiffness}")
     safety = safety_of(record)
     assert safety["cause"] == "slope" and safety["off_wall"] and safety["off_wall_s"] < 0.5
     assert safety["largest_force"] < 25.0 and safety["seconds_above_limit"] == 0.0
@@ -215,7 +215,7 @@ def test_a_wall_5_or_20_times_as_stiff_is_left_at_once(stiffness, seen):
 @pytest.mark.slow
 def test_without_a_trip_a_run_is_the_same_to_the_bit():
     """Through hover and approach; with the contact it was compared over the whole run by hand."""
-    one, other = (simulated(REAL, 5.0, *more) for more in ((), ("supervisor=null",)))
+    one, other = (simulated(REAL, 5.0, *more) for more in ((ON,), ()))
     assert one.trip == np.inf and "safety" not in other.signals
     for field in dataclasses.fields(other):
         value = getattr(other, field.name)
@@ -245,7 +245,7 @@ def test_a_law_that_fails_is_a_cause_and_not_the_end(monkeypatch, fails):
         return command(self, model, now, *rest)
 
     monkeypatch.setattr(TipFirst, "command", failing)
-    record = uv.simulate(uv.load_scenario(REAL, ["duration=7", NEAR]))
+    record = uv.simulate(uv.load_scenario(REAL, ["duration=7", NEAR, ON]))
     safety = safety_of(record)
     assert safety["cause"] == "raised" and len(calls) <= 254
     assert safety["distance"] == pytest.approx(0.2, abs=0.15)
@@ -264,14 +264,14 @@ def test_a_planner_that_raises_for_ever_is_noticed_before_its_plan_is_too_old(mo
         return again(self, sample, memory)
 
     monkeypatch.setattr(Planner, "again", failing)
-    record = uv.simulate(uv.load_scenario(REAL, ["duration=8"]))
+    record = uv.simulate(uv.load_scenario(REAL, ["duration=8", ON]))
     assert safety_of(record)["cause"] == "plan"
     assert record.trip < 4.4 + 15 * 0.2
 
 
 @pytest.mark.slow
 def test_a_gap_of_the_fixes_is_a_cause_in_contact():
-    record = simulated(REAL, 15.0, NEAR, "faults=[!LostFixes {start: 13.0, duration: 5}]")
+    record = simulated(REAL, 15.0, NEAR, ON, "faults=[!LostFixes {start: 13.0, duration: 5}]")
     safety = safety_of(record)
     assert safety["cause"] == "fix" and 13.4 < record.trip < 13.6
     assert safety["largest_force"] < 20.0 and safety["off_wall_s"] < 0.6
