@@ -32,7 +32,7 @@ FOLDER = Path(__file__).parent
 RUNS = 20
 """Runs of a campaign."""
 REAL, DRAWN = "girona500_real_loop", 60
-BLUE, DRAWN_BLUE = "bluerov2_real_loop", 30
+BLUE, DRAWN_BLUE = "bluerov2_real_loop", 20
 """Scenarios and numbers of runs of certificates in probability."""
 CHANGED = """What changed: the page before was of another program and another protocol. Its seed
 was chosen and its runs were not fixed before, only the norms of pose, joints and velocity had to be

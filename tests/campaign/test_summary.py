@@ -109,7 +109,7 @@ def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
 KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
         "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "inside": True,
         "use": {"nu1": 0.6, "u[2]": 0.9}, "off_line": 0.8, "starts": 2, "walls": 1,
-        "desired_force": 10.0,
+        "desired_force": 10.0, "touched": True,
         "wall": {"static": 0.4, "peak": 0.5, "losses": 0, "in_class": True,
                  "first_touch_s": 12.0}}
 
@@ -139,7 +139,7 @@ def with_wall(**changes):
     (KEPT | {"limited": True}, ("saturation",)), (with_wall(static=1.01), ("force",)),
     (with_wall(peak=1.01, in_class=False), ("force",)), (KEPT | {"mpc_failures": 1}, ("no plan",)),
     (KEPT | {"losses": 1}, ("contact",)), (with_wall(losses=2), ("contact",)),
-    (with_wall(first_touch_s=None), ("no touch",)),
+    (KEPT | {"touched": False}, ("no touch",)),
     (KEPT | {"off_line": 1.01}, ("force line",)), (KEPT | {"off_line": None}, ()),
     *((KEPT | {"use": {"position": 0.3, row: 1.01}}, ("tube",)) for row in (
         "depth", "nu1", "nu2", "qdot", "tip_speed", "roll", "pitch", "u[9]", "tau[0]")),

@@ -7,7 +7,6 @@ wherever they may touch it.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -92,14 +91,14 @@ def drawn_contact(scenario: Scenario, ocp: Ocp, rng: np.random.Generator,
         wall = draw_wall(contact, start, goal, rng, likely)
         if wall is None:
             continue
-        time = time_of(scenario, ocp, wall, force, hold)
+        speed, rest, most = time_of(scenario, ocp, wall, force, hold)
         nearest = contact.clearance + SPARE
-        gap = nearest + far * max(time.farthest - nearest, 0.0)
+        gap = nearest + far * max(most - nearest, 0.0)
         wall = wall.moved(np.eye(3), gap * contact.direction)
         if misplaced(scenario, ocp, wall, force):
             continue
         # A run of whole samples, and friction no steeper than the integration step resolves.
-        samples = int(np.ceil((gap / time.speed + time.rest) / ocp.time_step))
+        samples = int(np.ceil((gap / speed + rest) / ocp.time_step))
         drawn = replace(scenario, surface=wall, surface_error=SurfaceError(),
                         duration=min(samples * ocp.time_step, scenario.duration))
         at_unit_creep = friction_rate(drawn, ocp.model, ocp.model.configuration(ocp.y_des))
@@ -108,20 +107,13 @@ def drawn_contact(scenario: Scenario, ocp: Ocp, rng: np.random.Generator,
     raise RunFailed(f"none of {ATTEMPTS} drawn walls is in the class")
 
 
-class RunTime(NamedTuple):
-    """Expected time of a run with a wall."""
-
-    speed: float
-    """Speed of the approach [m/s]."""
-    rest: float
-    """Time without the approach: hover, settling of the force and hold, or mission [s]."""
-    farthest: float
-    """Largest distance of a wall that is reached and pressed in time [m]."""
-
-
 def time_of(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float, hold: float
-            ) -> RunTime:
-    """Returns the expected time of a run: press of a force [N] for a hold [s], or mission."""
+            ) -> tuple[float, float, float]:
+    """Returns the expected time of a run: press of a force [N] for a hold [s], or mission.
+
+    It is the speed of the approach [m/s], the time without it: hover, settling of the force and
+    hold, or mission [s], and the largest distance of a wall that is pressed in time [m].
+    """
     contact, mission = sensed_contact(scenario), scenario.mission
     speed, pressing = pace(scenario, ocp, wall, force)
     if mission.steps:
@@ -130,7 +122,7 @@ def time_of(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: fl
             mission, places_of(mission, contact.walls, goal, start),
             partial(press_time, scenario, ocp, wall), _lag(scenario, ocp))
     rest = scenario.mpc.hover + pressing + hold
-    return RunTime(speed, rest, min(FARTHEST, speed * (scenario.duration - rest)))
+    return speed, rest, min(FARTHEST, speed * (scenario.duration - rest))
 
 
 def misplaced(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float) -> bool:
@@ -158,7 +150,7 @@ def never_pressed(scenario: Scenario, ocp: Ocp) -> list[str]:
     if misplaced(scenario, ocp, wall, force):
         return ["wall: nearer than the clearance, or beyond the mission's search"]
     gap = -float(wall.geometry.depth(start + 0.5 * across(contact.direction, goal - start)))
-    most = max(time_of(scenario, ocp, wall, force, SHORT).farthest, contact.clearance + SPARE)
+    most = max(time_of(scenario, ocp, wall, force, SHORT)[2], contact.clearance + SPARE)
     return [] if gap <= most else [
         f"wall: {gap:.3g} m off, with its stiffness and this force drawn up to {most:.3g} m"]
 

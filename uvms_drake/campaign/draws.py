@@ -9,7 +9,6 @@ A fifth of the runs is at a corner: every unknown, and every parameter of the wa
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -47,25 +46,16 @@ CORNER = 0.2
 ATTEMPTS = 100
 
 
-class Drawn(NamedTuple):
-    """Scenario of a run, and how it was drawn."""
-
-    scenario: Scenario
-    starts: int
-    """Number of starts that were drawn; all but the last have no feasible first plan."""
-    walls: int
-    """Number of walls that were drawn; all but the last are not of the class, or too far."""
-    corner: bool
-    """Whether all unknowns, and all parameters of the wall, are at their bounds."""
-
-
 def vary(campaign: Campaign, index: int) -> Scenario:
     """Returns the scenario of a run: a pure function of its arguments."""
-    return draw(campaign, index).scenario
+    return draw(campaign, index)[0]
 
 
-def draw(campaign: Campaign, index: int) -> Drawn:
+def draw(campaign: Campaign, index: int) -> tuple[Scenario, dict[str, int]]:
     """Returns the scenario of a run, and how it was drawn: a pure function of its arguments.
+
+    `starts` and `walls` are the numbers of those that were drawn, of which the last was accepted;
+    `corner` is 1 if all unknowns, and all parameters of the wall, are at their bounds, else 0.
 
     Raises:
         RunFailed: No draw has a feasible first plan.
@@ -87,12 +77,12 @@ def draw(campaign: Campaign, index: int) -> Drawn:
         likely = 1.0 if corner else AT_FULL_SIZE
         scenario, walls = drawn_contact(scenario, first, rng, likely)
         unknown = drawn_unknowns(scenario.unknowns, rng, likely)
-        return Drawn(replace(
+        return replace(
             scenario, disturbance=_disturbance(scenario.disturbance, model.size, rng),
             faults=[*scenario.faults, *_faults(rng)], model_error=unknown.error,
             current=unknown.current, waves=list(unknown.waves),
-            actuation=with_errors(scenario.actuation, model, partial(_parts, rng, likely))),
-            attempt + 1, walls, corner)
+            actuation=with_errors(scenario.actuation, model, partial(_parts, rng, likely))
+        ), {"starts": attempt + 1, "walls": walls, "corner": int(corner)}
     raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
 
 

@@ -38,7 +38,7 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "force": max(wall.get("static", 0.0), wall.get("peak", 0.0)) > 1.0,
         "no plan": result["mpc_failures"] > 0,
         "contact": max(result["losses"], wall.get("losses", 0)) > 0,
-        "no touch": bool(wall) and wall["first_touch_s"] is None,
+        "no touch": not result["touched"],
         "force line": (result["off_line"] or 0.0) > 1.0,
         "mission": not result.get("mission", {"done": True})["done"],
         "retreat": result.get("retreated_s") is not None}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
-from uvms_drake.campaign.draws import Drawn, draw
+from uvms_drake.campaign.draws import draw
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable
@@ -25,6 +25,7 @@ from uvms_drake.report.tube_use import tube_use
 from uvms_drake.station.contact.bounds import force_line
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.parts import faults_at
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 
 
@@ -43,9 +44,9 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     result: dict[str, Any] = {"index": index, "error": None}
     steps = np.zeros(0)
     try:
-        found = draw(campaign, index)
-        result |= drawn(found)
-        record = simulate(found.scenario)
+        scenario, how = draw(campaign, index)
+        result |= how | drawn(scenario)
+        record = simulate(scenario)
         if record.failure:
             raise RunFailed(str(record.failure))
         result |= outcome(record)
@@ -59,12 +60,11 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     return dict(jsonable(result))
 
 
-def drawn(found: Drawn) -> dict[str, Any]:
+def drawn(scenario: Scenario) -> dict[str, Any]:
     """Returns the draws of a run for a table."""
-    scenario, starts, walls, corner = found
     error = scenario.model_error
     return {
-        "starts": starts, "walls": walls, "corner": corner, "duration_s": scenario.duration,
+        "duration_s": scenario.duration,
         "disturbance": scenario.disturbance.label,
         "rows": getattr(scenario.disturbance, "rows", None),
         "faults": [type(fault).__name__ for fault in scenario.faults],
@@ -90,6 +90,7 @@ def outcome(record: Record) -> dict[str, Any]:
     wall, mission = found["wall"], found["mission"]
     margins = relative_margins(found["constraints"])
     name = min(margins, key=lambda key: margins[key])
+    # The part of the disturbance that comes from model errors and water.
     induced = record.effective_disturbance - record.disturbance
     bound = disturbance["bound"]
     return {
@@ -106,6 +107,8 @@ def outcome(record: Record) -> dict[str, Any]:
         "force_error": wall["final_error"] if wall else force["final_error_norm"],
         "settling_time_s": (wall or force)["settling_time_s"],
         "losses": found["contact"]["losses"],
+        "touched": (found["contact"]["first_touch_s"] is not None
+                    or not np.any(record.desired_force)),
         "mpc_failures": own_failures(record),
         "terminal_slack": found["mpc"]["worst_terminal_slack"],
         "limited": any(event["kind"] == "input_limited" for event in found["events"]),

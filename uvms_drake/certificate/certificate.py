@@ -28,7 +28,7 @@ from uvms_drake.station.scenario.parts import uncovered
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
 CERTIFICATE_FILE = "certificate.json"
-FORMAT = 2
+FORMAT = 3
 """Format of the file; those before had no number."""
 IRRELEVANT = ("name", "description", "modules", "seed", "duration", "log_period", "simulator",
               "supervisor", "tube", "visual")
