@@ -1,66 +1,126 @@
 """Certified force bands of the scenarios with an unknown wall, in motion and in a hold.
 
-`python examples/results/holds.py > examples/results/holds.md` computes the tube of each scenario,
-half a minute to some minutes each, without terminal set and second search.
+`python examples/results/holds.py > examples/results/holds.md` certifies each scenario, half a
+minute to some minutes each, and attacks the bands by random steps of the desired force: on walls at
+the corner of the class, with the scenario's disturbance and sensors.
 """
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
+from adversaries import WALLS, on_wall
 from make_all import provenance
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 import uvms_drake as uv
-from uvms_drake.certificate.certify import basis_of
-from uvms_drake.control.limits.radii import HoldRadii
-from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
-from uvms_drake.station.contact.tube_in_contact import in_contact
-from uvms_drake.station.problem import check_inputs
-from uvms_drake.tube.laws import TUBES
-from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY, ultimate_bounds
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.common.wiring import release
+from uvms_drake.mission.steps import Mission
+from uvms_drake.report.contact_check import summarise_bands
+from uvms_drake.station.contact.bounds import largest_force, pressing_force, sensed_contact
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.simulation import make_record
+from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 SCENARIOS = ("girona500_contact", "jacket_inspection", "bluerov2_contact", "girona500_stiff",
              "girona500_tip_first", "girona500_inspection", "bluerov2_cp_probe",
              "girona500_unknown_floor")
+ATTACKED = ("girona500_contact", "bluerov2_contact")
+DURATION = 40.0
+"""Duration of an attack [s]."""
+APART = (0.5, 8.0)
+"""Shortest and longest time between two steps of the force [s]."""
+SOFTLY = 1.2
+"""Least desired force over the largest error of a reading, from which on a touch is one."""
 
 
-def bands_of(scenario: uv.Scenario) -> tuple[HoldRadii, dict[str, float]]:
-    """Returns the radii in a hold and the force bounds of a scenario."""
-    model = check_inputs(scenario)
-    basis = basis_of(scenario, model)
-    found = in_contact(
-        TUBES[type(scenario.ancillary)].tube(scenario.ancillary, basis), scenario, basis)
-    failed = [str(each) for each in found.conditions if not each.holds]
-    if failed or found.radii.hold is None:
-        raise SystemExit(f"{scenario.name}: {failed}")
-    wrench = sensed_contact(scenario).wrench(pressing_force(scenario))
-    return found.radii.hold, ultimate_bounds(found.radii, model.surface, np.zeros(6), wrench)
+def certified(name: str) -> tuple[uv.Scenario, Certificate]:
+    """Returns a scenario and its certificate; exits if that does not hold."""
+    scenario = uv.load_scenario(name)
+    certificate = certified_once(scenario)
+    if not certificate.certified:
+        raise SystemExit(f"{name}: {certificate.failed}")
+    return scenario, certificate
 
 
 def row_of(name: str) -> str:
     """Returns the row of a scenario."""
-    scenario = uv.load_scenario(name)
-    hold, bounds = bands_of(scenario)
+    scenario, certificate = certified(name)
+    bounds, arrival, hold = certificate.bounds, certificate.arrival, certificate.tube.hold
     slow = sensed_contact(scenario).hold
     declared = "–" if slow is None else f"{slow.force_rate:g}, {slow.force_ripple:g}"
+    begins = "–" if np.isinf(arrival.hold) else f"{arrival.hold - arrival.touch:.2g}"
     return (f"| `{name}` | {pressing_force(scenario):g} | {bounds['force']:.3g} | "
-            f"{bounds[HOLD]:.3g} | {hold.time:.2g} | {bounds[LIKELY]:.3g} | {declared} |")
+            f"{bounds[HOLD]:.3g} | {hold.time:.2g} | {bounds[LIKELY]:.3g} | {declared} | "
+            f"{1e3 * arrival.speed:.3g} | {arrival.touch:.3g}, {arrival.target:.3g} | {begins} |")
+
+
+def attacked(name: str, wall: str, seed: int) -> str:
+    """Returns the row of a run with random steps of the desired force, on a wall of `WALLS`."""
+    scenario, certificate = certified(name)
+    scenario = replace(certificate.applied_to(scenario), mission=Mission(), duration=DURATION)
+    model = load_model(scenario)
+    scenario = uv.with_step(on_wall(scenario, wall, 1.0), model)
+    contact, rng = sensed_contact(scenario), np.random.default_rng(seed)
+    station = uv.make_station(scenario, certified=True, model=model)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    context, steps = simulator.get_mutable_context(), 0
+    simulator.Initialize()
+    # From the time on at which a press of the scenario's own force is in a hold.
+    simulator.AdvanceTo(0.3 * DURATION)
+    while (now := context.get_time()) < DURATION:
+        force = rng.uniform(SOFTLY * contact.force_error, largest_force(scenario))
+        station.GetInputPort("desired_force").FixValue(context, contact.wrench(force))
+        simulator.AdvanceTo(min(now + rng.uniform(*APART), DURATION))
+        steps += 1
+    record = make_record(scenario, model, uv.read_logs(station, context), 1.0, certified=True)
+    release(station)
+    bands = summarise_bands(record)["force_bands"]
+    left = uv.summarise(record)["contact"]["out_of_class"]
+    found = " | ".join("– | –" if row is None else
+                       f"{row['worst_ratio']:.2f} | {100.0 * row['share']:.0f} %"
+                       for row in (bands["motion"], bands["hold"]))
+    return f"| `{name}` | {wall} | {steps} | {found} | {', '.join(left) or 'none'} |"
 
 
 def main() -> None:
     """Prints the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenarios", nargs="*", default=SCENARIOS)
-    names = parser.parse_args().scenarios
+    parser.add_argument("--seed", type=int, default=1, help="seed of the steps")
+    args = parser.parse_args()
     print("# Force bands in motion and in a hold\n\n"
           f"{provenance()} Command: `python examples/results/holds.py`.\n\n"
-          "Bands are for a plan at its target: in motion at any speed within the limits, the only "
-          "one that there was\nbefore, and in a hold from so long after the plan stands. *Likely* "
-          "takes the noise of the tare for independent,\nand is not certified. Friction is the "
-          "declared rate and ripple of a hold, those of any motion where there is none.\n\n"
+          "Bands are for a plan at its target, which `deepest` does not clip: in motion at any "
+          "speed within the limits, and in a hold\nafter so long at no more than 2 mm/s, 2 mrad/s "
+          "and joints 10 mrad/s. *Likely* takes the noise of the tare for independent,\nand is not "
+          "certified. Friction is the declared rate and ripple of a hold, those of any motion "
+          "where there is none. Approach,\ntouch and target are those of the nominal loop, and "
+          "*after the touch* is when its hold is in force.\n\n"
+          "Since the page before, a press takes the mean of its readings where the tip stays, up "
+          "to 0.8 s: the bands in a hold are wider\n(6.2 N of `girona500_contact` before), for "
+          "they count the age of those readings, and begin that much later; noise of 3σ "
+          "as a\nsquare "
+          "wave of 0.4 s, which denied the hold, does so no more. That the plan has to be at its "
+          "target was not printed.\n\n"
           "| scenario | F [N] | in motion [N] | in a hold [N] | from [s] | likely [N] "
-          "| friction [N/s, N] |\n|---|---|---|---|---|---|---|")
-    for name in names:
+          "| friction [N/s, N] | approach [mm/s] | touch, target [s] | after the touch [s] |\n"
+          "|---|---|---|---|---|---|---|---|---|---|")
+    for name in args.scenarios:
         print(row_of(name), flush=True)
+    print(f"\nRandom steps of the desired force, {APART[0]:g} to {APART[1]:g} s apart, on walls at "
+          f"the corner of the class (seed {args.seed}): largest error over the band\nof its "
+          "instant, and share of the run, in motion and in a hold; bounds of the class that the "
+          "run has left.\n\n"
+          "| scenario | wall | steps | in motion | share | in a hold | share | left |\n"
+          "|---|---|---|---|---|---|---|---|")
+    for name in ATTACKED:
+        if name in args.scenarios:
+            for wall in WALLS:
+                print(attacked(name, wall, args.seed), flush=True)
 
 
 if __name__ == "__main__":

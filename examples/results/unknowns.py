@@ -32,7 +32,7 @@ RUNS, LONGEST = 100, 11.0
 ADVICE = re.compile(r"--set (\S+)")
 HEAD = """# Declared unknowns, each alone
 
-{provenance} Command: `python examples/results/unknowns.py`.
+{provenance} Command: `{command}`.
 
 `{base}` with an unknown of the asked size, and the settings that `certify` advises one after the
 other. *Hold* is the certified band of the press of 20 N; *exits* of the tube and *off*, the largest
@@ -44,12 +44,15 @@ Settings:
 
 {settings}
 
+"""
+"""Beginning of the page."""
+CAMPAIGN_HEAD = """
 ## Campaigns
 
 {runs} runs each with seed 1, of at most {longest} s, on walls of the class. The unknown is drawn
 up to its declared size, in a quarter of the runs at it; adversaries have the rest of d.
 """
-"""Beginning of the page."""
+"""Beginning of the second table."""
 COLUMNS = ("unknown", "asked", "certified", "hold [N]", "exits", "off [N]")
 CAMPAIGN_COLUMNS = (
     "unknown", "runs", "counted", "exits of the tube", "violated limits",
@@ -161,13 +164,18 @@ def main() -> None:
     parser.add_argument("unknowns", nargs="*", default=list(CASES))
     parser.add_argument("--campaigns", type=Path,
                         help="folder of campaigns, one each; made where there is none")
+    parser.add_argument("--no-campaigns", action="store_true", help="the first table alone")
     args = parser.parse_args()
     found = {name: rows_of(name) for name in args.unknowns}
     print(HEAD.format(
-        provenance=provenance(), base=BASE, duration=f"{DURATION:g}", runs=RUNS,
-        longest=f"{LONGEST:g}",
+        provenance=provenance(), command=" ".join(
+            ("python examples/results/unknowns.py", *sys.argv[1:])),
+        base=BASE, duration=f"{DURATION:g}",
         rows="\n".join([table_head(COLUMNS), *(row for row, _, _ in found.values())]),
         settings="\n".join(line for _, line, _ in found.values() if line)))
+    if args.no_campaigns:
+        return
+    print(CAMPAIGN_HEAD.format(runs=RUNS, longest=f"{LONGEST:g}"))
     print(table_head(CAMPAIGN_COLUMNS))
     with tempfile.TemporaryDirectory() as temporary:
         for name in CAMPAIGNS:

@@ -197,8 +197,8 @@ def full(contact) -> Certificate:
                         for name in ("J_max", "Jx_max", *WEIGHTED.values())),
         tube=TubeRadii(*numbers, u=np.array([0.5, 0.25]), tau=np.array([8.0]), hold=hold,
                        likely_hold=hold),
-        unknowns=(UnknownEffect("drag off by 0.02", (0.1, 0.2), 0.3, 0.2),
-                  UnknownEffect("a current of 0.1 m/s", (0.2, 0.1), 0.4, 0.3)),
+        unknowns=(UnknownEffect("drag off by 0.02", (0.1, 0.2), 0.3),
+                  UnknownEffect("a current of 0.1 m/s", (0.2, 0.1), 0.4)),
         budget={"depth": {"noise": 1e-3, "d": 2e-3}, "joints": {"noise": 0.0, "d": 1e-3}},
         margin={"depth": 0.01},
         terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
@@ -254,7 +254,7 @@ def test_the_force_is_limited_by_what_the_scenario_limits_and_held_by_the_hardes
 def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
     assert HOLDS.verdict == (
         "certified: all 5 conditions hold; of the 3 numbers that tighten limits 1 are proven, 2 "
-        "estimated (a second search found up to 90% of the claims)")
+        "estimated (a second search found 50% to 90% of the claims)")
     felt = replace(HOLDS, estimates=(Estimate(JERK, 1.0, 0.9),))
     assert " 1 are proven, given the jerk of the tip, 2 estimated" in felt.verdict
     assert failing().verdict.startswith(

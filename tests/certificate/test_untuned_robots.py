@@ -103,7 +103,9 @@ def test_a_horizon_and_a_safety_factor_are_given_as_numbers():
     assert longer(15) == "--set mpc.horizon=23"
     factor = float(overrides(safer(1.2, 1.1))[0].partition("=")[2])
     assert factor > 1.1 * 1.2
-    assert safer(1.2, 5.0) == safer(1.2, 0.9) == ""
+    assert safer(1.2, 5.0) == safer(1.2, 0.9) == safer(1.1, 0.5) == ""
+    less = float(overrides(safer(1.2, 0.8))[0].partition("=")[2])
+    assert 0.85 <= 0.8 * 1.2 / less < 0.86
 
 
 @pytest.mark.slow

@@ -11,7 +11,6 @@ from support.synthetic import synthetic_record
 
 import uvms_drake as uv
 from uvms_drake.campaign.campaign import make_campaign
-from uvms_drake.campaign.draws import Drawn
 from uvms_drake.campaign.failures import failures_of
 from uvms_drake.campaign.run import run_one
 from uvms_drake.certificate.run_verdict import FAILED
@@ -117,7 +116,7 @@ def test_a_campaign_counts_a_run_that_an_exception_ended(monkeypatch):
     record = synthetic_record(1.0, failure=np.array("at t = 1.000 s: no way on"))
     monkeypatch.setattr("uvms_drake.campaign.run.simulate", lambda scenario: record)
     monkeypatch.setattr("uvms_drake.campaign.run.draw",
-                        lambda campaign, index: Drawn(record.scenario, 1, 1, corner=False))
+                        lambda campaign, index: (record.scenario, {}))
     result = run_one(make_campaign(record.scenario, 0, None), 0)
     assert result["error"] == "RunFailed: at t = 1.000 s: no way on"
     assert failures_of(result) == ("exception",)

@@ -5,6 +5,7 @@ second reader reads it: poses by NumPy, numbers by their elements, without Drake
 """
 
 import random
+import re
 from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,6 +18,7 @@ from support.robot_mutations import mutated_xml
 import uvms_drake as uv
 from uvms_drake.model.propulsion.thrusters import curve_at
 from uvms_drake.model.robot_import.importer import import_robot
+from uvms_drake.model.robot_import.tree import Notes
 from uvms_drake.plant.model_check import sound_robot
 
 COMMANDS = np.array([-300.0, -80.0, -40.0, -2.4, -0.01, 0.0, 0.01, 2.4, 2.6, 40.0, 80.0, 300.0])
@@ -110,8 +112,7 @@ def outcome(file: Path, known: set[str], arm: list[str], folder: Path) -> str:
         robot = sound_robot(str(folder))
     except uv.InvalidParameter as error:
         return "refused" if str(error) and "\n" not in str(error) else "refused without a line"
-    notes = imported.notes
-    if {*notes.taken, *notes.changed, *notes.asked} - known:
+    if {*without_lines(imported.notes)} - known:
         return "noted"
     is_sdf = file.suffix == ".sdf"
     try:
@@ -132,9 +133,14 @@ def test_both_readers_agree_on_files_without_mistakes(tmp_path):
         assert outcome(FILES / name, {*lines(name)}, arm, folder) == "read as it is", name
 
 
+def without_lines(notes: Notes) -> list[str]:
+    """Returns the list of an import without line numbers, which a mistake may move."""
+    return [re.sub(r"line \d+", "line", each)
+            for each in (*notes.taken, *notes.changed, *notes.asked)]
+
+
 def lines(name: str) -> list[str]:
-    notes = import_robot(FILES / name, "found").notes
-    return [*notes.taken, *notes.changed, *notes.asked]
+    return without_lines(import_robot(FILES / name, "found").notes)
 
 
 @pytest.mark.parametrize("seeds", [
@@ -154,3 +160,4 @@ def test_no_mistake_is_silent_in_thrusters_limits_and_tip(seeds, tmp_path):
     assert {key: cases for key, cases in found.items()
             if key not in ("refused", "noted", "read as it is")} == {}
     assert counts["refused"] + counts["noted"] > 0.2 * len(seeds)
+    assert counts["read as it is"] > 0.1 * len(seeds)

@@ -8,17 +8,17 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from support.unknown_wall import close_to_the_wall
 
 import uvms_drake as uv
-from uvms_drake.control.contact.contact_state import MEAN
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.report.contact_check import force_bands, has_stood, summarise_bands
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.wrist_sensor import Imperfection
-from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.contact.bounds import mean_time, sensed_contact
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.simulation import make_record
 from uvms_drake.tube.ultimate_bounds import hold_band
 
 pytestmark = pytest.mark.slow
+MEAN = 0.8
 HOLD = HoldRadii(time=1.3 + MEAN, depth=4.8e-4, position=6.8e-4, advance=0.0175, standing=0.002,
                  reading=2.23, age=0.03, since=0.5 * MEAN)
 """Radii about those of the certificate."""
@@ -74,6 +74,9 @@ def test_noise_within_its_bound_cannot_keep_the_plan_in_motion(wave, share):
 def test_a_plan_that_deepest_keeps_short_of_its_target_is_in_no_hold():
     record = run_of(8.0, deepest=0.022)
     contact = sensed_contact(record.scenario)
+    assert mean_time(record.scenario) == pytest.approx(MEAN)
+    stiff = replace(record.scenario, contact=replace(contact, stiffness=20000.0))
+    assert mean_time(stiff) == pytest.approx(0.05 * MEAN, rel=0.1)
     found, stood = force_bands(record), has_stood(record) & (record.signals["touched"][:, 0] > 0.0)
     assert np.mean(stood) > 0.2
     off = np.max(np.abs(found.error[stood]))

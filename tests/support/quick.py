@@ -13,6 +13,8 @@ FEW = [f"certificate.{name}={count}" for name, count in SETTINGS.items()]
 def search_less(patch: pytest.MonkeyPatch) -> None:
     """Climbs for suprema in a step, refines the terminal set little, and tries no proof.
 
+    Of a second search that hardly searches no power is asked.
+
     A scenario has to say `FEW`, too.
     """
     patch.setattr("uvms_drake.tube.search.ascent.STEPS", 1)
@@ -20,6 +22,7 @@ def search_less(patch: pytest.MonkeyPatch) -> None:
     patch.setattr("uvms_drake.tube.constants.LEADERS", 2)
     patch.setattr("uvms_drake.tube.search.second_search.STEPS", 0)
     patch.setattr("uvms_drake.tube.search.second_search.SWEEPS", 0)
+    patch.setattr("uvms_drake.tube.estimates.LEAST_SHARE", 0.0)
     patch.setattr("uvms_drake.tube.contact.sensor_gains_proof.MOST_WORK", 0)
     patch.setattr("uvms_drake.tube.terminal_set.STARTS", 1)
     patch.setattr("uvms_drake.tube.terminal_set.NEAR", 0.0)

@@ -1,5 +1,6 @@
 """Tests of `tube.unmodelled_dynamics`: against Drake's plant, with the error and without."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,16 +16,19 @@ from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.payload import Payload
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.plant.waves import Wave, water_motion
+from uvms_drake.tube.estimates import LEAST_SHARE
 from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.unmodelled_dynamics import (
+    ForceChange,
+    MotionSet,
     UnmodelledTerm,
-    box,
     by_forces,
     by_robot,
     by_water,
-    largest,
-    motions,
+    commanded_rate,
     sizes,
+    sizes_of,
     tip_acceleration,
 )
 
@@ -49,6 +53,15 @@ def robot(error: ModelError):
         return by_robot(known, model_with_error(GIRONA, UnilateralPlane(), error), rate_at)
 
     return load
+
+
+class Motion(NamedTuple):
+    """A motion in a current."""
+
+    q: tuple
+    attitude: tuple
+    zeta: tuple
+    heading: float
 
 
 class Case(NamedTuple):
@@ -102,13 +115,13 @@ def some(count: int, model, seed: int, near: np.ndarray | None = None):
 
     Some of their coordinates are those of a point, if it is given.
     """
-    lower, upper = box(model, DECLARED)
-    rng = np.random.default_rng(seed)
+    motions = MotionSet(model, DECLARED)
+    rng, (lower, upper) = np.random.default_rng(seed), motions.box
     unit = np.clip(rng.uniform(-0.3, 1.3, (count, len(lower))), 0.0, 1.0)
     points = lower + unit * (upper - lower)
     if near is not None:
         points = np.where(rng.uniform(size=points.shape) < 0.7, near, points)
-    return motions(points, model, DECLARED), points
+    return motions.at(points), points
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -123,11 +136,16 @@ def test_the_plant_does_what_is_said(name, model):
         np.testing.assert_allclose(d, c[i] + A[i] @ s, atol=1e-7)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_no_motion_is_beyond_the_claim_and_some_come_close(name, model):
     load = CASES[name].load(model)
-    claim, near = FACTOR * largest([load], model, DECLARED, WEIGHTS), None
+    motions = MotionSet(model, DECLARED)
+    function = sizes_of([load], motions, WEIGHTS)
+    claim, near = FACTOR * supremum_over_joints(function, *motions.box), None
+    again = second_over_joints(function, *motions.box)
+    assert np.all(again <= claim)
+    assert again[-1] > LEAST_SHARE * claim[-1]
     for seed in range(3, 6):  # Each about the worst of the last one.
         at, points = some(4000, model, seed, near)
         found = sizes(load(at), WEIGHTS)
@@ -136,11 +154,42 @@ def test_no_motion_is_beyond_the_claim_and_some_come_close(name, model):
     assert np.max(found[:, -1]) > 0.9 * claim[-1] / FACTOR
 
 
+STEEP = Motion(
+    q=(-0.25, 1.25, 0.72, 0.139), attitude=(0.15, 0.15, 0.0), heading=-0.449,
+    zeta=(-0.081, 0.042, -0.119, 0.0075, 0.0988, 0.0132, 0.014, 0.283, 0.098, 0.0005))
+"""A motion that was found outside of a claim; its tip pitch is 0.58 rad."""
+
+
+@pytest.mark.slow
+def test_the_motion_that_refuted_a_claim_is_in_a_set_only_with_its_tip_pitch(model):
+    """In Drake's plant, in a current of 0.1 m/s, with the weights of that claim."""
+    weights = np.array([0.069, 0.11, 0.025, 0.027, 0.068, 0.1, 1.0, 0.35, 0.41, 0.01])
+    point = np.array([[*STEEP.attitude, *STEEP.q, *np.array(STEEP.zeta) / np.repeat(
+        [DECLARED.nu1, DECLARED.nu2, DECLARED.qdot], [3, 3, 4]), STEEP.heading, 0.0]])
+    narrow, wide = (MotionSet(model, replace(DECLARED, tip_pitch=each)) for each in (0.4, 0.6))
+    case = Case(None, water=lambda heading, phase: (
+        0.1 * np.array([np.cos(heading), np.sin(heading), 0.0]), np.zeros(3)))
+    rate, off = np.zeros(10), []
+    for motions in (narrow, wide):
+        at = motions.at(point)
+        off.append(plant_acceleration(case, model, at, 0, rate))
+        # Neither set has a claim below what the plant does in one of its motions.
+        function = sizes_of([by_water(model, (0.1, 0.0))], motions, weights)
+        claim = FACTOR * supremum_over_joints(function, *motions.box)
+        assert np.all(np.abs(off[-1]) <= claim[:-1])
+        assert np.linalg.norm(off[-1] / weights) <= claim[-1]
+        assert np.abs(at.kinematics.chi[0, 4]) <= motions.declared.tip_pitch + 1e-9
+    np.testing.assert_allclose(at.config[0, 6:], STEEP.q)
+    np.testing.assert_allclose(at.zeta[0], STEEP.zeta, atol=1e-12)
+    assert at.kinematics.chi[0, 4] == pytest.approx(0.58, abs=0.01)
+    assert np.linalg.norm(off[1] / weights) == pytest.approx(1.045 * 0.91613, rel=0.01)
+
+
 def test_no_point_about_the_tip_accelerates_by_more_than_is_said(model):
     """Second differences along motions, of points 0.2 m from the tip; the tip comes close."""
-    lower, upper = box(model, DECLARED)
-    rng, reach, h = np.random.default_rng(4), 0.2, 1e-3
-    at = motions(rng.uniform(lower, upper, (200, len(lower))), model, DECLARED)
+    motions = MotionSet(model, DECLARED)
+    (lower, upper), rng, reach, h = motions.box, np.random.default_rng(4), 0.2, 1e-3
+    at = motions.at(rng.uniform(lower, upper, (200, len(lower))))
     bounds = [tip_acceleration(model, at, np.broadcast_to(RATE, at.zeta.shape), size)
               for size in (0.0, reach)]
     zeta_dot = RATE * rng.choice([-1.0, 1.0], at.zeta.shape)
@@ -163,6 +212,31 @@ def test_no_point_about_the_tip_accelerates_by_more_than_is_said(model):
         assert np.all(found <= bound + 1e-5)
     assert np.max(np.linalg.norm(moved(-h)[0] - 2.0 * moved(0.0)[0] + moved(h)[0], axis=1)
                   / h**2 / bounds[0]) > 0.9
+
+
+def test_a_force_that_its_reading_misses_accelerates_no_more_than_the_rate_says(model):
+    """Random changes along n of the cone and across; the worst of each comes close."""
+    at, _ = some(20, model, 6)
+    missed, rng = ForceChange(12.5, 5.2, 0.25), np.random.default_rng(7)
+    limits = np.full(10, 2.0), np.full(10, 3.0)
+    allowed = (commanded_rate(model, *limits, missed=missed)(at)
+               - commanded_rate(model, *limits)(at))
+    off = missed.tool_angle * np.sqrt(rng.uniform(size=3000))
+    about = rng.uniform(0.0, 2.0 * np.pi, 3000)
+    n = np.stack([np.cos(off), np.sin(off) * np.cos(about), np.sin(off) * np.sin(about)], axis=1)
+    across = rng.normal(size=(3000, 3))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    inverse = np.linalg.inv(model.mass_matrix(at.kinematics))
+    J_E = at.kinematics.J_links[:, -1, :3]
+    for change in (missed.normal * n, missed.tangential * across):
+        change = np.concatenate([change, -change])
+        found = np.abs(inverse @ J_E.swapaxes(1, 2) @ change.T)
+        assert np.all(np.max(found, axis=2) <= allowed + 1e-12)
+    both = np.concatenate([missed.normal * n + sign * missed.tangential * across
+                           for sign in (-1.0, 1.0)])
+    found = np.max(np.abs(inverse @ J_E.swapaxes(1, 2) @ both.T), axis=2)
+    assert np.all(found <= allowed + 1e-12)
+    assert np.all(found > 0.8 * allowed)
 
 
 def test_the_largest_norm_is_climbed_for_as_well_as_all_corners_say():

@@ -23,7 +23,7 @@ from uvms_drake.tube.conditions import Condition, setting
 
 PATIENCE = 6.0
 """Longest time over the duration for which a plan may take to arrive."""
-LATER = 20.0
+LATER = 10.0
 """Longest time after the arrival until a hold is in force [s]."""
 CREEP, STUCK = 1e-4, 5.0
 """Largest speed of a tip that is stuck [m/s], and the time after which it is [s]."""

@@ -41,6 +41,7 @@ from uvms_drake.control.plan.plan import Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import NotOffered
+from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.contact.mission_legs import legs_of
 from uvms_drake.station.contact.tube_in_contact import force_bounds, in_contact
@@ -57,7 +58,7 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.true_wall import in_words, outside
 from uvms_drake.tube.conditions import Condition, assumption, setting
 from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.estimates import Estimate, unrefuted
+from uvms_drake.tube.estimates import LEAST_SHARE, Check, checked, no_estimates, together
 from uvms_drake.tube.law_tube import Basis, LawTube, constants_of
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -90,17 +91,17 @@ class Draft:
         certificate: The claims so far.
         basis: Data of the tube.
         found: Tube of the law, with the terms of a sensed contact.
-        unproven: Estimates besides those of the tube, each with its second search.
+        unproven: Second search for the estimates besides those of the tube.
         start: Start (𝔮, ζ) (2(6+n),).
     """
 
     basis: Basis
     found: LawTube
-    unproven: tuple[Estimate, ...] = ()
+    unproven: Check
     start: np.ndarray
 
     def __init__(self, scenario: Scenario, model: ContactModel):
-        self.scenario, self.model = scenario, model
+        self.scenario, self.model, self.unproven = scenario, model, no_estimates
         law, disturbance = scenario.ancillary, scenario.disturbance
         weights = disturbance_weights(scenario, model)
         self.certificate = Certificate(
@@ -195,11 +196,10 @@ def margins(draft: Draft) -> None:
 
 def second_search(draft: Draft) -> None:
     """Searches again for every number that is not proven."""
-    factor, estimates = draft.scenario.certificate.safety_factor, (
-        *draft.found.check(), *draft.unproven)
+    factor = draft.scenario.certificate.safety_factor
+    estimates = together(draft.found.check, draft.unproven)()
     draft.claim(estimates=estimates)
-    draft.require(*(replace(each, advice=safer(factor, each.left))
-                    for each in unrefuted(estimates)))
+    draft.require(*(replace(each, advice=safer(factor, each.left)) for each in checked(estimates)))
 
 
 def terminal_set(draft: Draft) -> None:
@@ -287,13 +287,21 @@ def certified_once(scenario: Scenario, progress: Progress = silent,
     return replace(certificate, scenario=scenario.name)
 
 
-def declared_set(limits: Limits, model: UvmsModel) -> ConstraintSet:
-    """Returns the set that the constants are suprema over: the limits of the real robot."""
+def declared_set(limits: Limits, model: UvmsModel, wall: UnknownContact | None = None
+                 ) -> ConstraintSet:
+    """Returns the set that the constants are suprema over: the limits of the real robot.
+
+    Args:
+        limits: The limits.
+        model: The controller's model.
+        wall: Bounds of a sensed contact, which has a limit of the tool's angle.
+    """
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
     return ConstraintSet(
         q_lower=q_lower, q_upper=q_upper, roll=limits.roll, pitch=limits.pitch,
         tip_pitch=limits.tip_pitch, nu1=limits.nu1, nu2=limits.nu2, qdot=limits.qdot,
-        force_max=UNLIMITED if limits.static_force is None else limits.static_force)
+        force_max=UNLIMITED if limits.static_force is None else limits.static_force,
+        tool=None if wall is None else (float(np.arcsin(wall.direction[2])), wall.tool_angle))
 
 
 def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | None = None
@@ -315,7 +323,8 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
                          "one that has `static_force_rows`, for limits.static_force")
     require(limited, "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
-    declared, contact = declared_set(limits, model), force_bounds(scenario)
+    declared = declared_set(limits, model, scenario.contact.declared_wall())
+    contact = force_bounds(scenario)
     weights = disturbance_weights(scenario, model)
     if names is None:
         names = TUBES[type(law)].constants(law, weights)
@@ -507,12 +516,15 @@ def longer(horizon: int) -> str:
 def safer(safety_factor: float, ratio: float) -> str:
     """Returns a safety factor with which an estimate exceeds the result of a second search.
 
-    Empty if the ratio is out of the range of a safety factor.
+    Also, not by more than one with power may miss. Empty if none is in the range of such a factor.
 
     Args:
         safety_factor: `certificate.safety_factor`.
         ratio: That result over the estimate.
     """
+    less = math.floor(100.0 * safety_factor * ratio / LEAST_SHARE) / 100.0
+    if ratio < LEAST_SHARE and less >= 1.0:
+        return setting(certificate__safety_factor=less)
     if not 1.0 < ratio < 2.0:
         return ""
     return setting(certificate__safety_factor=_up(1.02 * ratio * safety_factor, 2))

@@ -8,8 +8,8 @@ from uvms_drake.certificate.arrival import Arrival
 from uvms_drake.certificate.assumptions import Assumption
 from uvms_drake.certificate.declared_unknowns import UnknownEffect
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.station.contact.bounds import STANDING
 from uvms_drake.station.contact.mission_legs import Leg
-from uvms_drake.station.contact.tube_in_contact import STANDING
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.estimates import Estimate

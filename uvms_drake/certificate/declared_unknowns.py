@@ -20,28 +20,28 @@ from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.model_error import FACTORS, ModelError, Unknowns, add_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, rounded_up, setting
-from uvms_drake.tube.estimates import Estimate
+from uvms_drake.tube.estimates import Check, together
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
+from uvms_drake.tube.search.joint_search import Function, claimed_over_joints
 from uvms_drake.tube.unmodelled_dynamics import (
+    NO_CHANGE,
+    ForceChange,
     Motions,
+    MotionSet,
     UnmodelledTerm,
-    box,
     by_forces,
     by_robot,
     by_water,
     commanded_rate,
     drift_change,
-    largest,
-    motions,
-    sizes,
+    sizes_of,
     tip_acceleration,
 )
 
 READING = "sensing/theory.md#reading-of-a-payload"
 THEOREM = "tube/theory.md#declared-unknowns"
-HAND = "acceleration of the payload"
-"""Name of an estimate."""
+DRIFT, HAND = "change of the drift", "acceleration of the payload"
+"""Names of estimates."""
 LEAST_FACTOR = 0.1
 """Smallest factor of a `ModelError`."""
 RESERVED = 0.95
@@ -61,8 +61,6 @@ class UnknownEffect:
     takes: float
     """Bound of ‖w⁻¹d‖₂, w the `disturbance.weights`: the part of `disturbance.bound` that it takes
     [m/s², rad/s²]."""
-    second: float
-    """Largest ‖w⁻¹d‖₂ that a second search found; NaN without one."""
 
 
 class UnmodelledBounds:
@@ -73,20 +71,28 @@ class UnmodelledBounds:
         basis: Basis of its tube.
         radii: Its tube, which bounds the feedback.
         seed: Seed of the searches.
+
+    Attributes:
+        checks: Second searches for all that was claimed.
     """
 
     def __init__(self, robot: str, basis: Basis, radii: TubeRadii, seed: int):
         self.robot, self.basis, self.model = robot, basis, basis.model
-        self._seed = seed
+        self._seed, self._motions = seed, MotionSet(basis.model, basis.declared)
+        self.checks = list[Check]()
         tube, n = resolved_radii(radii), basis.model.num_joints
         off = np.concatenate([
             np.full(n, tube.joints or 0.0), [tube.roll or 0.0, tube.pitch or 0.0],
             np.repeat([tube.nu1 or 0.0, tube.nu2 or 0.0, tube.qdot or 0.0], [3, 3, n])])
-        self._factor = basis.settings.safety_factor
-        change = self._factor * drift_change(self.model, basis.declared, off, seed)
+        change, box = drift_change(self._motions, off)
+        fixed = basis.largest_rate + np.asarray(radii.u) + self._claimed(DRIFT, change, box)
+        force, sensed = basis.declared.force_max, basis.contact
         self.rate = commanded_rate(
-            self.model, basis.u_limit, basis.largest_rate + np.asarray(radii.u) + change,
-            force=basis.declared.force_max if basis.contact is None else 0.0)
+            self.model, basis.u_limit, fixed, force=force if sensed is None else 0.0,
+            missed=NO_CHANGE if sensed is None else ForceChange(
+                sensed.rate * sensed.age + sensed.ripple,
+                sensed.tangential_rate * sensed.age + 2.0 * sensed.tangential_ripple,
+                sensed.tool_angle))
 
     def true(self, **error: Any) -> UvmsModel:
         """Returns the robot with a model error."""
@@ -95,44 +101,38 @@ class UnmodelledBounds:
         plant.Finalize()
         return UvmsModel(uvms)
 
-    def largest(self, terms: Sequence[UnmodelledTerm], weights: np.ndarray
-                ) -> tuple[np.ndarray, float]:
-        """Returns bounds of |dᵢ| (6+n,) and of ‖Ŵ⁻¹d‖₂, estimated, for the diagonal of Ŵ."""
-        found = self._factor * largest(
-            terms, self.model, self.basis.declared, weights, self._seed)
-        return found[:-1], float(found[-1])
+    def largest(self, name: str, terms: Sequence[UnmodelledTerm], weights: np.ndarray
+                ) -> UnknownEffect:
+        """Returns bounds of |dᵢ| and of ‖Ŵ⁻¹d‖₂, estimated, for the diagonal of Ŵ."""
+        *each, norm = self._claimed(
+            f"d by {name}", sizes_of(terms, self._motions, weights), self._motions.box)
+        return UnknownEffect(name, tuple(map(float, each)), float(norm))
 
-    def second(self, terms: Sequence[UnmodelledTerm], weights: np.ndarray) -> float:
-        """Returns the largest ‖Ŵ⁻¹d‖₂ at random points."""
-        model, declared = self.model, self.basis.declared
+    def _claimed(self, name: str, function: Function, box: tuple[np.ndarray, np.ndarray]
+                 ) -> np.ndarray:
+        """Returns claims of the largest values of a function of points."""
+        claims, check = claimed_over_joints(
+            name, function, *box, self.basis.settings.safety_factor, self._seed)
+        self.checks.append(check)
+        return claims
 
-        def norms(points: np.ndarray) -> np.ndarray:
-            at = motions(points, model, declared)
-            return np.max([sizes(term(at), weights)[:, -1:] for term in terms], axis=0)
-
-        return float(second_over_joints(norms, *box(model, declared), self._seed)[0])
-
-    def hand(self, reach: float, unknown: np.ndarray) -> Estimate:
+    def hand(self, reach: float, unknown: np.ndarray) -> float:
         """Returns the largest acceleration of points about the tip [m/s²], estimated.
 
         Args:
             reach: Their largest distance from the tip [m].
             unknown: Bounds of |dᵢ| (6+n,), in addition to the commanded rate.
         """
-        model, declared, seed = self.model, self.basis.declared, self._seed
-
         def values(points: np.ndarray) -> np.ndarray:
-            at = motions(points, model, declared)
-            return tip_acceleration(model, at, self.rate(at) + unknown, reach)[:, None]
+            at = self._motions.at(points)
+            return tip_acceleration(self.model, at, self.rate(at) + unknown, reach)[:, None]
 
-        limits = box(model, declared)
-        return Estimate(HAND, self._factor * float(supremum_over_joints(values, *limits, seed)[0]),
-                        float(second_over_joints(values, *limits, seed)[0]))
+        return float(self._claimed(HAND, values, self._motions.box)[0])
 
 
 def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
-                     ) -> tuple[tuple[UnknownEffect, ...], tuple[Estimate, ...], list[Condition]]:
-    """Returns the effects of the declared unknowns, their estimates, and the conditions on them.
+                     ) -> tuple[tuple[UnknownEffect, ...], Check, list[Condition]]:
+    """Returns the effects of the declared unknowns, their check, and the conditions on them.
 
     Args:
         scenario: Scenario with unknowns.
@@ -141,17 +141,16 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
     """
     bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.seed)
     effects = unknown_effects(scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
-    conditions = [unknowns_condition(scenario.disturbance, scenario.unknowns, bounds, effects)]
-    estimates = [Estimate(f"d by {each.name}", each.takes, each.second) for each in effects]
     carried = payload_acceleration(scenario, bounds, effects)
+    check = together(*bounds.checks)
+    conditions = [unknowns_condition(scenario.disturbance, scenario.unknowns, bounds, effects)]
     if carried is not None:
-        estimates.append(carried)
         conditions.append(payload_condition(scenario.model_error.payload.acceleration, carried))
-    return effects, tuple(estimates), conditions
+    return effects, check, conditions
 
 
-def unknown_effects(unknowns: Unknowns, bounds: UnmodelledBounds, weights: np.ndarray, *,
-                    checked: bool = True) -> tuple[UnknownEffect, ...]:
+def unknown_effects(unknowns: Unknowns, bounds: UnmodelledBounds, weights: np.ndarray
+                    ) -> tuple[UnknownEffect, ...]:
     """Returns the effect of each unknown, on top of those before it.
 
     The robot changes by one source after the other, and the rate that the next one meets includes
@@ -161,14 +160,10 @@ def unknown_effects(unknowns: Unknowns, bounds: UnmodelledBounds, weights: np.nd
         unknowns: The declared unknowns.
         bounds: Bounds of the accelerations.
         weights: w (6+n,), see `weights_of`.
-        checked: Whether a second search is made.
     """
     effects = list[UnknownEffect]()
     for name, terms in declared_sources(unknowns, bounds, effects):
-        each, takes = bounds.largest(terms, weights)
-        effects.append(UnknownEffect(
-            name, tuple(map(float, each)), takes,
-            bounds.second(terms, weights) if checked else math.nan))
+        effects.append(bounds.largest(name, terms, weights))
     return tuple(effects)
 
 
@@ -190,12 +185,11 @@ def fitting_disturbance(disturbance: Disturbance, unknowns: Unknowns, bounds: Un
         unknowns: As of `unknown_effects`.
         bounds: As of `unknown_effects`, of a tube with any disturbance.
     """
-    effects = unknown_effects(unknowns, bounds, weights_of(disturbance, bounds.basis),
-                              checked=False)
+    effects = unknown_effects(unknowns, bounds, weights_of(disturbance, bounds.basis))
     each = np.sum([effect.each for effect in effects], axis=0)
     weights = np.array([float(f"{size:.2g}") for size in np.maximum(
         each / np.max(each), LEAST_WEIGHT)])
-    fitted = unknown_effects(unknowns, bounds, weights, checked=False)
+    fitted = unknown_effects(unknowns, bounds, weights)
     return replace(disturbance, weights=weights, bound=rounded_up(
         sum(effect.takes for effect in fitted) / RESERVED))
 
@@ -227,7 +221,7 @@ def unknowns_condition(disturbance: Disturbance, unknowns: Unknowns, bounds: Unm
 
 
 def payload_acceleration(scenario: Scenario, bounds: UnmodelledBounds,
-                         effects: Sequence[UnknownEffect]) -> Estimate | None:
+                         effects: Sequence[UnknownEffect]) -> float | None:
     """Returns the largest acceleration of a payload that a wrist sensor reads; None without one."""
     error = scenario.model_error
     if not error.payload.present or bounds.basis.contact is None:
@@ -238,12 +232,12 @@ def payload_acceleration(scenario: Scenario, bounds: UnmodelledBounds,
     return bounds.hand(reach, left + np.sum([each.each for each in effects], axis=0))
 
 
-def payload_condition(declared: float, found: Estimate) -> Condition:
+def payload_condition(declared: float, found: float) -> Condition:
     """Returns the condition that a payload accelerates no more than its reading allows for."""
     return Condition(
         "model_error.payload.acceleration, not less than that of the payload [m/s²]",
-        declared, ">=", found.claim,
-        setting(model_error__payload__acceleration=rounded_up(1.02 * found.claim, 2)),
+        declared, ">=", found,
+        setting(model_error__payload__acceleration=rounded_up(1.02 * found, 2)),
         theorem=READING, topic="model_error")
 
 

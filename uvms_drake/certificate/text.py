@@ -41,6 +41,7 @@ HELP = {
     "limits.tau": INPUTS,
     "tightening": "a smaller disturbance.bound, larger gains or a wider limit",
     "estimates": "a larger certificate.safety_factor, or more tube_samples",
+    "no power": "a smaller certificate.safety_factor, or more tube_samples",
     "σ": "slower speed limits or a larger ancillary.sigma",
     "law": "a law whose tube is known, resolved or tip first",
     "surface": "that method, see `Surface`",
@@ -120,14 +121,15 @@ def help_for(condition: Condition) -> str:
 
 
 def _proven(claims: Claims) -> str:
-    """Returns the number of proven values, and the largest ratio of the second search."""
+    """Returns the number of proven values, and the extreme ratios of the second search."""
     numbers = claims.tightening
     if not numbers:
         return ""
     proven = sum(each.proven for each in numbers)
     jerk = proven and any(each.name == JERK for each in claims.estimates)
-    again = (f" (a second search found up to {max(each.ratio for each in claims.estimates):.0%} of "
-             "the claims)") if claims.estimates and proven < len(numbers) else ""
+    ratios = [each.ratio for each in claims.estimates]
+    again = (f" (a second search found {min(ratios):.0%} to {max(ratios):.0%} of the claims)"
+             if ratios and proven < len(numbers) else "")
     return (f"; of the {len(numbers)} numbers that tighten limits {proven} are proven"
             f"{f', given the {JERK}' if jerk else ''}, {len(numbers) - proven} estimated{again}")
 

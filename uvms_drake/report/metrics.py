@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.contact.contact_state import MEAN
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT
 from uvms_drake.model.frames.euler import pose_difference
@@ -30,6 +29,7 @@ from uvms_drake.report.signals import (
     thruster_part,
     thrusters_of,
 )
+from uvms_drake.station.contact.bounds import mean_time
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
@@ -172,7 +172,7 @@ def _summarise_class(record: Record) -> dict[str, object]:
 
     observed = departures(
         contact, record.time, record.chi[:, :3], velocity, record.force[:, :3], static,
-        has_stood(record, MEAN))
+        has_stood(record, mean_time(record.scenario)))
     return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 
 
@@ -238,7 +238,8 @@ def summarise_tube(record: Record) -> dict[str, object]:
     """
     tube = record.scenario.tube
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
-    watched = record.time >= monitor_begin(record.scenario.mpc.hover, bool(record.certified))
+    watched = record.followed & (record.time >= monitor_begin(
+        record.scenario.mpc.hover, bool(record.certified)))
     return {
         "certified": bool(record.certified),
         "law": record.scenario.law,

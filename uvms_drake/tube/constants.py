@@ -21,7 +21,7 @@ from uvms_drake.tube.estimates import Estimate
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.search_problem import Product, norm_problem
-from uvms_drake.tube.search.second_search import second_search
+from uvms_drake.tube.search.second_search import again
 
 PATIENCE, LEADERS = 3, 16
 """Effort of the ascent, see `ascent.supremum`: norms are cheap."""
@@ -130,6 +130,6 @@ def estimate_constants(model: ContactModel, declared: ConstraintSet, names: tupl
 def checked_constants(model: ContactModel, declared: ConstraintSet,
                       constants: tuple[Constant, ...], seed: int) -> tuple[Estimate, ...]:
     """Returns the estimates among some constants, with Ŵ = I, each with its second search."""
-    return tuple(Estimate(each.name, each.value, float(second_search(
+    return tuple(Estimate(each.name, each.value, float(again(
         norm_problem(model, declared, QUANTITIES[each.name].product), np.zeros(1, dtype=int),
-        np.random.default_rng([seed, 1]))[0])) for each in constants if each.how == "estimated")
+        np.array([each.value]), seed)[0])) for each in constants if each.how == "estimated")

@@ -2,7 +2,8 @@
 
 A claim is the number in the certificate for a supremum: the largest value that one search found,
 times a declared factor. Another search, independent of the first, looks for the same. If it finds
-more, the claim was wrong and nothing is certified; if it does not, the claim is still an estimate.
+more, the claim was wrong and nothing is certified; if it finds far less, it could not have found
+that, and nothing is certified either; else the claim is still an estimate.
 See tube/theory.md#estimates-and-second-searches.
 """
 
@@ -15,6 +16,12 @@ import numpy as np
 from uvms_drake.common.constraints import AtLeast, Between, NotNegative
 from uvms_drake.tube.conditions import Condition
 
+ROUNDING = 1e-12
+"""Claims that are smaller, over the largest of their kind, are zeros."""
+ATTEMPTS = 6
+"""Most repetitions of a second search where it has no power yet."""
+LEAST_SHARE = 0.85
+"""Least part of a claim that a second search has to reach: one that reaches less has no power."""
 Samples = Between(10, 1_000_000, ", which take hours and gigabytes")
 """Numbers of samples; a supremum that so many miss, more will miss too."""
 
@@ -52,24 +59,48 @@ def together(*checks: Check) -> Check:
     return lambda: tuple(estimate for check in checks for estimate in check())
 
 
-def largest_of(name: str, claim: np.ndarray, second: np.ndarray) -> Estimate:
-    """Returns the one of several claims (c,) with the largest ratio.
+def extremes_of(name: str, claim: np.ndarray, second: np.ndarray) -> tuple[Estimate, ...]:
+    """Returns those of several claims (c,) with the least and the largest ratio.
 
-    Its name has the index, counted from 0 like the components of u.
+    Zeros, but for rounding, do not count. The names have the index, counted from 0 like the
+    components of u.
     """
+    tiny = ROUNDING * np.max(claim)
     each = [Estimate(f"{name} [{i}]" if len(claim) > 1 else name, float(a), float(b))
-            for i, (a, b) in enumerate(zip(claim, second, strict=True))]
-    return max(each, key=lambda estimate: estimate.ratio)
+            for i, (a, b) in enumerate(zip(claim, second, strict=True)) if max(a, b) > tiny]
+    each.sort(key=lambda estimate: estimate.ratio)
+    return (*each[:1], *each[1:][-1:])
 
 
-def unrefuted(estimates: tuple[Estimate, ...]) -> tuple[Condition, ...]:
-    """Returns the condition that no claim is refuted, if there are any; by the closest one."""
+def searched_again(claim: np.ndarray, search: Callable[[np.ndarray, int], np.ndarray]
+                   ) -> np.ndarray:
+    """Returns the largest values (c,) of a second search, repeated where it has no power yet.
+
+    Args:
+        claim: The claims (c,).
+        search: Function that returns the largest values that it finds of those of some indices, by
+            the number of the attempt, with which its starts have to change.
+    """
+    second = np.zeros(len(claim))
+    which = np.arange(len(claim))
+    for attempt in range(ATTEMPTS):
+        if len(which) == 0:
+            break
+        second[which] = np.maximum(second[which], search(which, attempt))
+        which = np.nonzero(second < LEAST_SHARE * claim)[0]
+    return second
+
+
+def checked(estimates: tuple[Estimate, ...]) -> tuple[Condition, ...]:
+    """Returns the conditions that no claim is refuted and that each could have been, if any."""
     if not estimates:
         return ()
-    worst = max(estimates, key=lambda estimate: estimate.ratio)
-    return (Condition(f"estimates, second search over claim ({worst.name})", worst.ratio, "<=",
-                      1.0, theorem="tube/theory.md#estimates-and-second-searches",
-                      topic="estimates"),)
+    theorem = "tube/theory.md#estimates-and-second-searches"
+    least, *_, most = sorted((estimates[0], *estimates), key=lambda estimate: estimate.ratio)
+    return (Condition(f"estimates, second search over claim ({most.name})", most.ratio, "<=", 1.0,
+                      theorem=theorem, topic="estimates"),
+            Condition(f"estimates, least second search over claim ({least.name}); one below has no "
+                      "power", least.ratio, ">=", LEAST_SHARE, theorem=theorem, topic="no power"))
 
 
 @dataclass

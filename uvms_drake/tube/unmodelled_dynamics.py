@@ -13,20 +13,22 @@ current or wave, ζ less ν_c is M(ζ̇ + ω × ν_c − Rᵀv̇_c) + b(𝔮, ζ
 At a state each of them is d = c + As with any s in [−1, 1]ʲ: ζ̇_c in its box, friction of either
 sign. A component's largest value over s is |cᵢ| + Σⱼ|Aᵢⱼ|; a norm's, which is convex, is
 at a corner, and the step from s to sign(Aᵀ(c + As)) never makes it smaller. Over postures and
-velocities of the declared set the search is that of `joint_search`: an estimate from below.
+velocities of the declared set, as points of a box, the search is that of `joint_search`: an
+estimate from below.
 """
 
 import copy
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.model.frames.spatial import cross, times
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
-from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.joint_search import supremum_over_joints
+from uvms_drake.tube.search.constraint_set import BISECTIONS, ConstraintSet, pulled
+from uvms_drake.tube.search.joint_search import Function
 
 ASCENT = 3
 """Number of steps from corner to corner."""
@@ -51,54 +53,109 @@ class Motions:
     """Kinematics at 𝔮."""
 
 
+class MotionSet:
+    """Motions of a declared set, as points of a box: (φ, θ, ψ, q), ζ, heading, phase (11+2n,).
+
+    Poses that are off in tip pitch or tool angle are moved towards one that is far from these
+    limits, ζ is projected on its balls: every point is a motion of the set, and every motion of the
+    set, but for its position, is a point.
+
+    Args:
+        model: The robot.
+        declared: The set.
+
+    Attributes:
+        model: The robot.
+        declared: The set.
+        box: Bounds of the points.
+    """
+
+    def __init__(self, model: UvmsModel, declared: ConstraintSet):
+        self.model, self.declared = model, declared
+        self._centre, (lower, upper) = declared.centre(model), declared.box
+        free = np.concatenate([np.ones(model.size), [np.pi, np.pi]])
+        self.box = np.concatenate([lower, -free]), np.concatenate([upper, free])
+
+    def at(self, points: np.ndarray) -> Motions:
+        """Returns the motions of points (m, 11+2n)."""
+        model, declared, pose = self.model, self.declared, self.model.size - 3
+        config = np.zeros((len(points), model.size))
+        config[:, 3:] = pulled(lambda x: declared.keeps_attitude(model, x), points[:, :pose],
+                               self._centre, BISECTIONS)
+        blocks = np.split(points[:, pose: pose + model.size], [3, 6], axis=1)
+        zeta = np.concatenate([
+            radius * block / np.maximum(np.linalg.norm(block, axis=1, keepdims=True), 1.0)
+            for block, radius in zip(
+                blocks, (declared.nu1, declared.nu2, declared.qdot), strict=True)], axis=1)
+        return Motions(config, zeta, points[:, -2], points[:, -1], model.kinematics(config))
+
+
 Affine = tuple[np.ndarray, np.ndarray]
 """c (m, 6+n) and A (m, 6+n, j) of d = c + As."""
 UnmodelledTerm = Callable[[Motions], Affine]
 """Unmodelled acceleration as a function of motions."""
 Rate = Callable[[Motions], np.ndarray]
-"""Bounds of |ζ̇_c| (m, 6+n) as a function of motions."""
+"""Bounds of |ζ̇₀| (m, 6+n) as a function of motions."""
 
 
-def commanded_rate(model: UvmsModel, u_limit: np.ndarray, fixed: np.ndarray, force: float = 0.0
-                   ) -> Rate:
-    """Returns the bound |ζ̇_c| ≤ min(ū + |f| + p, r̄ + 2p), tube/theory.md#declared-unknowns.
+class ForceChange(NamedTuple):
+    """Largest change of a sensed force since the mean of it that is read."""
+
+    normal: float
+    """ρ(T + h) + a, of the size of the normal force [N]."""
+    tangential: float
+    """ρ′(T + h) + 2a′, of the rest [N]."""
+    tool_angle: float
+    """Largest angle between n and the tip's x-axis [rad]."""
+
+
+NO_CHANGE = ForceChange(0.0, 0.0, 0.0)
+
+
+def commanded_rate(model: UvmsModel, u_limit: np.ndarray, fixed: np.ndarray, *, force: float = 0.0,
+                   missed: ForceChange = NO_CHANGE) -> Rate:
+    """Returns the bound |ζ̇₀| ≤ min(ū + |f| + p, r̄ + 2p) + c, tube/theory.md#declared-unknowns.
 
     Args:
         model: The controller's.
         u_limit: Limits ū of |𝔲| (6+n,) [m/s², rad/s²].
         fixed: r̄ (6+n,), rate of a plan and of the feedback [m/s², rad/s²].
         force: Largest ‖𝔉‖ of which |M⁻¹Jᵀ𝔉| is p [N]; zero if 𝔲 is within its limits without it.
+        missed: Change of a sensed force that its reading misses, of which |M⁻¹J_Eᵀ(𝔉_s − 𝔉)| is c.
     """
     def rate(at: Motions) -> np.ndarray:
         b, M = _bias(model, at.kinematics, at.zeta), model.mass_matrix(at.kinematics)
         drift = np.linalg.solve(M, b[..., None])[..., 0]
         J = at.kinematics.J_links[:, -1, :3]
-        pressed = force * np.linalg.norm(np.linalg.solve(M, J.swapaxes(-1, -2)), axis=-1)
-        return np.minimum(u_limit + np.abs(drift) + pressed, fixed + 2.0 * pressed)
+        gain = np.linalg.solve(M, J.swapaxes(-1, -2))
+        size = np.linalg.norm(gain, axis=-1)
+        pressed = force * size
+        # |G n| of the n nearest to the row of G, in the cone about the tip's x-axis.
+        off = np.arccos(np.clip(np.abs(gain[..., 0]) / np.maximum(size, 1e-300), 0.0, 1.0))
+        along = size * np.cos(np.maximum(off - missed.tool_angle, 0.0))
+        return (np.minimum(u_limit + np.abs(drift) + pressed, fixed + 2.0 * pressed)
+                + along * missed.normal + size * missed.tangential)
 
     return rate
 
 
-def drift_change(model: UvmsModel, declared: ConstraintSet, radii: np.ndarray, seed: int = 0
-                 ) -> np.ndarray:
-    """Returns the largest |f(𝔮, ζ) − f(𝔮̄, ζ̄)| (6+n,) that a search finds in free water.
+def drift_change(motions: MotionSet, radii: np.ndarray
+                 ) -> tuple[Function, tuple[np.ndarray, np.ndarray]]:
+    """Returns |f(𝔮, ζ) − f(𝔮̄, ζ̄)| (m, 6+n) in free water as a function of points, and their box.
 
     Args:
-        model: The controller's.
-        declared: Set of (𝔮, ζ).
+        motions: Set of (𝔮, ζ).
         radii: Bounds of the joints, roll and pitch, and of ζ (2+n+6+n,), each component.
-        seed: Seed of the search.
     """
-    n = model.num_joints
-    lower, upper = box(model, declared)
-    points = len(lower) - 2  # Without heading and phase.
+    model, (lower, upper) = motions.model, motions.box
+    n, points = model.num_joints, len(lower)
 
     def drift(at: Motions) -> np.ndarray:
         b = _bias(model, at.kinematics, at.zeta)
         return -np.linalg.solve(model.mass_matrix(at.kinematics), b[..., None])[..., 0]
 
     def values(pairs: np.ndarray) -> np.ndarray:
-        at = motions(np.pad(pairs[:, :points], ((0, 0), (0, 2))), model, declared)
+        at = motions.at(pairs[:, :points])
         config, off = at.config.copy(), pairs[:, points:] * radii
         config[:, 6:] += off[:, :n]
         config[:, 3:5] += off[:, n: n + 2]
@@ -107,8 +164,7 @@ def drift_change(model: UvmsModel, declared: ConstraintSet, radii: np.ndarray, s
         return np.abs(drift(at) - drift(near))
 
     one = np.ones(len(radii))
-    return supremum_over_joints(values, np.append(lower[:points], -one),
-                                np.append(upper[:points], one), seed)
+    return values, (np.append(lower, -one), np.append(upper, one))
 
 
 def by_robot(known: UvmsModel, true: UvmsModel, rate: Rate) -> UnmodelledTerm:
@@ -201,46 +257,21 @@ def _with_gravity(model: UvmsModel, gravity: np.ndarray) -> UvmsModel:
     return out
 
 
-def largest(errors: Sequence[UnmodelledTerm], model: UvmsModel, declared: ConstraintSet,
-            weights: np.ndarray | float = 1.0, seed: int = 0) -> np.ndarray:
-    """Returns the largest |dᵢ| of any of several errors, and their largest ‖Ŵ⁻¹d‖₂ (6+n+1,).
+def sizes_of(errors: Sequence[UnmodelledTerm], motions: MotionSet,
+             weights: np.ndarray | float = 1.0) -> Function:
+    """Returns the larger |dᵢ| and ‖Ŵ⁻¹d‖₂ (m, 6+n+1) of several errors as a function of points.
 
     Args:
         errors: Model errors, such as one of both signs.
-        model: The robot, for its geometry.
-        declared: The set.
+        motions: The set.
         weights: Diagonal of Ŵ (6+n,), or 1.
-        seed: Seed of the search.
     """
     def values(points: np.ndarray) -> np.ndarray:
-        at = motions(points, model, declared)
-        return np.max([sizes(error(at), weights) for error in errors], axis=0)
+        at = motions.at(points)
+        out: np.ndarray = np.max([sizes(error(at), weights) for error in errors], axis=0)
+        return out
 
-    lower, upper = box(model, declared)
-    return supremum_over_joints(values, lower, upper, seed)
-
-
-def box(model: UvmsModel, declared: ConstraintSet) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the bounds of the points that `motions` takes (6+2n+4,)."""
-    size = model.size
-    upper = np.concatenate([
-        declared.q_upper, [declared.roll, declared.pitch], np.ones(size), [np.pi, np.pi]])
-    lower = -upper
-    lower[: model.num_joints] = declared.q_lower
-    return lower, upper
-
-
-def motions(points: np.ndarray, model: UvmsModel, declared: ConstraintSet) -> Motions:
-    """Returns the motions of points (m, 6+2n+4): (q, roll, pitch), ζ in balls, heading, phase."""
-    n, size = model.num_joints, model.size
-    config = np.zeros((len(points), size))
-    config[:, 6:], config[:, 3:5] = points[:, :n], points[:, n: n + 2]
-    blocks = np.split(points[:, n + 2: n + 2 + size], [3, 6], axis=1)
-    zeta = np.concatenate([
-        radius * block / np.maximum(np.linalg.norm(block, axis=1, keepdims=True), 1.0)
-        for block, radius in zip(
-            blocks, (declared.nu1, declared.nu2, declared.qdot), strict=True)], axis=1)
-    return Motions(config, zeta, points[:, -2], points[:, -1], model.kinematics(config))
+    return values
 
 
 def sizes(affine: Affine, weights: np.ndarray | float) -> np.ndarray:

@@ -14,7 +14,6 @@ from uvms_drake.common.wiring import outputs, wire
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import (
     APART,
-    MEAN,
     EstimatorSettings,
     initial_contact_state,
     updated_contact_state,
@@ -232,7 +231,7 @@ def test_a_tip_that_retreats_too_fast_feels_nothing():
 def test_a_mean_reading_is_of_the_touches_at_the_place_of_the_last_one():
     """Noise that alternates is gone from it, and so are gaps, other places and older readings."""
     sensing = replace(SENSING, period=0.02)
-    count, known = round(MEAN / sensing.period), initial_contact_state(sensing)
+    count, known = round(sensing.mean / sensing.period), initial_contact_state(sensing)
 
     def read(known, place, force):
         tip = np.append(place, np.zeros(3))

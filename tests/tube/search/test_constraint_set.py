@@ -12,7 +12,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.constraint_set import ConstraintSet, pulled
 
 BOUNDS = ConstraintSet(
     q_lower=np.array([-0.4, 0.2, -0.5, -1.0]), q_upper=np.array([0.5, 1.2, 0.6, 0.8]), roll=0.3,
@@ -83,6 +83,29 @@ def test_depth_and_tip_pitch_count(model):
     loose = replace(BOUNDS, roll=1.5, pitch=1.5, yaw=np.pi)
     inside = contains(loose, model, model.configuration(y), np.zeros((3, 10)))
     assert list(inside) == [True, False, False]
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.3])
+def test_the_tool_keeps_its_angle_at_the_best_heading(model, angle):
+    """The direction points down by 0.2 rad; a sample is turned to the best heading."""
+    bounds = replace(BOUNDS, yaw=np.pi, tool=(0.2, angle))
+    config, _ = bounds.sample(model, 500, np.random.default_rng(3))
+    x_E = model.kinematics(config).A_E[:, :3, 0]
+    heading = np.arctan2(x_E[:, 1], x_E[:, 0])
+    n = np.stack([np.cos(0.2) * np.cos(heading), np.cos(0.2) * np.sin(heading),
+                  np.full(500, np.sin(0.2))], axis=1)
+    off = np.arccos(np.clip(np.sum(n * x_E, axis=1), -1.0, 1.0))
+    assert np.max(off) <= angle + 1e-6
+    assert np.mean(off > 0.98 * angle) > 0.1
+    chi = model.kinematics(bounds.centre(model)[None] @ np.eye(7, 10, 3)).chi
+    assert np.max(np.abs(bounds.normalised_tip(model, chi)[:, :2])) < 0.9
+
+
+def test_points_outside_are_moved_just_inside_and_others_stay():
+    x = np.array([[0.5, 0.0], [3.0, 0.0], [0.0, -2.0]])
+    out = pulled(lambda x: np.linalg.norm(x, axis=1) <= 1.0, x, np.zeros(2), 20)
+    np.testing.assert_allclose(out, [[0.5, 0.0], [1.0, 0.0], [0.0, -1.0]], atol=1e-5)
+    assert np.all(np.linalg.norm(out, axis=1) <= 1.0)
 
 
 def test_a_tip_pitch_that_nothing_can_keep_is_reported():

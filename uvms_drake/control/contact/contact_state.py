@@ -18,9 +18,6 @@ from uvms_drake.control.contact.stiffness_estimate import (
 )
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
-MEAN = 0.8
-"""Time over which a press averages its readings, while the tip stays where it is [s]: noise of
-±a moves the target by no more than 2a/κ̂ in that time."""
 APART = 0.003
 """Largest distance of the tip at those readings from its place at the last one [m]."""
 
@@ -44,6 +41,9 @@ class EstimatorSettings:
     repeats: int = 3
     """m, number of readings in a row, equal in all six components, of a frozen sensor; 0: none is
     detected. See `ForceFaultDetector`."""
+
+    mean: Annotated[float, NotNegative] = 0.8
+    """Time over which readings are averaged for a target, where the tip stays [s]."""
 
     def __post_init__(self) -> None:
         check_values(self)
@@ -79,7 +79,7 @@ class ContactState(NamedTuple):
     missing: np.ndarray
     """Number of readings in a row that are missing (1,)."""
     recent: np.ndarray
-    """Position of the tip [m] and force n·𝐅 [N] of the readings of the time `MEAN` (4m,); NaN for
+    """Position of the tip [m] and force n·𝐅 [N] of the readings of the time `mean` (4m,); NaN for
     those that are missing or no touch."""
 
     @property
@@ -99,7 +99,7 @@ def initial_contact_state(sensing: EstimatorSettings) -> ContactState:
     """Returns the state before any reading."""
     return ContactState(np.full(3, np.nan), np.append(np.full(4, np.nan), 0.0), NO_ESTIMATE.state,
                         np.full(6 * sensing.readings, np.nan), np.zeros(1),
-                        np.full(4 * max(round(MEAN / sensing.period), 1), np.nan))
+                        np.full(4 * max(round(sensing.mean / sensing.period), 1), np.nan))
 
 
 def without_reading(before: ContactState) -> np.ndarray:

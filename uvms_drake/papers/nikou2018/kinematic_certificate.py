@@ -30,7 +30,7 @@ from uvms_drake.papers.nikou2018.transpose import Transpose, undetermined_joints
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants import checked_constants, estimate_constants
-from uvms_drake.tube.estimates import CertificateSettings, unrefuted
+from uvms_drake.tube.estimates import CertificateSettings, checked
 from uvms_drake.tube.row_gains import attitude_radii
 from uvms_drake.tube.search.ascent import first_order
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -112,7 +112,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
     if not draft.certified:
         return draft
     # Second search, terminal set and first plan.
-    conditions += unrefuted(found.second())
+    conditions += checked(found.second())
     progress("terminal set", 0.9)
     problem = KinematicMpc(model, mpc, y_des, bounds.tightened(TubeRadii(**radii)))
     epsilon, worst, limiting = terminal_set(problem, settings.terminal_samples, settings.seed)

@@ -30,6 +30,11 @@ LONGEST_FREEZE = 0.25
 """Longest time for which a frozen reading is taken for a force before it is detected [s]; the safe
 region allows for it at every reading. A sensor that needs longer has no detection."""
 
+STANDING = np.array([0.002, 0.002, 0.01])
+"""Largest speeds of a plan that stands: advance of the tip [m/s], ‖ν̄₂‖ and ‖q̄̇‖ [rad/s]."""
+LONGEST_MEAN = 0.8
+"""Longest time over which a press averages its readings [s]."""
+
 
 def sensed_contact(scenario: Scenario) -> SensedContact:
     """Returns the declared data of the wall."""
@@ -130,7 +135,20 @@ def sensing_of(scenario: Scenario) -> EstimatorSettings:
         repeats = 0
     return EstimatorSettings(
         force_max=contact.force, noise=contact.force_error, period=contact.period,
-        window=contact.delay, repeats=repeats)
+        window=contact.delay, repeats=repeats, mean=mean_time(scenario))
+
+
+def mean_time(scenario: Scenario) -> float:
+    """Returns the time over which a press averages its readings [s].
+
+    So long that the part of a reading's error that may change at once, of both signs, moves a
+    target by κ₊ no faster than a plan that stands.
+    """
+    reading = known_reading(scenario)
+    if reading is None:
+        return LONGEST_MEAN
+    swing = 2.0 * float(np.max((reading.error - reading.constant)[:3]))
+    return min(LONGEST_MEAN, swing / (sensed_contact(scenario).stiffness * float(STANDING[0])))
 
 
 def fastest_advance(contact: UnknownContact) -> float:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from uvms_drake.control.contact.contact_state import MEAN
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.control.plan.plan import off_parabola, stopping_distance
@@ -16,11 +15,13 @@ from uvms_drake.sensing.force_fault_detector import CHANCE, chance_of_run, run_o
 from uvms_drake.station.contact.bounds import (
     BETWEEN_KNOTS,
     SAFE_REGION,
+    STANDING,
     between_knots,
     fastest_advance,
     largest_force,
     largest_normal_force,
     largest_reading_error,
+    mean_time,
     mission_conditions,
     pressing_force,
     reading_of,
@@ -38,9 +39,6 @@ from uvms_drake.tube.estimates import Check, together
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.ultimate_bounds import error_along
-
-STANDING = np.array([0.002, 0.002, 0.01])
-"""Largest speeds of a plan that stands: advance of the tip [m/s], ‖ν̄₂‖ and ‖q̄̇‖ [rad/s]."""
 
 AT_TARGET = 1.0
 """Largest κ̂ℓ of a plan at its target, ℓ its distance from it [N]."""
@@ -116,10 +114,11 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
         omega * age * (np.sin(contact.angle) + mu * np.cos(contact.angle)) / np.hypot(1.0, mu)
         + 0.5 * omega**2 * (age**2 + approach.lag**2))
     return HoldRadii(
-        time=found.time + MEAN, depth=found.bounds.depth, position=found.bounds.position,
+        time=found.time + mean_time(scenario),
+        depth=found.bounds.depth, position=found.bounds.position,
         advance=float(found.speeds[0]), standing=float(STANDING[0]),
         reading=error_along(reading.error, contact.tool_angle) + reading.payload[0] + float(turned),
-        age=age, since=0.5 * (MEAN + contact.period)), condition
+        age=age, since=0.5 * (mean_time(scenario) + contact.period)), condition
 
 
 def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:

@@ -16,7 +16,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.contact.enclosure import Enclosure
 from uvms_drake.tube.contact.gain_expansions import Expansion, expansions, pair_of
 from uvms_drake.tube.contact.sensor_gains import ALONE, Suprema, norm, norms_over_joints, suprema_of
-from uvms_drake.tube.estimates import Check, Estimate, largest_of
+from uvms_drake.tube.estimates import Check, Estimate, extremes_of, searched_again
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 
@@ -158,8 +158,8 @@ class Proof(NamedTuple):
     """True if every claim is."""
     boxes: int
     """Number of boxes evaluated."""
-    largest: float
-    """Largest value at a box's centre, over its claim: more than 1 refutes it."""
+    largest: np.ndarray
+    """Largest values at boxes' centres over the claims (c,): more than 1 refutes one."""
 
 
 def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float, *,
@@ -175,17 +175,21 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
     """
     sizes, box = norms_over_joints(model, declared, tool_angle)
     claims = safety_factor * supremum_over_joints(sizes, *box, seed)
-    claims[[2, 4]] *= SLOPES_OF_J
-    claims[ALONE + 3::4] *= SLOPES_OF_A
+    provable = claims[:PROVABLE].copy()
+    provable[[2, 4]] *= SLOPES_OF_J
+    provable[ALONE + 3::4] *= SLOPES_OF_A
     joints = declared.q_lower, declared.q_upper
-    proof = proof_of(model, *joints, tool_angle, claims[:PROVABLE], MOST_WORK)
-    first = PROVABLE if proof.proven else 0
+    proof = proof_of(model, *joints, tool_angle, provable, MOST_WORK)
+    first = 0
+    if proof.proven:
+        first, claims[:PROVABLE] = PROVABLE, provable
 
     def check() -> tuple[Estimate, ...]:
-        second = second_over_joints(sizes, *box, seed)
+        second = searched_again(claims, lambda which, attempt: second_over_joints(
+            lambda x: sizes(x)[:, which], *box, seed, attempt))
         if not proof.proven:  # The values of an attempt count, too.
-            second = np.maximum(second, proof.largest * claims)
-        return (largest_of("norms of M⁻¹J_Eᵀ", claims[first:], second[first:]),)
+            second[:PROVABLE] = np.maximum(second[:PROVABLE], proof.largest * provable)
+        return extremes_of("norms of M⁻¹J_Eᵀ", claims[first:], second[first:])
 
     return Claimed(suprema_of(claims), proof.proven, check)
 
@@ -205,18 +209,18 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
         most_work: Largest work, see `MOST_WORK`.
     """
     if len(lower) == 0:
-        return Proof(False, 0, 0.0)
+        return Proof(False, 0, np.zeros(len(claims)))
     # The whole range of the joints is the first box.
     directions = corners_of_cone(tool_angle)
     todo = [(0.5 * (lower + upper), 0.5 * (upper - lower))]
-    boxes, largest, most = 0, 0.0, most_work // 4 ** len(lower)
+    boxes, largest, most = 0, np.zeros(len(claims)), most_work // 4 ** len(lower)
     while todo and boxes < most:
         taken, todo = todo[-BATCH:], todo[:-BATCH]
         centre, half = (np.array(each) for each in zip(*taken, strict=True))
         boxes += len(taken)
         found = bounds(model, centre, half, directions, claims)
-        largest = max(largest, float(np.max(_over_claim(found.value, claims))))
-        if largest > 1.0:
+        largest = np.maximum(largest, np.max(_over_claim(found.value, claims), axis=0))
+        if np.any(largest > 1.0):
             break
         # Boxes above a claim are cut along the coordinates that count most.
         over = _over_claim(found.upper, claims) * (1.0 + ROUNDING) > 1.0
@@ -229,7 +233,7 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
             width = half[i] / pieces
             todo += [(centre[i] + width * (2.0 * np.array(at) + 1.0 - pieces), width)
                      for at in product(*map(range, pieces))]
-    return Proof(not todo and largest <= 1.0, boxes, largest)
+    return Proof(not todo and bool(np.all(largest <= 1.0)), boxes, largest)
 
 
 def pieces_of(worth: np.ndarray, excess: float) -> np.ndarray:

@@ -36,10 +36,6 @@ ACTIVE = 0.97
 """Fraction of a bound from which on it bends a step."""
 DIFFERENCE = 1e-6
 """Step of the finite differences of bounded values."""
-PULLS = 5
-"""Halvings of a step that leaves the set."""
-EDGE = 1e-9
-"""Allowance for rounding at a bound."""
 
 
 def first_order(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
@@ -78,6 +74,7 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience
     for _ in range(ROUNDS):
         for _ in range(patience * STEPS):
             climb.step()
+        climb.exchange()
         value = climb.value.reshape(len(wanted), -1)
         better = np.argsort(-value, axis=1, kind="stable")[:, : max(1, value.shape[1] // 2)]
         climb.keep((first * value.shape[1] + better).ravel())
@@ -120,6 +117,18 @@ class Climb:
         self.x, self.error, self.value = self.x[which], self.error[which], self.value[which]
         self._mask, self._reach, self._last = (
             self._mask[which], self._reach[which], self._last[which])
+
+    def exchange(self) -> None:
+        """Puts the best motion of all in the place of each channel's worst, if it is a record."""
+        reached = np.linalg.norm(self._problem.values(self.x, self.error)[:, None]
+                                 * self._mask, axis=2)  # (m, m): motions by channels
+        for mask in np.unique(self._mask, axis=0):
+            own = np.nonzero(np.all(self._mask == mask, axis=1))[0]
+            best = np.argmax(reached[:, own[0]])
+            if reached[best, own[0]] > np.max(self.value[own]):
+                worst = own[np.argmin(self.value[own])]
+                self.x[worst], self.error[worst] = self.x[best], self.error[best]
+                self.value[worst] = reached[best, own[0]]
 
     def step(self) -> None:
         """Takes one step."""
@@ -207,9 +216,10 @@ class Climb:
         # Along active limits.
         steps = DIFFERENCE * np.diag(scale)
         sides = (pose[:, None] + np.concatenate([steps, -steps])).reshape(-1, len(scale))
-        plus, minus = np.split(self._problem.bounded(sides).reshape(len(pose), -1, 3), 2, axis=1)
         level = self._problem.bounded(pose)
-        for i in range(3):
+        plus, minus = np.split(self._problem.bounded(sides).reshape(
+            len(pose), -1, level.shape[1]), 2, axis=1)
+        for i in range(level.shape[1]):
             slope = (plus - minus)[..., i] * (np.abs(up) > 0.0)
             slope = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
             along = np.sum(up * slope, axis=1)
@@ -219,19 +229,10 @@ class Climb:
 
     def _kept(self, pose: np.ndarray) -> np.ndarray:
         """Returns poses (k, m, 6+n), pulled towards the climbers until they are inside."""
-        pose = np.clip(pose, *self._box)
-        here = self.x[:, : self._problem.size]
-        low, high = np.zeros((*pose.shape[:2], 1)), np.ones((*pose.shape[:2], 1))
-        share = high
-        for _ in range(PULLS):
-            tried = (here + share * (pose - here)).reshape(-1, pose.shape[-1])
-            inside = np.all(np.abs(self._problem.bounded(tried)) <= 1.0 + EDGE, axis=1
-                            ).reshape(share.shape)
-            low, high = np.where(inside, share, low), np.where(inside, high, share)
-            if np.all(low == 1.0):
-                break
-            share = np.where(low == 1.0, 1.0, 0.5 * (low + high))
-        return here + low * (pose - here)
+        here = np.broadcast_to(self.x[:, : self._problem.size], pose.shape)
+        return self._problem.pulled(
+            *(each.reshape(-1, pose.shape[-1]) for each in (np.clip(pose, *self._box), here)),
+            ).reshape(pose.shape)
 
 
 def _unit(vectors: np.ndarray, otherwise: np.ndarray | float) -> np.ndarray:

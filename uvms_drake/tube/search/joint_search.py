@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from uvms_drake.tube.estimates import Check, largest_of
+from uvms_drake.tube.estimates import Check, extremes_of, searched_again
 from uvms_drake.tube.search.second_search import by_flips
 
 GRID_POINTS = 6000
@@ -15,7 +15,9 @@ ROUNDS, ROUND_POINTS, SHRINK = 12, 600, 0.6
 """Rounds of random points about the worst ones, points in each, and ratio of the sizes of two
 rounds."""
 POINTS, SWEEPS = 500, 3
-"""Random points of the second search, and its sweeps over all coordinates from the worst one."""
+"""Random points of the second search, and sweeps over all coordinates from the worst ones."""
+STARTS = 3
+"""Random points, the worst for each value, that are moved by flips where there is no grid."""
 BATCH = 128
 """Number of points evaluated at a time: their matrices stay in the processor's cache."""
 BOUND_SHARE = 0.3
@@ -55,6 +57,11 @@ def supremum_over_joints(function: Function, lower: np.ndarray, upper: np.ndarra
     # Random points closer and closer to the worst ones.
     values = values_at(unit)
     best, where = values.max(axis=0), unit[np.argmax(values, axis=0)]
+    if size > MOST_AXES:  # By flips of their coordinates, before.
+        worst = np.unique(np.argsort(-values, axis=0)[:STARTS])
+        best, where = by_flips(lambda z: values_at(0.5 * (1.0 + z)), 2.0 * unit[worst] - 1.0, rng,
+                               SWEEPS, STARTS)
+        where = 0.5 * (1.0 + where)
     each, reach = max(8, ROUND_POINTS // len(best)), 1.0 / (along - 1)
     for _ in range(ROUNDS):
         steps = reach * rng.uniform(-1.0, 1.0, (len(best), each, size))
@@ -67,18 +74,18 @@ def supremum_over_joints(function: Function, lower: np.ndarray, upper: np.ndarra
     return best
 
 
-def second_over_joints(function: Function, lower: np.ndarray, upper: np.ndarray, seed: int = 0
-                       ) -> np.ndarray:
+def second_over_joints(function: Function, lower: np.ndarray, upper: np.ndarray, seed: int = 0,
+                       attempt: int = 0) -> np.ndarray:
     """Returns the largest values (c,) of a second search, see `supremum_over_joints`."""
     middle, half = 0.5 * (upper + lower), 0.5 * (upper - lower)
-    rng = np.random.default_rng([seed, 1])
+    rng = np.random.default_rng([seed, 1, attempt])
     start = np.clip(rng.uniform(-1.3, 1.3, (POINTS, len(lower))), -1.0, 1.0)
     return by_flips(lambda z: function(middle + half * z), start, rng, SWEEPS, 1)[0]
 
 
 def claimed_over_joints(name: str, function: Function, lower: np.ndarray, upper: np.ndarray,
                         factor: float, seed: int) -> tuple[np.ndarray, Check]:
-    """Returns the claims (c,) of a function, and their check; its estimate is the closest one.
+    """Returns the claims (c,) of a function, and their check; its estimates are the extreme ones.
 
     Args:
         name: Name of the estimate.
@@ -89,5 +96,6 @@ def claimed_over_joints(name: str, function: Function, lower: np.ndarray, upper:
         seed: See `function`.
     """
     claim = factor * supremum_over_joints(function, lower, upper, seed)
-    return claim, lambda: (
-        largest_of(name, claim, second_over_joints(function, lower, upper, seed)),)
+    return claim, lambda: extremes_of(name, claim, searched_again(
+        claim, lambda which, attempt: second_over_joints(
+            lambda x: function(x)[:, which], lower, upper, seed, attempt)))

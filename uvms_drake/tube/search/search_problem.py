@@ -14,8 +14,10 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
-from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.constraint_set import ROUNDING, ConstraintSet, pulled
 
+PULLS = 5
+"""Halvings of a step that leaves the set."""
 Part = tuple[np.ndarray, float]
 """Matrix (errors, j) and radius: the errors are the sum of matrix · ball of the radius."""
 
@@ -69,14 +71,19 @@ class SearchProblem(ABC):
         return self._placed(pose)[0]
 
     def bounded(self, pose: np.ndarray) -> np.ndarray:
-        """Returns values of poses (m, 6+n) that have to be in [−1, 1], besides their box (m, 3).
+        """Returns values of poses (m, 6+n) that have to be in [−1, 1], besides their box (m, 4).
 
-        Tip pitch, contact, and the attitude over that at which the contact's law jumps.
+        Tip pitch, tool angle, contact, and the attitude over that at which the contact's law jumps.
         """
         chi = self._placed(pose)[1]
         turned = self.model.surface.turned(chi) / NEAREST_TO_A_JUMP
         return np.concatenate(
             [self.declared.normalised_tip(self.model, chi), turned[:, None]], axis=1)
+
+    def pulled(self, pose: np.ndarray, inside: np.ndarray) -> np.ndarray:
+        """Returns poses (m, 6+n) of the box, moved towards others of the set (m, 6+n) into it."""
+        return pulled(lambda x: np.all(np.abs(self.bounded(x)) <= 1.0 + ROUNDING, axis=1),
+                      pose, inside, PULLS)
 
     def _placed(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns 𝔮 (..., 6+n) as of `config`, and χ (..., 6) there."""

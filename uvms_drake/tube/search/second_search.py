@@ -3,9 +3,9 @@
 A point of the cube [−1, 1]ᵈ is moved along one coordinate after the other: to either bound, to
 anywhere, and a little; the best of these counts, if it is better. In ū and in errors, in which
 remainders are affine or nearly so, a flip to a bound is soon the maximum. Motions are points by a
-map on which ζ̄ is projected on its balls, and the errors are furthest along a direction in their
-sets. From several random points each, and from where the flips end by a few steps of `ascent`:
-nothing of it knows where the first search has been. See
+map on which poses are moved into the set, ζ̄ is projected on its balls, and the errors are furthest
+along a direction in their sets. From several random points each, and from where the flips end by a
+few steps of `ascent`: nothing of it knows where the first search has been. See
 tube/theory.md#estimates-and-second-searches.
 """
 
@@ -13,8 +13,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from uvms_drake.tube.estimates import Check, Estimate
+from uvms_drake.tube.estimates import Check, Estimate, searched_again
 from uvms_drake.tube.search.ascent import Climb, supremum
+from uvms_drake.tube.search.constraint_set import MANY
 from uvms_drake.tube.search.search_problem import SearchProblem
 
 STARTS, SWEEPS, STEPS = 4, 1, 8
@@ -41,10 +42,11 @@ def by_flips(function: Values, start: np.ndarray, rng: np.random.Generator, swee
         kept: Number of the points, the best for each value, from which it is searched for.
     """
     values, d = _evaluated(function, start), start.shape[1]
-    largest, order = np.max(values, axis=0), np.argsort(-values, axis=0, kind="stable")[:kept]
-    own = np.repeat(np.arange(len(largest)), len(order))
+    order = np.argsort(-values, axis=0, kind="stable")[:kept]
+    count, kept = values.shape[1], len(order)
+    own = np.repeat(np.arange(count), kept)
     point, best = start[order.T.ravel()], values[order.T.ravel(), own]
-    row = np.arange(len(own))
+    row, first = np.arange(len(own)), kept * np.arange(count)
     for sweep in range(sweeps):
         for i in rng.permutation(d):
             tried = np.repeat(point[:, None], 4, axis=1)
@@ -52,15 +54,21 @@ def by_flips(function: Values, start: np.ndarray, rng: np.random.Generator, swee
             tried[:, 2, i] = rng.uniform(-1.0, 1.0, len(own))
             tried[:, 3, i] += NEAR * 0.5**sweep * rng.normal(size=len(own))
             tried = np.clip(tried, -1.0, 1.0)
-            found = _evaluated(function, tried.reshape(-1, d))
-            largest = np.maximum(largest, np.max(found, axis=0))  # Also of the others.
-            found = found.reshape(len(own), 4, -1)[row, :, own]
+            at = tried.reshape(-1, d)
+            every = _evaluated(function, at)
+            found = every.reshape(len(own), 4, -1)[row, :, own]
             which = np.argmax(found, axis=1)
             better = found[row, which] > best
             point[better] = tried[row, which][better]
             best[better] = found[row, which][better]
-    first = np.argmax(best.reshape(len(largest), -1), axis=1)
-    return largest, point.reshape(len(first), -1, d)[np.arange(len(first)), first]
+            # A record for a value by a move of another's point takes the place of its worst point.
+            slots = best.reshape(count, kept)
+            worst = first + np.argmin(slots, axis=1)
+            value, most = np.max(every, axis=0), np.argmax(every, axis=0)
+            record = value > np.max(slots, axis=1)
+            point[worst[record]], best[worst[record]] = at[most[record]], value[record]
+    first = first + np.argmax(best.reshape(count, kept), axis=1)
+    return best[first], point[first]
 
 
 def _evaluated(function: Values, at: np.ndarray) -> np.ndarray:
@@ -68,19 +76,21 @@ def _evaluated(function: Values, at: np.ndarray) -> np.ndarray:
     return np.concatenate([function(at[i: i + BATCH]) for i in range(0, len(at), BATCH)])
 
 
-def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Generator
-                  ) -> np.ndarray:
+def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Generator,
+                  effort: int = 1) -> np.ndarray:
     """Returns the largest values found of the wanted channels (number of `wanted`,).
 
     Args:
         problem: The problem.
         wanted: Indices of channels.
         rng: Source of random numbers.
+        effort: Factor of the number of sweeps and of steps.
     """
     # The cube of all coordinates, about the middle of the set.
     size, declared, channels = problem.size, problem.declared, [problem.channels[i] for i in wanted]
-    drawn, scale = problem.draw(STARTS, rng), declared.scale(problem.model)[:size]
-    middle = np.append(drawn[0, :3], np.mean(declared.box, axis=0))
+    drawn, scale = problem.draw(MANY, rng), declared.scale(problem.model)[:size]
+    within = drawn[np.argmin(np.max(np.abs(problem.bounded(drawn[:, :size])), axis=1)), :size]
+    middle = np.append(within[:3], np.mean(declared.box, axis=0))
     balls = ((slice(0, 3), declared.nu1), (slice(3, 6), declared.nu2),
              (slice(6, size), declared.qdot))
 
@@ -89,6 +99,7 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
         pose, zeta, u, along = np.split(z, [size, 2 * size, 3 * size], axis=1)
         pose, zeta = middle + scale * pose, zeta.copy()
         pose[:, 3:] = np.clip(pose[:, 3:], *declared.box)
+        pose = problem.pulled(pose, within)
         for ball, radius in balls:
             zeta[:, ball] *= radius / np.maximum(
                 1.0, np.linalg.norm(zeta[:, ball], axis=1, keepdims=True))
@@ -100,22 +111,25 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
         return np.concatenate([pose, zeta, u], axis=1), error
 
     def values(z: np.ndarray) -> np.ndarray:
-        """Returns the sizes of the channels, those of motions outside of the set negative."""
-        x, error = decode(z)
-        found = problem.values(x, error)
-        sizes = [np.linalg.norm(found[:, channel], axis=1) for channel in channels]
-        outside = np.max(np.abs(problem.bounded(x[:, :size])), axis=1)[:, None]
-        return np.where(outside <= 1.0, np.stack(sizes, axis=1), -outside)
+        """Returns the sizes of the channels."""
+        found = problem.values(*decode(z))
+        return np.stack([np.linalg.norm(found[:, each], axis=1) for each in channels], axis=1)
 
     # Flips from random motions of the set and anything else, then an ascent.
-    start = rng.uniform(-1.0, 1.0, (STARTS, 3 * size + problem.errors))
+    start = rng.uniform(-1.0, 1.0, (MANY, 3 * size + problem.errors))
     start[:, 3:size] = np.clip((drawn[:, 3:size] - middle[3:]) / scale[3:], -1.0, 1.0)
     start[:, :3] = 0.0
-    largest, point = by_flips(values, start, rng, SWEEPS, STARTS)
+    largest, point = by_flips(values, start, rng, effort * SWEEPS, STARTS)
     climb = Climb(problem, *decode(point), channels)
-    for _ in range(STEPS):
+    for _ in range(effort * STEPS):
         climb.step()
     return np.maximum(largest, climb.value)
+
+
+def again(problem: SearchProblem, wanted: np.ndarray, claim: np.ndarray, seed: int) -> np.ndarray:
+    """Returns the result of `second_search`, repeated with more effort where it has no power."""
+    return searched_again(claim, lambda which, attempt: second_search(
+        problem, wanted[which], np.random.default_rng([seed, 1, attempt]), 1 + attempt))
 
 
 def claimed(problem: SearchProblem, names: Sequence[str], x: np.ndarray, values: np.ndarray,
@@ -137,9 +151,7 @@ def claimed(problem: SearchProblem, names: Sequence[str], x: np.ndarray, values:
     wanted = np.nonzero(np.any(values > 0.0, axis=0))[0]
 
     def check() -> tuple[Estimate, ...]:
-        if len(wanted) == 0:
-            return ()
-        second = second_search(problem, wanted, np.random.default_rng([seed, 1]))
+        second = again(problem, wanted, claim[wanted], seed)
         return tuple(Estimate(names[int(i)], float(claim[i]), float(each))
                      for i, each in zip(wanted, second, strict=True))
 
