@@ -97,8 +97,8 @@ def read_tables() -> list[dict[str, str]]:
 
 
 def heads(lines: list[str]) -> str:
-    """Returns the beginnings of lines, up to the first colon, in a cell of a table."""
-    return "; ".join(dict.fromkeys(line.partition(":")[0] for line in lines)) or "nothing"
+    """Returns the beginnings of lines, up to the first colon and blank, in a cell of a table."""
+    return "; ".join(dict.fromkeys(line.partition(": ")[0] for line in lines)) or "nothing"
 
 
 def press(name: str, case: Case, folder: Path) -> tuple[str, str]:

@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.outputs import DATA, DATA_ONLY, written
 from support.robots import copied
@@ -14,7 +15,11 @@ from uvms_drake.certificate.certificate import fingerprint, read_certificate, wr
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
 
-SHORT = ["girona500_bilateral", "--set", "duration=0.4"]
+SHORT = ["girona500_bilateral", "--set", "duration=0.4", "--set", "task.force=[4, 0, 0, 0, 0, 0]",
+         "--set", "disturbance.bound=0.05",
+         "--set", f"surface.stiffness={np.diag([100.0, 40.0, 40.0, 0.5, 0.5, 0.5]).tolist()}"]
+"""In contact from the start, with a spring so soft that most starts are accepted, and half of the
+disturbance that the tube is for: the seed is another with every change of the package."""
 CERTIFY = ["certify", *SHORT, "--runs", "2", "--workers", "1"]
 VERDICT = ("certified in probability: at most 84.2 % per run at 95 % confidence over all attempts "
            "(attempt 1), for the declared distribution")

@@ -158,7 +158,7 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     scenario = uv.load_scenario("girona500_ideal", [CLOSE])
     told = []
 
-    def without_limits(ocp, ancillary, targets, limits, command_path, solver, press):
+    def without_limits(ocp, ancillary, targets, limits, command_path, solver, press, safety):
         told.append(limits)
         return uv.make_tube_mpc(ocp, ancillary, targets, solver=solver)
 

@@ -74,7 +74,7 @@ def test_noise_within_its_bound_cannot_keep_the_plan_in_motion(wave, share):
 def test_a_plan_that_deepest_keeps_short_of_its_target_is_in_no_hold():
     record = run_of(8.0, deepest=0.022)
     contact = sensed_contact(record.scenario)
-    assert mean_time(record.scenario) == pytest.approx(MEAN)
+    assert mean_time(record.scenario) == pytest.approx(MEAN, rel=0.02)
     stiff = replace(record.scenario, contact=replace(contact, stiffness=20000.0))
     assert mean_time(stiff) == pytest.approx(0.05 * MEAN, rel=0.1)
     found, stood = force_bands(record), has_stood(record) & (record.signals["touched"][:, 0] > 0.0)

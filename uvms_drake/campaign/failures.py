@@ -40,7 +40,8 @@ def failures_of(result: Mapping[str, Any]) -> tuple[str, ...]:
         "contact": max(result["losses"], wall.get("losses", 0)) > 0,
         "no touch": not result["touched"],
         "force line": (result["off_line"] or 0.0) > 1.0,
-        "mission": not result.get("mission", {"done": True})["done"]}
+        "mission": not result.get("mission", {"done": True})["done"],
+        "retreat": result.get("retreated_s") is not None}
     return tuple(kind for kind in FAILURES if did.get(kind, False))
 
 

@@ -113,6 +113,7 @@ def outcome(record: Record) -> dict[str, Any]:
         "terminal_slack": found["mpc"]["worst_terminal_slack"],
         "limited": any(event["kind"] == "input_limited" for event in found["events"]),
         "finite": is_finite(record),
+        "retreated_s": record.trip if np.isfinite(record.trip) else None,
         **({"wall": wall} if wall else {}),
         **({"mission": mission_outcome(mission)} if mission else {}),
     }

@@ -34,6 +34,7 @@ FAILURES = {
     "no touch": "never touched the wall",
     "force line": "pressed off the desired force by more than the force line at the end of a hold",
     "mission": "did not complete a step of its mission",
+    "retreat": "ended in a retreat of the supervisor",
 }
 """Kinds of failure of a run, in words."""
 BISECTIONS = 100

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 BROKEN, FAILED = 3, 4
-"""Exit status of a completed run that passed a limit, left its tube, or pressed a wall that is not
-of its declared class; and of a run that an exception ended."""
+"""Exit status of a completed run that passed a limit, left its tube, pressed a wall that is not of
+its declared class, or retreated; and of a run that an exception ended."""
 BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
 """Names of the bands of the force of a sensed contact."""
 NAMED = ("tube", "limit", "contact")
@@ -31,6 +31,9 @@ def verdict_of(summary: dict[str, Any], also: Sequence[str] = ()) -> dict[str, A
         since = f", from {min(begins):.2f} s on" if begins else ""
         return {"status": FAILED, "text": f"FAILED {summary['failure']}" + (
             f"; before that LIMITS VIOLATED: {failed}{since}" if failed else "")}
+    if retreat := summary.get("safety", {}).get("text"):
+        return {"status": BROKEN, "text": retreat + (
+            f"; LIMITS VIOLATED: {failed}" if failed else "")}
     if claim is not None:
         own = (f"this run FAILED: {failed}" if failed else
                "this run did not fail: tube and all limits kept")

@@ -1,14 +1,18 @@
 """The tube-based NMPC: nominal MPC and ancillary feedback as one Diagram."""
 
-
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import outputs, wire
+from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.press_control import PressControl
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
-from uvms_drake.control.feedback.disturbance_observer import add_observer, export_inputs
+from uvms_drake.control.feedback.disturbance_observer import (
+    RowObserver,
+    add_observer,
+    export_inputs,
+)
 from uvms_drake.control.feedback.feedforward_preview import add_feedforward_preview
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
@@ -18,14 +22,17 @@ from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.ocp.solvers import make_solver
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
+from uvms_drake.control.supervisor.supervisor import Safety, Supervisor
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
+from uvms_drake.model.uvms_model import UvmsModel
 
 
 def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
                   targets: Targets | None = None, limits: Limits | None = None,
                   command_path: CommandPath = IDEAL_PATH,
                   solver: Solver | None = None,
-                  press: PressControl | None = None) -> Diagram:
+                  press: PressControl | None = None,
+                  safety: Safety | None = None) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
     ::
@@ -47,12 +54,14 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
         - fault (optional)
         - desired_force (optional, with targets or a press control)
         - force_valid, place, deepest (with a press control)
+        - force_status, fix_age (optional, with a supervisor)
         output_ports:
         - tau
         - u
         - state_lost
         - input_limited
         - pair
+        - safety, safety_ratio, input_filtered (with a supervisor)
         - nominal_state
         - nominal_input
         - plan
@@ -70,6 +79,8 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
     - `state_lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
     - `input_limited`: 1 while a limit cuts the law's command, else 0 (1).
     - `pair`: `Pair` of measured and nominal motion, for a `TubeMonitor`.
+    - `force_status`, `fix_age`, `safety`, `safety_ratio`: see `Supervisor`.
+    - `input_filtered`: 1 while the filter of the joints cuts the command, else 0 (1).
     - Those of a press control: see `PressControl`; its law takes the measured force, through a
       `HoldLastValue` that `force_lost` releases.
     - The others: see `NominalMpc`.
@@ -84,6 +95,7 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
         solver: Solver of the problem; that of its `MpcConfig` if None, see `make_solver`.
         press: Press on an unknown wall by the measured force, for a `TrackingOcp`; None: the model
             has the force.
+        safety: Supervisor of a press; None: there is none.
 
     Raises:
         InvalidParameter: The problem is that of a sensed contact, without a press control.
@@ -103,7 +115,8 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
         pressing.connect(builder, mpc)
     # Feedback about the plan, with the plan's forces in advance.
     feedback = AncillaryFeedback.AddToBuilder(
-        builder, ocp.model, law, limits, name="ancillary", state=measured)
+        builder, ocp.model, law, limits, None if safety is None else safety.retreat,
+        None if safety is None else safety.allocation, name="ancillary", state=measured)
     wire(builder, feedback, outputs(mpc))
     add_feedforward_preview(
         builder, ocp.model, law, feedback, command_path, nominal=mpc,
@@ -112,8 +125,8 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
 
     # Ports of the controller: its systems' own, by their names.
     builder.ExportInput(state.get_input_port(), "state")
-    export_inputs(builder, feedback, add_observer(
-        builder, ocp.model, law, feedback, state=measured))
+    observer = add_observer(builder, ocp.model, law, feedback, state=measured)
+    export_inputs(builder, feedback, observer)
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     for name in ("tau", "u", "pair"):
         builder.ExportOutput(feedback.GetOutputPort(name), name)
@@ -123,9 +136,33 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
         builder.ExportOutput(mpc.GetOutputPort(name), name)
     if pressing is not None:
         pressing.export(builder)
+        if safety is not None:
+            _add_supervisor(builder, ocp.model, safety, command_path, mpc, feedback, observer,
+                            pressing.estimator)
     elif targets is not None:
         builder.ExportInput(mpc.GetInputPort("desired_force"), "desired_force")
         builder.ExportOutput(mpc.GetOutputPort("accepted_force"), "desired_force")
     diagram = builder.Build()
     diagram.set_name("tube_mpc")
     return diagram
+
+
+def _add_supervisor(builder: DiagramBuilder, model: UvmsModel, safety: Safety, path: CommandPath,
+                    mpc: NominalMpc, feedback: AncillaryFeedback, observer: RowObserver | None,
+                    estimator: ContactEstimator) -> None:
+    """Adds the supervisor of a press, at the ticks of the clock of the law if it has one."""
+    supervisor = Supervisor.AddToBuilder(
+        builder, model, safety.thresholds, safety.retreat, path.period,
+        pair=feedback.GetOutputPort("pair"), report=mpc.GetOutputPort("report"),
+        force_lost=estimator.GetOutputPort("force_lost"), raised=feedback.GetOutputPort("raised"),
+        limited=feedback.GetOutputPort("limited"),
+        estimate=None if observer is None else observer.get_output_port())
+    for name in ("state", "force_valid"):
+        builder.ConnectInput(name, supervisor.GetInputPort(name))
+    for name in ("force_status", "fix_age"):
+        builder.ExportInput(supervisor.GetInputPort(name), name)
+    for listener in (mpc, feedback):
+        builder.Connect(supervisor.GetOutputPort("retreat"), listener.GetInputPort("retreat"))
+    for name in ("safety", "safety_ratio"):
+        builder.ExportOutput(supervisor.GetOutputPort(name), name)
+    builder.ExportOutput(feedback.GetOutputPort("filtered"), "input_filtered")

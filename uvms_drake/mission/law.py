@@ -8,7 +8,7 @@
     Slide      → done:        its time is over, and the tip is at the end of the line
     Retreat    force 0, straight back to `deepest`, `distance` less deep than the tip
                → done:        the tip is there; next is the next spot, the same, or the end
-    any but Retreat → failed: time-out, or operator stop
+    any but Retreat → failed: time-out, or operator stop; any → the end: the supervisor retreats
     Hold, Slide     → failed: no touch during `patience`, or the force or the state is lost
 
 A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by
@@ -29,10 +29,10 @@ from uvms_drake.mission.steps import REACHED, ROUNDING, Approach, Mission, Retre
 RUNNING, DONE, SKIPPED, RETREATED = range(4)
 """Outcomes of a mission; of a step `DONE`, or `SKIPPED` if it failed or was left out."""
 
-TIME_OUT, CONTACT_LOST, FORCE_LOST, STOPPED, STATE_LOST = range(1, 6)
+TIME_OUT, CONTACT_LOST, FORCE_LOST, STOPPED, STATE_LOST, SUPERVISED = range(1, 7)
 """Reasons of a failed step."""
 REASONS = {TIME_OUT: "time-out", CONTACT_LOST: "contact lost", FORCE_LOST: "force lost",
-           STOPPED: "stopped", STATE_LOST: "state lost"}
+           STOPPED: "stopped", STATE_LOST: "state lost", SUPERVISED: "retreated"}
 
 
 class Measured(NamedTuple):
@@ -48,6 +48,8 @@ class Measured(NamedTuple):
     """Whether the force is lost."""
     stop: bool = False
     """Whether the operator stops the mission."""
+    retreated: bool = False
+    """Whether the supervisor of the controller has left the plan and retreats."""
 
 
 class Due(NamedTuple):
@@ -140,6 +142,9 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
         return state
     step = mission.steps[state.step]
     state = _seen(mission, state, measured, t)
+    if measured.retreated:
+        return _over(_marked(state, SKIPPED)._replace(
+            home=True, reason=SUPERVISED, failures=state.failures + 1))
     if isinstance(step, Retreat):
         if measured.stop:
             state = state._replace(after=len(mission.steps), home=True, reason=STOPPED)

@@ -30,6 +30,7 @@ class MissionControl(WiredSystem):
         - touched
         - force_lost
         - stop (optional)
+        - safety (optional)
         output_ports:
         - desired_force
         - place
@@ -42,6 +43,7 @@ class MissionControl(WiredSystem):
     - `force_last_valid`: 𝔉_s (6) [N, N m], of a `HoldLastValue`.
     - `touched`, `force_lost` (1): those of a `ContactEstimator`.
     - `stop` (1): above zero, the mission goes home.
+    - `safety` (4): of a `Supervisor`; with its retreat the mission is over.
     - `desired_force` (6): 𝔉_des along n [N].
     - `place` (3): place across n at which to press, in Σ_I [m]; it moves along a line in a slide.
     - `deepest` (1): largest target depth along n [m]; inf: any.
@@ -72,6 +74,7 @@ class MissionControl(WiredSystem):
         self._touched_port = self.DeclareVectorInputPort("touched", 1)
         self._lost_port = self.DeclareVectorInputPort("force_lost", 1)
         self._stop_port = self.DeclareVectorInputPort("stop", 1)
+        self._safety_port = self.DeclareVectorInputPort("safety", 4)
         self._memory = self.DeclareAbstractState(Value(object()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
         # Forces act at the next update, so there is no algebraic loop through the controller.
@@ -108,7 +111,9 @@ class MissionControl(WiredSystem):
             self._tip(context), float(self._axes[0] @ force[:3]),
             touched=bool(self._touched_port.Eval(context)[0] > 0.0),
             lost=bool(self._lost_port.Eval(context)[0] > 0.0),
-            stop=bool(stop.HasValue(context) and stop.Eval(context)[0] > 0.0))
+            stop=bool(stop.HasValue(context) and stop.Eval(context)[0] > 0.0),
+            retreated=bool(self._safety_port.HasValue(context)
+                           and self._safety_port.Eval(context)[0] > 0.0))
         after, _ = advance(self._mission, self._now(context), measured, context.get_time())
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()

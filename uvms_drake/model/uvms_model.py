@@ -100,6 +100,8 @@ class UvmsModel:
         """Size 6 + n of 𝔮 and of ζ."""
         self.q_lower = np.array([joint.position_lower_limits()[0] for joint in uvms.joints])
         self.q_upper = np.array([joint.position_upper_limits()[0] for joint in uvms.joints])
+        self.joint_speed = np.array([joint.velocity_upper_limits()[0] for joint in uvms.joints])
+        """Largest rates of the joints by the file (n,) [rad/s, m/s]."""
         self.links = read_links(uvms)
         """Geometry, inertia and drag of the links."""
         self.slides = self.links.slides

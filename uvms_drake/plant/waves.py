@@ -14,17 +14,18 @@ Newman (1977), *Marine Hydrodynamics*, chapter 6.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Annotated
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydrake.systems.framework import Context
 
-from uvms_drake.common.constraints import Between, Finite, Positive
+from uvms_drake.common.constraints import Between, Finite, NotNegative, Positive, Vector
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import WiredSystem, output_of
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 
 STEEPEST = 0.446
@@ -77,12 +78,41 @@ class Wave:
                 self.speed * self.frequency * (c * e_z - s * e))
 
 
+@dataclass
+class UnknownFlow(Fault):
+    """Flow that nobody has declared: a gust of current, or a swell, in addition to the water's."""
+
+    place: ClassVar[Literal["water"]] = "water"
+
+    velocity: Annotated[np.ndarray, Vector(3)] = field(
+        default_factory=lambda: np.array([0.0, 0.5, 0.0]))
+    """Velocity in Σ_I (3,) [m/s]; of a swell its largest."""
+    period: Annotated[float, Between(0.1, 1000, " s")] | None = None
+    """Period of a swell [s]; None: a steady current."""
+    rise: Annotated[float, Positive] = 2.0
+    """Time in which it rises [s]."""
+    start: Annotated[float, NotNegative] = 0.0
+    """First instant of the flow [s]."""
+
+    def motion(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Returns v (3,) [m/s] and v̇ (3,) [m/s²] in Σ_I at a time [s]."""
+        t = time - self.start
+        if not self.is_active(time):
+            return np.zeros(3), np.zeros(3)
+        omega = 0.0 if self.period is None else 2.0 * np.pi / self.period
+        x = np.pi * min(t / self.rise, 1.0)
+        share, share_rate = 0.5 * (1.0 - np.cos(x)), 0.5 * np.pi / self.rise * np.sin(x)
+        c, s = np.cos(omega * t), np.sin(omega * t)
+        velocity = np.asarray(self.velocity, dtype=float)
+        return share * c * velocity, (share_rate * c - omega * share * s) * velocity
+
+
 def largest_speed(waves: Sequence[Wave]) -> float:
     """Returns a bound of the speed of the water by waves alone [m/s]."""
     return sum(wave.speed for wave in waves)
 
 
-def water_motion(current: np.ndarray, waves: Sequence[Wave], time: float
+def water_motion(current: np.ndarray, waves: Sequence[Wave | UnknownFlow], time: float
                  ) -> tuple[np.ndarray, np.ndarray]:
     """Returns v_c (3,) [m/s] and v̇_c (3,) [m/s²] of a steady current with waves at a time [s]."""
     velocity, acceleration = np.array(current, dtype=float), np.zeros(3)
@@ -113,7 +143,7 @@ class WaterMotion(WiredSystem):
         waves: Waves added to it.
     """
 
-    def __init__(self, current: np.ndarray, waves: Sequence[Wave] = ()):
+    def __init__(self, current: np.ndarray, waves: Sequence[Wave | UnknownFlow] = ()):
         super().__init__()
         for wave in waves:
             check_values(wave)

@@ -24,12 +24,12 @@ from uvms_drake.report.signals import (
 from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.diagram import (
-    MONITOR_SLACK,
     monitor_begin,
     monitor_floor,
     set_wise_radii,
 )
 from uvms_drake.station.record import Record
+from uvms_drake.station.supervision import MONITOR_SLACK
 
 ROUNDING = 1e-9
 """Rounding of a place [m], a force [N] or a torque [N m]."""
@@ -140,7 +140,8 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
     """
     scenario, norms = record.scenario, record.tube_deviation
     floor = monitor_floor(set_wise_radii(scenario.tube, scenario.ancillary))
-    watched = record.time >= monitor_begin(scenario.mpc.hover, bool(record.certified))
+    watched = record.followed & (record.time >= monitor_begin(
+        scenario.mpc.hover, bool(record.certified)))
     left = beyond(norms, bounds, MONITOR_SLACK, floor) & watched[:, None]
     ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)
 

@@ -238,7 +238,8 @@ def summarise_tube(record: Record) -> dict[str, object]:
     """
     tube = record.scenario.tube
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
-    watched = record.time >= monitor_begin(record.scenario.mpc.hover, bool(record.certified))
+    watched = record.followed & (record.time >= monitor_begin(
+        record.scenario.mpc.hover, bool(record.certified)))
     return {
         "certified": bool(record.certified),
         "law": record.scenario.law,

@@ -61,13 +61,15 @@ def constraints(record: Record) -> dict[str, Constraint]:
 
     The static force is that of the pose, at rest, on the controller's model of the surface: a limit
     of the penetration. `contact.force` limits that on the real surface, which a controller with a
-    sensed contact does not know.
+    sensed contact does not know. After a retreat of the supervisor it alone counts, and the margin
+    of others is infinite.
     """
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
     at = Points(record.model, record.config, y, record.zeta, record.u, record.tau)
     found = {name: Constraint(
         values, bound, limit.unit_of(name),
-        values - bound if name.endswith("_min") else bound - values)
+        np.where(record.followed, values - bound if name.endswith("_min") else bound - values,
+                 np.inf))
         for limit in real_limits(record).values()
         for name, (values, bound) in limit.signals(at).items() if np.isfinite(bound)}
     if (wall := record.scenario.contact.declared_wall()) is not None:

@@ -18,6 +18,7 @@ from uvms_drake.report.events import ALARMING
 from uvms_drake.report.metrics import LAST_SECONDS, metrics
 from uvms_drake.report.signals import wrench_unit
 from uvms_drake.station.record import Record
+from uvms_drake.station.safety import summarise_safety
 
 COUNTERS = ("solves", "failures", "late", "fallbacks", "dropped", "kept", "refused_targets")
 """Counters of the MPC; but for the first they are of exceptional samples, and usually zero."""
@@ -52,6 +53,7 @@ def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict
         "real_time_factor": seconds / wall if wall > 0.0 else None,
         "failure": str(record.failure),
         **found,
+        "safety": summarise_safety(record),
         "assumptions": [asdict(each) for each in assumptions_of(scenario, record.model)]
         if record.certified else [],
         "in_probability": summarise_claim(certificate, found["contact"]),

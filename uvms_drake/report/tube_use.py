@@ -20,7 +20,8 @@ def tube_use(record: Record) -> dict[str, float]:
     `control.limits.TubeRadii`: `e` and `z`, and each that tightens a limit. Without a sensed
     contact those along its direction are left out.
     """
-    watched = record.time >= monitor_begin(record.scenario.mpc.hover, bool(record.certified))
+    watched = record.followed & (record.time >= monitor_begin(
+        record.scenario.mpc.hover, bool(record.certified)))
     if not np.any(watched):
         return {}
     tube, law = resolved_radii(record.scenario.tube), record.scenario.ancillary

@@ -22,14 +22,23 @@ seed and of the time, so that ε needs no state.
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import pairwise
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.constraints import Between, Fraction, NotNegative, Rate, Vector
+from uvms_drake.common.constraints import (
+    Between,
+    Fraction,
+    NotNegative,
+    Positive,
+    Rate,
+    Vector,
+)
 from uvms_drake.common.errors import require
 from uvms_drake.common.keyed_random import generator_of, normal_numbers, uniform_number
+from uvms_drake.common.wiring import WiredSystem, output_of
+from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 from uvms_drake.model.signals.sensor_actuator import Sensor, Signals
 from uvms_drake.model.uvms_model import UvmsModel
@@ -121,6 +130,34 @@ class Dvl:
         while j % self.most and uniform_number(seed, (STREAM, 1, j)) < self.lost:
             j -= 1
         return j
+
+
+@dataclass
+class LostFixes(Fault):
+    """Doppler log without a fix, for longer than the declared gap."""
+
+    place: ClassVar[Literal["fixes"]] = "fixes"
+
+    start: Annotated[float, NotNegative] = 0.0
+    """Time of the last fix before it [s]."""
+    duration: Annotated[float, Positive] = 5.0
+    """Duration [s]."""
+
+    def of(self, dvl: Dvl) -> "LostDvl":
+        """Returns a log with the fault."""
+        return LostDvl(**vars(dvl), outage=self)
+
+
+@dataclass
+class LostDvl(Dvl):
+    """Doppler log of a scenario with its fault."""
+
+    outage: LostFixes = field(default_factory=LostFixes)
+    """The fault."""
+
+    def last_fix(self, time: float, seed: int) -> int:
+        """Returns the index j of the last fix that is neither lost nor in the outage."""
+        return super().last_fix(self.outage.start if self.outage.is_active(time) else time, seed)
 
 
 class NavigationError(NamedTuple):
@@ -215,7 +252,32 @@ class Navigation(Sensor):
         measured = SampledVector.AddToBuilder(
             builder, port.size(), clocks, name="navigation", vector=port).get_output_port()
         signals["measured_state"] = measured
+        signals["fix_age"] = FixAge.AddToBuilder(builder, self.dvl, seed).get_output_port()
         return measured
+
+
+class FixAge(WiredSystem):
+    """Age of the last fix of a Doppler log, which a driver knows.
+
+    .. pydrake_system::
+
+        name: FixAge
+        output_ports:
+        - fix_age
+
+    - `fix_age` (1): [s].
+
+    It has no state.
+
+    Args:
+        dvl: The log.
+        seed: Seed of its gaps.
+    """
+
+    def __init__(self, dvl: Dvl, seed: int):
+        super().__init__()
+        output_of(self, "fix_age", 1, lambda c: [
+            c.get_time() - dvl.last_fix(c.get_time(), seed) / dvl.rate], {self.time_ticket()})
 
 
 CHANNELS = ("position", "attitude", "joints", "velocity", "turning", "joint_rates")

@@ -45,8 +45,15 @@ from uvms_drake.station.contact.bounds import (
 )
 from uvms_drake.station.problem import load_model, make_ocp, retargeted_ocp
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.parts import command_path_of, faults_at, keyed, with_faults
+from uvms_drake.station.scenario.parts import (
+    command_path_of,
+    faults_at,
+    keyed,
+    with_faults,
+    with_lost_fixes,
+)
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.supervision import safety_of
 from uvms_drake.visual.controls import ForceSlider, HomeButton
 
 SAMPLED = ("report", "solve_seconds")
@@ -168,12 +175,13 @@ def make_tube(scenario: Scenario, model: ContactModel, ocp: Ocp) -> Diagram:
     else:
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
                           partial(retargeted_ocp, scenario, model))
+    safety = safety_of(scenario, model) if press is not None else None
     limits = None if scenario.simulator.integration_scheme in IMPLICIT else scenario.limits
     path = command_path_of(scenario.actuation, model)
     with within("mpc"):
         solver = make_solver(ocp)
     with within("ancillary"):
-        return make_tube_mpc(ocp, scenario.ancillary, targets, limits, path, solver, press)
+        return make_tube_mpc(ocp, scenario.ancillary, targets, limits, path, solver, press, safety)
 
 
 def _press_control(scenario: Scenario) -> PressControl:
@@ -227,7 +235,8 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         return add_chain(builder, model, port, signals, parts, scenario.seed)
 
     # Measurements, targets and faults, by the names of the controller's inputs.
-    sensors = {} if TICK in signals else keyed("sensing", scenario.sensing)
+    sensors = {} if TICK in signals else keyed(
+        "sensing", with_lost_fixes(scenario.sensing, faults))
     measured = chain(state, faults_at("sensing", faults) | sensors)
     given = {"state": measured}
     force_faults = faults_at("force", faults)
@@ -259,6 +268,7 @@ def connect_controller(builder: DiagramBuilder, scenario: Scenario, model: Conta
         given["applied"] = applied
     if VEHICLE_WRENCH in signals and scenario.ancillary.takes_wrench:
         given[VEHICLE_WRENCH] = signals[VEHICLE_WRENCH]
+    given |= {name: signals[name] for name in ("fix_age", "force_status") if name in signals}
     wire(builder, controller, given)
     for name in TARGETS:
         if controller.HasInputPort(name) and not builder.IsConnectedOrExported(

@@ -30,19 +30,15 @@ from uvms_drake.station.problem import (
     start_state,
     surface_heading,
 )
+from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.supervision import MONITOR_FLOOR, MONITOR_SLACK
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.scene import Illustration, LimitUse, Setting
 
 UNLOGGED = {"plant_state", "configuration"}
 """Vector outputs of the plant that are not logged: they repeat `state` in other coordinates."""
 
-MONITOR_SLACK = 0.01
-"""Relative excess that is not an exit: a constant d takes the deviation to its bound exactly, and
-the integrator's error over a step of 0.02 s through contact is 0.7 %."""
-MONITOR_FLOOR = 1e-4
-"""Deviation that is not an exit [m, rad, m/s, rad/s]: the integrator makes 7e-5 of one that is
-exactly zero. At most a tenth of the tube's smallest radius counts, see `monitor_floor`."""
 PAINTED = 1.5
 """End of the colour scale of a mission over its largest desired force."""
 
@@ -125,7 +121,8 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     builder.Connect(exerted, uvms.GetInputPort("tau"))
     if exerted is not controller.GetOutputPort("tau"):
         signals["exerted"] = exerted
-    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, [
+        *scenario.waves, *faults_at("water", scenario.faults).values()]))
     wire(builder, uvms, outputs(water))
 
     # The monitor, and the disturbance, which may be aimed with the monitor's errors.
@@ -189,7 +186,8 @@ def add_monitor(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
         along_run=scenario.contact.declared_wall() is None, period=scenario.log_period,
         begin=monitor_begin(scenario.mpc.hover, certified), slack=MONITOR_SLACK,
         floor=monitor_floor(radii)))
-    read = {name: signals[name] for name in ("state", "nominal_state")}
+    read = {name: signals[name] for name in ("state", "nominal_state", "safety")
+            if name in signals}
     if bounds_disturbance(declared.d_bound, certified):
         read["disturbance"] = signals["disturbance"]
     if pair is not None:

@@ -66,7 +66,8 @@ def make_plant(scenario: Scenario, model: ContactModel | None = None) -> Diagram
         start = np.concatenate([vector("eta", scenario.start.eta, 6),
                                 vector("q", scenario.start.q, model.num_joints)])
     uvms = builder.AddNamedSystem("uvms", make_simulated_uvms(scenario, None, start))
-    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+    water = builder.AddNamedSystem("water", WaterMotion(scenario.current, [
+        *scenario.waves, *faults_at("water", scenario.faults).values()]))
     wire(builder, uvms, outputs(water))
     disturbance = applied_disturbance(
         scenario.disturbance, scenario.model_error.share, scenario.faults)

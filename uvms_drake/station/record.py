@@ -115,6 +115,17 @@ class Record:
         return load_model(self.scenario)
 
     @property
+    def trip(self) -> float:
+        """Time at which the supervisor has left the plan and retreated [s]; inf: it has not."""
+        safety = self.signals.get("safety")
+        return float(safety[-1, 2]) if safety is not None and safety[-1, 0] > 0.0 else np.inf
+
+    @property
+    def followed(self) -> np.ndarray:
+        """Whether the plan is followed (T,): until the trip of the supervisor."""
+        return self.time <= self.trip
+
+    @property
     def num_joints(self) -> int:
         """Number n of joints."""
         return len(self.joint_lower)

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.laws.law import FIELDS
+from uvms_drake.control.supervisor.detections import CAUSES
+from uvms_drake.control.supervisor.supervisor import SAFETY
 
 Component = tuple[str, str]
 Components = tuple[Component | str, ...]
@@ -88,6 +90,12 @@ SIGNALS: dict[str, Signal] = {
     "force_lost": Signal(FLAG, "", "contact estimator: 1 while the force sensor counts as failed"),
     "state_lost": Signal(FLAG, "", "ancillary law: 1 while the measured state is not finite"),
     "input_limited": Signal(FLAG, "", "ancillary law: 1 while a limit cuts the command"),
+    "input_filtered": Signal(FLAG, "", "ancillary law: 1 while the filter of the joints cuts"),
+    "fix_age": Signal((("", "s"),), "", "navigation: age of the last fix of the DVL"),
+    "safety": Signal(tuple(zip(SAFETY, ("-", "-", "s", "N/m"), strict=True)), "",
+                     "supervisor: mode, index of the cause; time and stiffness at the trip"),
+    "safety_ratio": Signal(tuple((name, "-") for name in CAUSES), "",
+                           "supervisor: largest value over its threshold so far, of each cause"),
     "mission_place": Signal(POSITION, "Σ_I", "mission: place that is due"),
     "mission_force": Signal((("", "N"),), "", "mission: force that is due"),
     "mission_progress": Signal(

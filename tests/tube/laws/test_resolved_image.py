@@ -148,7 +148,10 @@ def test_forces_have_an_image_only_if_they_are_wanted(model, small_set, image):
     forced = tube_image(model, small_set, U_LIMITS, d_bound=D, gains=(1.74, 1.88), k=K,
                          sigma=SIGMA, safety_factor=1.1, seed=0, **QUICK | {"forces": True})
     assert image.radii.tau is None
-    np.testing.assert_allclose(forced.radii.u, image.radii.u, rtol=0.1)  # Few climbers, by chance.
+    # Few climbers, by chance; those of τ find motions for u, so that it is searched for better.
+    ratio = forced.radii.u / image.radii.u
+    assert np.min(ratio) > 0.95
+    assert np.median(ratio) < 1.1
     M = model.mass_matrix(model.kinematics(small_set.sample(
         model, 200, np.random.default_rng(6))[0]))
     assert forced.radii.tau is not None

@@ -10,6 +10,7 @@ own command is sent. A law that takes the thrusters' wrench leaves the saturatio
 command to the thrusters, for clipping it here would disturb the tip: only the joints' is clipped.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,10 +21,20 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
-from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
+from uvms_drake.control.laws.law import AncillaryLaw, Command, Pair, pair_of
 from uvms_drake.control.limits import Limits, check_limits
+from uvms_drake.control.supervisor.retreat import (
+    RetreatSettings,
+    filtered_torque,
+    law_of_retreat,
+)
+from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
+
+CUT = 0.02
+"""Share of the largest force on an axis by which thrusters may miss the command: rounding of their
+bias and of small commands is none."""
 
 
 def limited_input(u: np.ndarray, tau: np.ndarray, M: np.ndarray, u_limit: np.ndarray,
@@ -54,7 +65,7 @@ def limited_input(u: np.ndarray, tau: np.ndarray, M: np.ndarray, u_limit: np.nda
 def _cut(command: Command, u_limit: np.ndarray, tau_limit: np.ndarray | None) -> Command:
     """Returns a command clipped by `limited_input`."""
     u, tau, limited = limited_input(command.u, command.tau, command.M, u_limit, tau_limit)
-    return Command(u, tau, command.M, limited)
+    return replace(command, u=u, tau=tau, limited=limited)
 
 
 def _input_limits(limits: Limits, num_joints: int) -> tuple[np.ndarray, np.ndarray | None]:
@@ -87,11 +98,14 @@ class AncillaryFeedback(WiredSystem):
         - vehicle_wrench (optional)
         - estimate (optional)
         - preview (optional)
+        - retreat (optional)
         output_ports:
         - u
         - tau
         - lost
         - limited
+        - filtered
+        - raised
         - pair
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
@@ -105,11 +119,15 @@ class AncillaryFeedback(WiredSystem):
       takes it; see `VEHICLE_WRENCH`.
     - `estimate`: δ̂ (6+n) of a `RowObserver`, for a law with an observer.
     - `preview`: change of the plan's forces until they act (6+n), of a `FeedforwardPreview`.
+    - `retreat`: mode and reference of a `Supervisor` (1 + 2(6+n)); with it the joints are filtered.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
     - `lost` (1): 1 while the measured state is not finite, else 0.
-    - `limited` (1): 1 while a limit clips the command, else 0.
+    - `limited` (1): 1 while a limit clips the law's command, else 0.
+    - `filtered` (1): 1 while the filter of the joints cuts it, else 0.
+    - `raised` (1): 1 while the law raises an exception or its command is not finite, else 0; the
+      command is that of the retreat's law at the present place then.
     - `pair`: `Pair` of measured and nominal motion, also for a `TubeMonitor`.
 
     It has no state. A measured state that is not finite is replaced by the nominal one, so that the
@@ -120,13 +138,19 @@ class AncillaryFeedback(WiredSystem):
         model: The controller's model of the robot and of the surface.
         law: The law and its gains.
         limits: Limits of the real robot, of which those of u and τ are read; None: no clipping.
+        safety: Settings of a supervisor's retreat; None: there is no supervisor.
+        allocation: With a supervisor, allocation of the wrench to thrusters, to whose limits the
+            command is cut.
     """
 
-    def __init__(self, model: UvmsModel, law: AncillaryLaw, limits: Limits | None = None):
+    def __init__(self, model: UvmsModel, law: AncillaryLaw, limits: Limits | None = None,
+                 safety: RetreatSettings | None = None, allocation: Allocation | None = None):
         super().__init__()
         check_values(law)
         self._model, self._law = model, law
         self._limits = None if limits is None else _input_limits(limits, model.num_joints)
+        self._safety, self._allocation = safety, allocation
+        self._retreat_law = law_of_retreat(law, model.num_joints)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._nominal_state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
@@ -136,16 +160,18 @@ class AncillaryFeedback(WiredSystem):
             "wrench": self.DeclareVectorInputPort(VEHICLE_WRENCH, 6),
             "estimate": self.DeclareVectorInputPort("estimate", model.size),
             "preview": self.DeclareVectorInputPort("preview", model.size)}
+        self._retreat_port = self.DeclareVectorInputPort("retreat", 1 + 2 * model.size)
         # One cache entry each for the two motions and for the command: all outputs read them.
         state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
             "state", "nominal_state", "nominal_acceleration", "nominal_input", MEASURED_FORCE,
-            VEHICLE_WRENCH, "estimate", "preview"))
+            VEHICLE_WRENCH, "estimate", "preview", "retreat"))
         self._command = cached(self, "the command", self._wanted, {state, *others})
         given = {self._command.ticket()}
         output_of(self, "u", model.size, lambda c: self._command.Eval(c).u, given)
         output_of(self, "tau", model.size, lambda c: self._command.Eval(c).tau, given)
         output_of(self, "lost", 1, lambda c: [not is_finite(self._state_port.Eval(c))], {state})
-        output_of(self, "limited", 1, lambda c: [self._command.Eval(c).limited], given)
+        for name in ("limited", "filtered", "raised"):
+            output_of(self, name, 1, partial(self._flag, name), given)
         self._pair_port = self.DeclareAbstractOutputPort(
             "pair", lambda: Value(object()), self._calc_pair, {state, others[0]})
 
@@ -166,16 +192,74 @@ class AncillaryFeedback(WiredSystem):
             del given["contact"]
         _ = now.J_x_dot, now.y  # Shared with monitor and observer.
         now = now.given(**given)
-        wanted = self._law.command(
-            self._model, now, partial(self._acceleration_port.Eval, context),
-            partial(self._input_port.Eval, context))
-        if not isinstance(wanted, Command):
-            u, size = np.asarray(wanted, dtype=float), self._model.size
-            require(u.shape == (size,), f"command of the law {self._law.name}", wanted,
-                    f"u ({size},), or a `Command`")
-            M = self._model.mass_matrix(now.kinematics.at(0))
-            wanted = Command(u, M @ u, M)
+        wanted = self._wanted_safely(context, now) if self._safety is not None else (
+            self._of_law(context, now))
         if self._limits is not None:
             wanted = _cut(wanted, *(
                 self._limits if now.wrench is None else _of_joints(*self._limits)))
-        return wanted
+        return wanted if self._safety is None else self._kept_within(wanted, now, self._safety)
+
+    def _flag(self, name: str, context: Context) -> list[bool]:
+        return [getattr(self._command.Eval(context), name)]
+
+    def _of_law(self, context: Context, now: Pair) -> Command:
+        """Returns the command of the law."""
+        wanted = self._law.command(
+            self._model, now, partial(self._acceleration_port.Eval, context),
+            partial(self._input_port.Eval, context))
+        if isinstance(wanted, Command):
+            return wanted
+        u, size = np.asarray(wanted, dtype=float), self._model.size
+        require(u.shape == (size,), f"command of the law {self._law.name}", wanted,
+                f"u ({size},), or a `Command`")
+        M = self._model.mass_matrix(now.kinematics.at(0))
+        return Command(u, M @ u, M)
+
+    def _wanted_safely(self, context: Context, now: Pair) -> Command:
+        """Returns the command of the law, or of the retreat: after a trip, or if the law fails.
+
+        Nothing moves at t = 0: an exception then is bad input, and passed on.
+        """
+        mode, *reference = self._retreat_port.Eval(context)
+        if mode > 0.0:
+            return self._of_retreat(now, *np.split(np.array(reference), 2))
+        try:
+            wanted = self._of_law(context, now)
+            if is_finite(wanted.tau):
+                return wanted
+        except Exception:  # Whatever a law raises, the robot is in the water.
+            if context.get_time() == 0.0:
+                raise
+        still = self._of_retreat(now, now.config[0], np.zeros_like(now.config[0]))
+        return replace(still, raised=True)
+
+    def _of_retreat(self, now: Pair, config: np.ndarray, rate: np.ndarray) -> Command:
+        """Returns the command of the retreat's law about a reference 𝔮 and its rate (6+n,)."""
+        model, size = self._model, self._model.size
+        zeta = np.linalg.solve(configuration_rate_matrix(config), rate)
+        estimate = None if now.estimate is None else np.append(
+            now.estimate[:6], np.zeros(model.num_joints))
+        about = Pair(model, np.array([now.config[0], config]), np.array([now.zeta[0], zeta])).given(
+            contact=now.contact, wrench=now.wrench, estimate=estimate)
+        return self._retreat_law.command(model, about, lambda: np.zeros(size),
+                                         lambda: np.zeros(size))
+
+    def _kept_within(self, wanted: Command, now: Pair, safety: RetreatSettings) -> Command:
+        """Returns a command that the thrusters can give and with which no joint meets its stop."""
+        model, tau, limited = self._model, wanted.tau, wanted.limited
+        if self._allocation is not None and now.wrench is not None:
+            driven = self._allocation.thrusters.driven
+            missing = self._allocation.shortfall(tau[:6])[driven]
+            if (np.abs(missing) > CUT * self._allocation.largest).any():
+                tau, limited = tau.copy(), True
+                tau[driven] -= missing
+        measured, (config, _), (zeta, _) = now.kinematics.at(0), now.config, now.zeta
+        torque, filtered = filtered_torque(
+            safety, wanted.M, model.inverse_dynamics(
+                measured, zeta, np.zeros_like(zeta), now.contact), tau,
+            tau[:6] if now.wrench is None else now.wrench, config[6:], zeta[6:])
+        if not (filtered or limited != wanted.limited):
+            return wanted
+        tau = np.append(tau[:6], torque)
+        return replace(wanted, tau=tau, u=np.linalg.solve(wanted.M, tau), limited=limited,
+                       filtered=filtered)

@@ -86,6 +86,7 @@ class TubeMonitor(WiredSystem):
         - nominal_state
         - disturbance (optional)
         - pair (optional)
+        - safety (optional)
         output_ports:
         - deviation
         - bound
@@ -99,6 +100,7 @@ class TubeMonitor(WiredSystem):
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)), of `NominalMpc`.
     - `disturbance`: simulated d, of the size of Ŵ, compared with d̃; unknown if unconnected.
     - `pair`: `Pair` of these two states; computed here if unconnected.
+    - `safety` (4): of a `Supervisor`; after a trip, whose retreat has no tube, nothing is counted.
     - `deviation` (6): `FIELDS`.
     - `bound` (6): trajectory-wise bounds of `FIELDS`; inf where there is none.
     - `ratio` (12): `deviation` over the set-wise, then over the trajectory-wise bounds.
@@ -173,6 +175,7 @@ class TubeMonitor(WiredSystem):
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * size)
         self._disturbance_port = self.DeclareVectorInputPort("disturbance", disturbance_size)
         self._pair_port = self.DeclareAbstractInputPort("pair", Value(object()))
+        self._safety_port = self.DeclareVectorInputPort("safety", 4)
         self._pair = cached(self, "the two motions", self._pair_now, {
             self.input_port_ticket(port.get_index())
             for port in (self._state_port, self._nominal_port, self._pair_port)})
@@ -224,7 +227,8 @@ class TubeMonitor(WiredSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         old = self._samples(context)
         # Bounds that are exceeded now; before `begin` deviations do not count.
-        counts = context.get_time() >= self._begin
+        counts = context.get_time() >= self._begin and not (
+            self._safety_port.HasValue(context) and self._safety_port.Eval(context)[0] > 0.0)
         norms = self._deviation.Eval(context).norms if counts else np.zeros(len(FIELDS))
         bounds = np.array([self._radii, self._bounds(context)])
         set_wise, along = np.any(beyond(norms, bounds, self._slack, self._floor), axis=1)

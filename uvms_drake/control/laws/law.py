@@ -98,6 +98,10 @@ class Command:
     """Mass matrix M(𝔮) (6+n, 6+n)."""
     limited: bool = False
     """Whether a limit has cut the command."""
+    filtered: bool = False
+    """Whether the filter of the joints has cut the command."""
+    raised: bool = False
+    """Whether the law has failed, and this is the command in its place."""
 
 
 FIELDS = ("task", "position", "orientation", "joints", "z", "r")

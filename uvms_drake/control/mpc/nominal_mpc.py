@@ -8,8 +8,18 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, EventStatus, InputPort, State
 
+from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
-from uvms_drake.control.mpc.planner import MPC_REPORT, SOLVED, MpcMemory, Planner, Sample, Targets
+from uvms_drake.control.mpc.planner import (
+    DROPPED,
+    FAILED,
+    MPC_REPORT,
+    SOLVED,
+    MpcMemory,
+    Planner,
+    Sample,
+    Targets,
+)
 from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.plan.plan import Plan
 
@@ -66,6 +76,7 @@ class NominalMpc(WiredSystem):
         input_ports:
         - state
         - fault (optional)
+        - retreat (optional)
         - desired_force (optional, with targets)
         - target (optional, with a TrackingOcp)
         - safe_depth (optional, with a TrackingOcp)
@@ -82,6 +93,8 @@ class NominalMpc(WiredSystem):
       each plan starts there.
     - `fault` (1): imposed outcome of the sample, `SOLVED` for none; read at every sample
       after the first.
+    - `retreat`: mode and reference of a `Supervisor` (1 + 2(6+n)): after a trip no plans are made,
+      and with it an exception of the planner is a failed sample.
     - `nominal_state`: (𝔮̄, ζ̄) at the context's time (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n).
     - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄) (6+n).
@@ -113,6 +126,7 @@ class NominalMpc(WiredSystem):
         remembered = {self.abstract_state_ticket(self._memory)}
         self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
         self._fault_port = self.DeclareVectorInputPort("fault", 1)
+        self._retreat_port = self.DeclareVectorInputPort("retreat", 1 + 2 * size)
         self._force_port = None
         if targets is not None:
             self._force_port = self.DeclareVectorInputPort("desired_force", 6)
@@ -188,6 +202,22 @@ class NominalMpc(WiredSystem):
         if context.get_time() < plan.start_time + 0.5 * plan.time_step:
             return EventStatus.DidNothing()  # The first plan was made a moment ago.
         sample, memory = self._sample(context), self._recall(context)
+        supervised = self._retreat_port.HasValue(context)
+        if supervised and self._retreat_port.Eval(context)[0] > 0.0:
+            return self._remember(
+                state, self._planner.pass_over(sample, memory, DROPPED), sample.started)
+        try:
+            return self._step(state, sample, memory)
+        except RunFailed:
+            raise
+        except Exception:  # Whatever a planner raises, the last plan goes on.
+            if not supervised:
+                raise
+            return self._remember(
+                state, self._planner.pass_over(sample, memory, FAILED), sample.started)
+
+    def _step(self, state: State, sample: Sample, memory: MpcMemory) -> EventStatus:
+        """Makes a plan, or takes the one that was computed in advance and begins the next one."""
         if not self._ocp.in_advance:
             return self._remember(state, self._planner.again(sample, memory), sample.started)
         if self._computer is not None:

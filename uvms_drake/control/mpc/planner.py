@@ -194,7 +194,7 @@ class Planner:
                 sample, memory,
                 hovering[: self._solver.ocp.state_size] if start is None else start)
         if sample.fault == DROPPED:
-            return self._pass_over(sample, memory)
+            return self.pass_over(sample, memory, DROPPED)
         old, memory = memory, memory if sample.asked is None else replace(
             memory, asked=sample.asked)
         solver = self._current(sample, memory)
@@ -243,7 +243,7 @@ class Planner:
                      for plan in (coming.plan, memory.plan) if plan is not None)
         return ocp.is_sound(new) or not ocp.is_sound(last)
 
-    def _pass_over(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
+    def pass_over(self, sample: Sample, memory: MpcMemory, status: int) -> MpcMemory:
         """Returns the memory with the same plan, continued if it ends before the next sample."""
         plan, now = memory.plan, sample.time
         assert plan is not None
@@ -251,8 +251,8 @@ class Planner:
         while plan.start_time + ocp.horizon * h < now + 0.5 * h:
             plan = ocp.continued(plan)
         report = memory.report.copy()
-        report[:2] = now, DROPPED
-        _say(now, DROPPED, memory)
+        report[:2] = now, status
+        _say(now, status, memory)
         return replace(memory, plan=plan, report=report)
 
     def _guess(self, sample: Sample, memory: MpcMemory, ocp: Ocp) -> Plan:

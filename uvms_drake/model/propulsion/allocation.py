@@ -115,6 +115,11 @@ class Allocation:
         largest = np.maximum(-self.thrusters.lower, self.thrusters.upper)
         return 1.0 / (np.abs(self._B) @ largest)
 
+    @functools.cached_property
+    def largest(self) -> np.ndarray:
+        """Largest force or moment on each driven axis (r,) [N, N m]."""
+        return 1.0 / self.weights
+
     @property
     def _B(self) -> np.ndarray:
         return self.thrusters.B[self.thrusters.driven]

@@ -25,9 +25,10 @@ class Fault(Component):
     """Fault in a run."""
 
     place: ClassVar[Literal[
-        "sensing", "force", "actuation", "thrusters", "solver", "disturbance"]]
+        "sensing", "force", "fixes", "actuation", "thrusters", "solver", "disturbance", "water"]]
     """Place in the loop: a series of parts, of which that of the force carries `MEASURED_FORCE`; or
-    the commands to the thrusters, the solver or the disturbance."""
+    the fixes of a navigation, the commands to the thrusters, the solver, the disturbance or the
+    water."""
 
     start: float = 0.0
     """First instant of the fault [s]."""

@@ -1,6 +1,7 @@
 """Lists of a scenario, of parts and of faults: their keys, kinds of faults, path of a command."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,10 @@ from uvms_drake.common.kinds import offer
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
 from uvms_drake.model.signals.fault import Fault
-from uvms_drake.model.signals.sensor_actuator import Actuator, Part
+from uvms_drake.model.signals.sensor_actuator import Actuator, Part, Sensor
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ExcessDisturbance
+from uvms_drake.plant.waves import UnknownFlow
 from uvms_drake.sensing.faults import (
     FrozenForce,
     FrozenState,
@@ -32,10 +34,12 @@ from uvms_drake.sensing.faults import (
     MiscalibratedForce,
     SaturatedForce,
 )
+from uvms_drake.sensing.navigation import LostFixes, Navigation
 
 offer(Fault, SolverFailure, SolverTimeout, DroppedPeriod, FrozenState, LostState, LostForce,
       FrozenForce, SaturatedForce, JumpedForce, StuckJoint, ExcessDisturbance, JumpedPosition,
-      MiscalibratedForce, LostThruster, StuckThruster, ReversedThruster, ExchangedThrusters)
+      MiscalibratedForce, LostFixes, UnknownFlow, LostThruster, StuckThruster, ReversedThruster,
+      ExchangedThrusters)
 
 
 def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
@@ -46,6 +50,16 @@ def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
 def faults_at(place: str, faults: Sequence[Fault]) -> dict[str, Any]:
     """Returns the faults at a `place` by their keys in a scenario."""
     return {f"faults[{i}]": fault for i, fault in enumerate(faults) if fault.place == place}
+
+
+def with_lost_fixes(sensing: Sequence[Sensor], faults: Sequence[Fault]) -> list[Sensor]:
+    """Returns the sensors with the fault of the fixes of a navigation, which they must have."""
+    for key, fault in faults_at("fixes", faults).items():
+        require(any(isinstance(part, Navigation) for part in sensing), key, type(fault).__name__,
+                "left out: sensing has no !Navigation")
+        sensing = [replace(part, dvl=fault.of(part.dvl)) if isinstance(part, Navigation) else part
+                   for part in sensing]
+    return list(sensing)
 
 
 def with_faults(actuation: Sequence[Actuator], faults: Sequence[Fault], model: UvmsModel

@@ -110,6 +110,20 @@ class Task:
 
 
 @dataclass
+class Supervision:
+    """Supervisor: its thresholds follow from the declared data, the retreat is this."""
+
+    distance: Annotated[float, Positive] = 0.3
+    """Distance by which the vehicle goes back [m]."""
+    speed: Annotated[float, Positive] = 0.1
+    """Speed of the vehicle at that [m/s]."""
+    draw: Annotated[float, NotNegative] = 0.04
+    """Distance by which the arm draws the tip back after a touch [m]."""
+    draw_speed: Annotated[float, Positive] = 0.15
+    """Largest speed of the tip at that [m/s]."""
+
+
+@dataclass
 class Scenario:
     """A run of the closed loop.
 
@@ -165,6 +179,9 @@ class Scenario:
     """Integrator; a step of zero is chosen by the rates of the loop, see `step_size.with_step`."""
     log_period: Annotated[float, Positive] = 0.02
     """Time between two samples of every logged signal [s]."""
+    supervisor: Supervision | None = None
+    """Supervisor of a sensed contact, with which the robot retreats when a run leaves its class;
+    `{}` for its defaults, null for none. A known surface has no class, and none."""
     visual: VisualConfig = field(default_factory=VisualConfig)
 
     def check(self) -> None:

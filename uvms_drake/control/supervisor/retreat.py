@@ -1,0 +1,175 @@
+"""Retreat of a robot that has left its class: its reference, its law, and the filter of the joints.
+
+The reference is a pose of the vehicle and joint angles, integrated from the measured ones at the
+trip, in two modes:
+
+    RETREATING  the vehicle goes back along −n; if a force was read in the last second, the joints
+                draw the tip back along −n too, by J_q⁺(−n), which is faster than any vehicle.
+                → STANDING: the vehicle's reference is `distance` back
+    STANDING    station, with the joints held. If the water pushes harder than declared for
+                `PATIENCE`, the bow turns into it.
+
+In both the reference stays within a leash of the vehicle: a thruster at its limit that is asked for
+more leaks into the other axes. The law is `tip first` with the joints as its tip's rows, for which
+J_sq is the identity: it is never singular.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.laws.tip_first import BlockGains, TipFirst
+from uvms_drake.model.uvms_model import UvmsModel
+
+WATCHING, RETREATING, STANDING = range(3)
+"""Modes of a `Supervisor`."""
+LEASH = 0.25
+"""Largest distance of the reference from the vehicle [m]."""
+SHARE = 0.8
+"""Share of a joint's largest speed that the retreat uses."""
+MARGIN = 0.01
+"""Distance from its stop at which a joint is held [rad, m]."""
+REACTION = 0.06
+"""Time in which the filter takes a joint to the speed that it may have [s]."""
+BRAKING = 4.0
+"""Deceleration that the filter counts on [rad/s², m/s²]."""
+PATIENCE = 2.0
+"""Time for which the water pushes before the bow turns into it [s]."""
+TURNING_FROM = 2.0
+"""Disturbance over the threshold of `drift` from which on it does."""
+TURNING = 0.1
+"""Speed of that turn [rad/s]."""
+
+
+class RetreatSettings(NamedTuple):
+    """Distances and speeds of a retreat, and limits of the joints."""
+
+    direction: np.ndarray
+    """n, into the wall (3,)."""
+    distance: float
+    """Distance of the vehicle [m]."""
+    speed: float
+    """Speed of the vehicle [m/s]."""
+    draw: float
+    """Distance by which the joints draw the tip back [m]."""
+    draw_speed: float
+    """Speed of the tip at that [m/s]."""
+    lower: np.ndarray
+    """Stops of the joints (n,) [rad, m]."""
+    upper: np.ndarray
+    """Stops of the joints (n,) [rad, m]."""
+    joint_speed: np.ndarray
+    """Largest speeds of the joints (n,) [rad/s, m/s]."""
+
+
+class Reference(NamedTuple):
+    """Reference of the retreat; all arrays, so that it is a discrete state."""
+
+    config: np.ndarray
+    """𝔮 (6+n,) [m, rad]."""
+    rate: np.ndarray
+    """𝔮̇ (6+n,) [m/s, rad/s]."""
+    left: np.ndarray
+    """Distances that vehicle and tip still have to go (2,) [m]."""
+
+
+def begun(settings: RetreatSettings, config: np.ndarray, touched: bool) -> Reference:
+    """Returns the reference at the trip, the measured 𝔮 (6+n,); after a touch the tip is drawn."""
+    left = np.array([settings.distance, settings.draw if touched else 0.0])
+    return Reference(config.copy(), np.zeros_like(config), left)
+
+
+def moved(settings: RetreatSettings, model: UvmsModel, now: Reference, config: np.ndarray,
+          step: float, heading: float | None) -> Reference:
+    """Returns the reference a step later.
+
+    Args:
+        settings: Distances and speeds.
+        model: Supplies J_q.
+        now: The reference.
+        config: Measured 𝔮 (6+n,).
+        step: Step [s].
+        heading: Heading to which the vehicle turns [rad]; None: none.
+    """
+    n, rate, left = settings.direction, np.zeros_like(now.config), now.left.copy()
+    if left[0] > 0.0:
+        rate[:3] = -min(settings.speed, left[0] / step) * n
+        left[0] -= settings.speed * step
+    if left[1] > 0.0:
+        J = model.task_jacobian(now.config)[:3, 6:]
+        back = np.linalg.pinv(J, rcond=0.1) @ -n
+        reach = max(float(-n @ J @ back), 0.1)
+        fastest = SHARE * np.min(settings.joint_speed / np.maximum(np.abs(back), 1e-9))
+        speed = min(settings.draw_speed, fastest, left[1] / reach / step)
+        rate[6:], left[1] = speed * back, left[1] - speed * reach * step
+    if heading is not None:
+        off = (heading - now.config[5] + np.pi) % (2.0 * np.pi) - np.pi
+        rate[5] = np.clip(off / step, -TURNING, TURNING)
+    out = now.config + step * rate
+    low, high = settings.lower + 2.0 * MARGIN, settings.upper - 2.0 * MARGIN
+    joints = np.clip(out[6:], np.minimum(low, now.config[6:]), np.maximum(high, now.config[6:]))
+    rate[6:], out[6:] = (joints - now.config[6:]) / step, joints
+    lead = out[:3] - config[:3]
+    distance = float(np.linalg.norm(lead))
+    if distance > LEASH:
+        out[:3], rate[:3] = config[:3] + LEASH / distance * lead, 0.0
+    return Reference(out, rate, np.maximum(left, 0.0))
+
+
+def law_of_retreat(law: AncillaryLaw, num_joints: int) -> TipFirst:
+    """Returns the law of the retreat: the gains of a law, with the joints as the tip's rows."""
+    rows = [f"q{i + 1}" for i in range(num_joints)]
+    if isinstance(law, TipFirst):
+        return TipFirst(law.vehicle, law.tip, rows, law.undriven, law.observer_period)
+    gains = [np.nan_to_num(each) or default for each, default in ((law.k, 2.0), (law.sigma, 1.0))]
+    return TipFirst(BlockGains(*gains), BlockGains(*gains), rows)
+
+
+def allowed_acceleration(settings: RetreatSettings, q: np.ndarray, rates: np.ndarray
+                         ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns bounds (n,), (n,) of q̈ with which joints stop before their stops [rad/s², m/s²].
+
+    The largest speed towards a stop at a distance d is √(2 a d), less than that of the motor; it is
+    reached in the reaction time T: q̈ ≤ (min(√(2 a (q₊ − m − q − q̇₊T)₊), V) − q̇)/T, and likewise
+    towards q₋.
+
+    Args:
+        settings: Stops and largest speeds.
+        q: Joint coordinates (n,) [rad, m].
+        rates: q̇ (n,) [rad/s, m/s].
+    """
+    def upper(distance: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        left = np.maximum(distance - MARGIN - REACTION * np.maximum(rates, 0.0), 0.0)
+        fastest = np.minimum(np.sqrt(2.0 * BRAKING * left), settings.joint_speed)
+        bound: np.ndarray = (fastest - rates) / REACTION
+        return bound
+
+    return -upper(q - settings.lower, -rates), upper(settings.upper - q, rates)
+
+
+def filtered_torque(settings: RetreatSettings, M: np.ndarray, bias: np.ndarray, tau: np.ndarray,
+                    wrench: np.ndarray, q: np.ndarray, rates: np.ndarray
+                    ) -> tuple[np.ndarray, bool]:
+    """Returns the joints' torques (n,) [N m, N] that keep the joints within limits, and if it cuts.
+
+    With the wrench on the vehicle, M ζ̇ + b = (τ_v, τ_q) predicts q̈; where it is not allowed, q̈ is
+    cut and τ_q solved again. Without a cut τ_q stays as it is, to the bit.
+
+    Args:
+        settings: Stops and largest speeds.
+        M: Mass matrix (6+n, 6+n).
+        bias: b, with the force on the wall (6+n,) [N, N m].
+        tau: Commanded τ (6+n,) [N, N m].
+        wrench: Present τ_v (6,) [N, N m].
+        q: Joint coordinates (n,).
+        rates: q̇ (n,).
+    """
+    low, high = allowed_acceleration(settings, q, rates)
+    predicted = np.linalg.solve(M, np.append(wrench, tau[6:]) - bias)[6:]
+    if not ((predicted < low) | (predicted > high)).any():
+        return tau[6:], False
+    joints = np.clip(predicted, low, high)
+    vehicle = np.linalg.solve(M[:6, :6], wrench - bias[:6] - M[:6, 6:] @ joints)
+    torque: np.ndarray = M[6:, :6] @ vehicle + M[6:, 6:] @ joints + bias[6:]
+    return torque, True

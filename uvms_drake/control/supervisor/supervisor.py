@@ -1,0 +1,253 @@
+"""Supervisor of a press on an unknown wall: watches the class, and retreats if it is left.
+
+::
+
+                    a ratio of `detections.ratios` > 1
+        WATCHING ───────────────────────────────────────▶ RETREATING ──▶ STANDING
+        the law of the scenario,                           `retreat`: off the wall, station;
+        plans every h                                      no plans any more
+
+The trip is latched: mode, cause and time stay. A change of the task takes a new run.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, DiscreteValues
+
+from uvms_drake.common.alarm import warn
+from uvms_drake.common.finite import is_finite
+from uvms_drake.common.wiring import WiredSystem, output_of
+from uvms_drake.control.laws.law import Pair
+from uvms_drake.control.mpc.planner import HOVERED, KEPT, MPC_REPORT, SOLVED
+from uvms_drake.control.supervisor.detections import (
+    CAUSES,
+    ROWS,
+    WINDOW,
+    Seen,
+    Thresholds,
+    ratios,
+    stiffness_of_touch,
+)
+from uvms_drake.control.supervisor.retreat import (
+    PATIENCE,
+    RETREATING,
+    STANDING,
+    TURNING_FROM,
+    WATCHING,
+    Reference,
+    RetreatSettings,
+    begun,
+    moved,
+)
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.uvms_model import UvmsModel
+
+SAFETY = ("mode", "cause", "time", "stiffness")
+"""Entries of the output `safety`: mode, see `retreat`; index in `CAUSES` from 1, 0 before the trip;
+time of the trip [s]; stiffness of the wall by the touch [N/m], NaN if unknown."""
+SATURATED = 2.0
+"""`force_status` of a reading at the end of the sensor's range."""
+GOOD = (SOLVED, KEPT, HOVERED)
+"""Outcomes of a sample with a plan that is as good as new."""
+
+
+class Safety(NamedTuple):
+    """Parts of a supervisor."""
+
+    thresholds: Thresholds
+    """Thresholds of its detections."""
+    retreat: RetreatSettings
+    """Distances and speeds, and limits of the joints."""
+    allocation: Allocation | None
+    """Allocation to the thrusters; None: the wrench is ideal."""
+
+
+class Watch(NamedTuple):
+    """Memory of a `Supervisor`, its discrete state."""
+
+    safety: np.ndarray
+    """`SAFETY` (4,)."""
+    largest: np.ndarray
+    """Largest ratio so far of each of `CAUSES` (11,)."""
+    readings: np.ndarray
+    """Time, depth, force of the last readings, the newest last (3 ROWS,); NaN for none."""
+    clocks: np.ndarray
+    """Times [s]: of the last update, touch, finite state and new plan; and for which the command
+    was cut, the force lost, the water driven (7,)."""
+    flow: np.ndarray
+    """Low-passed horizontal disturbance (2,) [m/s²]."""
+    config: np.ndarray
+    """`Reference`: 𝔮 (6+n,)."""
+    rate: np.ndarray
+    """`Reference`: 𝔮̇ (6+n,)."""
+    left: np.ndarray
+    """`Reference`: distances left (2,) [m]."""
+
+
+def initial_watch(size: int) -> Watch:
+    """Returns the memory before the first update, for 6 + n = `size`."""
+    return Watch(np.array([WATCHING, 0.0, np.nan, np.nan]), np.zeros(len(CAUSES)),
+                 np.full(3 * ROWS, np.nan),
+                 np.array([np.nan, -np.inf, np.nan, np.nan, 0.0, 0.0, 0.0]), np.zeros(2),
+                 np.zeros(size), np.zeros(size), np.zeros(2))
+
+
+def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
+            settings: RetreatSettings, model: UvmsModel) -> Watch:
+    """Returns the memory after measurements: the state machine of the module.
+
+    Args:
+        before: The memory; its `clocks` are those of `seen` already.
+        seen: The measurements.
+        config: Measured 𝔮 (6+n,); while it is missing, that of the plan or of the reference.
+        limits: Thresholds.
+        settings: Of the retreat.
+        model: The controller's model.
+    """
+    # The measurements enter the memory, after the readings of the last second are taken.
+    rows = before.readings.reshape(-1, 3)
+    recent = rows[rows[:, 0] >= seen.time - WINDOW]
+    clocks, since = before.clocks.copy(), np.nan_to_num(seen.time - before.clocks[0])
+    clocks[0] = seen.time
+    if seen.force > limits.touch:
+        clocks[1] = seen.time
+    if np.isfinite(seen.force) and not seen.time - rows[-1, 0] < WINDOW / ROWS - 1e-9:
+        rows = np.vstack([rows[1:], [seen.time, seen.depth, seen.force]])
+    flow = before.flow + min(since / WINDOW, 1.0) * (np.nan_to_num(seen.drift[:2]) - before.flow)
+    driven = np.linalg.norm(flow) > TURNING_FROM * limits.drift[0]
+    clocks[6] = clocks[6] + since if driven else 0.0
+    now = before._replace(readings=rows.ravel(), clocks=clocks, flow=flow)
+    # Watching: the first ratio above one is the trip, at the measured place.
+    if before.safety[0] == WATCHING:
+        found = ratios(seen, recent, limits)
+        now = now._replace(largest=np.maximum(before.largest, found))
+        if not (found > 1.0).any():
+            return now
+        cause = int(np.argmax(np.minimum(found, 1e9)))
+        in_touch = recent[recent[:, 2] > limits.touch]
+        warn(seen.time, f"retreats: {list(CAUSES.values())[cause]}")
+        return now._replace(
+            safety=np.array([RETREATING, cause + 1.0, seen.time, stiffness_of_touch(
+                in_touch, limits.depth_error, 0.25 * limits.slope)]),
+            **begun(settings, config, seen.time - clocks[1] <= WINDOW)._asdict())
+    # Retreating and standing: the reference moves on.
+    standing = before.left[0] <= 0.0
+    heading = float(np.arctan2(-flow[1], -flow[0])) if (
+        standing and clocks[6] > PATIENCE) else None
+    reference = moved(settings, model, Reference(before.config, before.rate, before.left), config,
+                      since, heading) if since > 0.0 else Reference(
+                          before.config, before.rate, before.left)
+    safety = before.safety.copy()
+    safety[0] = STANDING if standing else RETREATING
+    return now._replace(safety=safety, **reference._asdict())
+
+
+class Supervisor(WiredSystem):
+    """Supervisor; see the module.
+
+    .. pydrake_system::
+
+        name: Supervisor
+        input_ports:
+        - state
+        - pair
+        - force_valid
+        - force_status (optional)
+        - force_lost
+        - estimate (optional)
+        - fix_age (optional)
+        - report
+        - raised
+        - limited
+        output_ports:
+        - safety
+        - safety_ratio
+        - retreat
+
+    - `state`: (𝔮, ζ) (2(6+n)) measured.
+    - `pair`: `Pair` of measured and nominal motion.
+    - `force_valid` (6), `force_status` (1), `force_lost` (1): of a `ForceFaultDetector` and of a
+      `ContactEstimator`.
+    - `estimate`: δ̂ (6+n) of a `RowObserver`.
+    - `fix_age`: age of the last fix of the navigation (1) [s].
+    - `report`: `MPC_REPORT` of the planner.
+    - `raised`, `limited` (1): of an `AncillaryFeedback`.
+    - `safety` (4): `SAFETY`.
+    - `safety_ratio`: largest ratio so far of each of `CAUSES` to its threshold, until a trip.
+    - `retreat`: mode, and the reference 𝔮, 𝔮̇ of the retreat (1 + 2(6+n)).
+
+    All outputs are functions of the discrete state, a `Watch`, so there is no algebraic loop.
+
+    Args:
+        model: The controller's model.
+        limits: Thresholds.
+        settings: Of the retreat.
+        period: Time between two updates [s], that of the law's clock; zero for one at the beginning
+            of each step of the simulation. Neither changes the steps.
+    """
+
+    def __init__(self, model: UvmsModel, limits: Thresholds, settings: RetreatSettings,
+                 period: float = 0.0):
+        super().__init__()
+        self._model, self._limits, self._settings = model, limits, settings
+        size = model.size
+        self._ports = {name: self.DeclareVectorInputPort(name, width) for name, width in (
+            ("state", 2 * size), ("force_valid", 6), ("force_status", 1), ("force_lost", 1),
+            ("estimate", size), ("fix_age", 1), ("report", len(MPC_REPORT)), ("raised", 1),
+            ("limited", 1))}
+        self._pair_port = self.DeclareAbstractInputPort("pair", Value(object()))
+        for part in initial_watch(size):
+            self.DeclareDiscreteState(part)
+        if period > 0.0:
+            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        else:
+            self.DeclarePerStepDiscreteUpdateEvent(self._update)
+        known = {self.xd_ticket()}
+        output_of(self, "safety", len(SAFETY), lambda c: self._watch(c).safety, known)
+        output_of(self, "safety_ratio", len(CAUSES), lambda c: self._watch(c).largest, known)
+        output_of(self, "retreat", 1 + 2 * size, lambda c: np.concatenate(
+            [self._watch(c).safety[:1], self._watch(c).config, self._watch(c).rate]), known)
+
+    @staticmethod
+    def _watch(context: Context) -> Watch:
+        return Watch(*(context.get_discrete_state(i).value() for i in range(len(Watch._fields))))
+
+    def _value(self, context: Context, name: str, default: float = 0.0) -> float:
+        port = self._ports[name]
+        return float(port.Eval(context)[0]) if port.HasValue(context) else default
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        before, now = self._watch(context), context.get_time()
+        clocks = before.clocks.copy()
+        since = np.nan_to_num(now - clocks[0])
+        measured, report = (self._ports[name].Eval(context) for name in ("state", "report"))
+        # Ages: of the state, of the plan, of a cut command and of a lost force.
+        if is_finite(measured) or np.isnan(clocks[2]):
+            clocks[2] = now
+        if report[1] in GOOD or np.isnan(clocks[3]):
+            clocks[3] = now if np.isnan(report[0]) else report[0]
+        for i, name in ((4, "limited"), (5, "force_lost")):
+            clocks[i] = clocks[i] + since if self._value(context, name) > 0.0 else 0.0
+        off, depth, config = np.full(3, np.nan), np.nan, before.config
+        if is_finite(measured):
+            pair: Pair = self._pair_port.Eval(context)
+            config, errors = pair.config[0], pose_difference(*pair.y)
+            off = np.array([np.linalg.norm(part) for part in (
+                errors[:3], errors[6:], pair.config[0][:3] - pair.config[1][:3])])
+            depth = float(self._settings.direction @ pair.y[0][:3])
+        elif before.safety[0] == WATCHING:
+            config = self._pair_port.Eval(context).config[1]
+        drift = self._ports["estimate"]
+        seen = Seen(
+            now, depth, float(self._settings.direction @ self._ports["force_valid"].Eval(
+                context)[:3]), self._value(context, "force_status") == SATURATED, off,
+            drift.Eval(context)[:6] if drift.HasValue(context) else np.zeros(6),
+            max(self._value(context, "fix_age"), now - clocks[2]),
+            self._value(context, "raised") > 0.0, clocks[4], now - clocks[3], clocks[5])
+        after = updated(before._replace(clocks=clocks), seen, config, self._limits, self._settings,
+                        self._model)
+        for i, part in enumerate(after):
+            state.set_value(i, part)
