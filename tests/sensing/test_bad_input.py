@@ -11,7 +11,7 @@ test_a_part_a_fault_or_an_unknown_without_meaning_is_named = refusals("girona500
     "actuation=[!SampledCommand {period: 0.0}]": r"actuation\[0\].period = 0.0: must be at least",
     "actuation=[!SampledCommand {period: 0.02, delay: 2.1}]": "delay = 2.1: must be from 0 to 100",
     "actuation=[!Thrusters {dead_time: 0.012}]": "dead_time = 0.012: must be a multiple of the per",
-    "actuation=[!Thrusters {error: [0.1, -1.0]}]": "error = .*: must be numbers between -1 and 1",
+    "actuation=[!Thrusters {error: [0.1, -1.1]}]": "error = .*: must be numbers from -1 to 1",
     "actuation=[!IdealWrench {undriven: [rol]}]": "= .rol.: must be one of surge, sway, heave",
     "actuation=[!IdealWrench {}, !SampledCommand {}]": r"actuation\[\d\]",
     "actuation=[!Thrusters {}, !IdealWrench {}]": r"actuation\[\d\]",

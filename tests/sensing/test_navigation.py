@@ -41,7 +41,7 @@ def run(settings, times, model, state=still, seed=0):
     script = builder.AddSystem(Script(state=state))
     signals = uv.Signals()
     port = settings.add_to(builder, model, script.get_output_port(), signals, seed)
-    assert list(signals) == ["measured_state"]
+    assert list(signals) == ["measured_state", "fix_age"]
     builder.ExportOutput(port, "measured")
     simulator = Simulator(builder.Build())
     out = []
