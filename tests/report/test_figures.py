@@ -307,7 +307,7 @@ def test_both_certified_bands_are_about_the_force_along_n(sensed):
     force = contact_panels(held, certified=3.5)[0]
     for name, bound, start in (
         ("in motion", held.scenario.contact.band(20.0, tip_errors(held.scenario.tube)), 1.0),
-        ("still at its target for 0.5 s", hold_band(held.scenario.contact, 20.0, hold), 2.5)):
+        ("plan at its target for 0.5 s", hold_band(held.scenario.contact, 20.0, hold), 2.5)):
         assert bands(force, name) == [(pytest.approx(20.0 - bound), pytest.approx(20.0 + bound))]
         (found,) = (each for each in force.series if name in each.style.get("label", ""))
         assert sensed.time[np.isfinite(found.y)][0] == pytest.approx(start, abs=0.03)

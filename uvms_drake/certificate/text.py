@@ -57,7 +57,7 @@ HELP = {
     "faults": "no faults but those of the solver",
     "sensing": "leaving it out",
     "actuation": "leaving it out",
-    "actuation path": "a clock and then thrusters, or leaving it out",
+    "actuation path": "leaving it out, or --uncertified",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
     "left by the tube": "a wider limit, a smaller disturbance.bound or larger gains",
     "first plan between knots": "a shorter mpc.time_step with a longer mpc.horizon, or wider "
@@ -171,7 +171,8 @@ def largest_force(claims: Claims, scenario: Scenario) -> str:
     if error is None:
         return ""
     motion = "not limited" if limit is None else f"{limit:.4g} N"
-    return (f"{motion} in motion, {desired + error:.4g} N in a hold of "
+    where = "in a hold of" if bands or HOLD in bounds else "with the plan at its target,"
+    return (f"{motion} in motion, {desired + error:.4g} N {where} "
             f"{desired:.4g} ± {error:.3g} N; static, without impact and damping")
 
 

@@ -215,15 +215,15 @@ def _normal_forces(record: Record, goal: np.ndarray) -> list[Series]:
 def _bands(record: Record, goal: np.ndarray) -> list[Series]:
     """Returns both certified bands about the desired force (T,): in contact, and in a hold."""
     found, hold = force_bands(record), record.scenario.tube.hold
-    since = "" if hold is None else f", the plan still at its target for {hold.time:.2g} s"
+    since = "" if hold is None else f":\nplan at its target for {hold.time:.2g} s"
     bands = []
     for holds, alpha, label in ((False, 0.12, "certified in motion"),
-                                (True, 0.35, f"certified in a hold{since}")):
+                                (True, 0.35, "certified in a hold")):
         bound = np.where(found.holds == holds, found.bound, np.nan)
         if np.any(np.isfinite(bound)):
             bands.append(band(
                 goal - bound, goal + bound, extends=False, color=style.GREEN, alpha=alpha,
-                label=f"{label}, $\\pm${np.nanmin(bound):.3g} N or more"))
+                label=f"{label}, $\\pm${np.nanmin(bound):.3g} N or more{since if holds else ''}"))
     return bands
 
 

@@ -37,6 +37,8 @@ FOOTER_CHARACTERS = 30
 """Characters of the footer in an inch of a figure's width."""
 FOOTER_POINTS = 4
 """Size of its letters [pt]."""
+LINE_SPACING = 1.45
+"""Distance of its lines, over their size."""
 
 
 def make_figures(record: Record, output_dir: str | Path,
@@ -76,7 +78,7 @@ def _with_footer(figure: Figure, paragraphs: Sequence[str], color: str) -> Bbox:
         each, int(width * FOOTER_CHARACTERS))]
     figure.text(0.995, 0.0, "\n".join(lines), ha="right", va="top", fontsize=FOOTER_POINTS,
                 color=color)
-    return Bbox([[0.0, -len(lines) * 1.25 * FOOTER_POINTS / 72.0 - 0.02], [width, height]])
+    return Bbox([[0.0, -len(lines) * LINE_SPACING * FOOTER_POINTS / 72.0 - 0.02], [width, height]])
 
 
 def figures_of(scenario: Scenario) -> list[str]:
