@@ -37,7 +37,8 @@ GAP = 0.1
 """Shortest interruption of a logged signal that makes two events of it [s]."""
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
-            "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited")
+            "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited",
+            "input_filtered")
 """Kinds that are alarms; the others are `contact`, from touch to loss, `settled`, `retarget`,
 `force_refused`, `plan_kept` and `hovering`."""
 
@@ -127,6 +128,9 @@ def _logged(record: Record) -> Iterator[_Signal]:
                       partial(_retreat_text, record))
     yield _Signal("input_limited", record.input_limited > 0.0,
                   lambda when: "the command saturates")
+    if "input_filtered" in record.signals:
+        yield _Signal("input_filtered", record.signals["input_filtered"][:, 0] > 0.0,
+                      lambda when: "the supervisor keeps the joints off their stops")
     for name, limit in constraints(record).items():
         yield _Signal("limit_violated", limit.margin < 0.0,
                       partial(_limit_text, name, -limit.margin))
