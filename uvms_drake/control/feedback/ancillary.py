@@ -121,7 +121,7 @@ class AncillaryFeedback(WiredSystem):
     - `estimate`: δ̂ (6+n) of a `RowObserver`, for a law with an observer.
     - `preview`: change of the plan's forces until they act (6+n), of a `FeedforwardPreview`.
     - `retreat`: mode and reference of a `Supervisor` (1 + 2(6+n)); after its trip the joints are
-      filtered and the vehicle's command is cut to what the thrusters can give.
+      filtered and the vehicle's command is cut to the forces that the thrusters have.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
@@ -185,6 +185,7 @@ class AncillaryFeedback(WiredSystem):
 
     def _wanted(self, context: Context) -> Command:
         """Returns the law's command, within the limits."""
+        # Both motions; a lost state is that of the plan, or of the retreat's reference at rest.
         mode, config, rate = WATCHING, np.zeros(0), np.zeros(0)
         if self._safety is not None:
             mode, *reference = self._retreat_port.Eval(context)
@@ -205,6 +206,7 @@ class AncillaryFeedback(WiredSystem):
             given["contact"] = np.zeros(6)
         _ = now.J_x_dot, now.y  # Shared with monitor and observer.
         now = now.given(**given)
+        # The command, within limits.
         if mode != WATCHING:
             wanted = self._of_retreat(now, config, rate)
         else:
@@ -263,7 +265,8 @@ class AncillaryFeedback(WiredSystem):
                      ) -> Command:
         """Returns a command that the thrusters can give and with which no joint meets its stop.
 
-        Without `cut`, the command as it is, to the bit; `limited` alone tells what is missing.
+        Without `cut`, the command as it is, to the bit; `limited` alone tells of thrusters that
+        miss it.
         """
         model, tau, limited = self._model, wanted.tau, wanted.limited
         if self._allocation is not None and now.wrench is not None:

@@ -104,9 +104,9 @@ def force_excess(readings: np.ndarray, tip: np.ndarray, force: float, limits: Th
     """
     if not force > limits.touch or not len(readings):
         return 0.0
-    ahead = limits.walls.advance(tip - readings[:, 1:4])
-    excess = force - readings[:, 4] - SLACK * limits.walls.stiffness * np.maximum(ahead, 0.0)
-    return float(np.max(excess[ahead >= -limits.depth_error], initial=0.0))
+    growth = limits.walls.advance(tip - readings[:, 1:4])
+    excess = force - readings[:, 4] - SLACK * limits.walls.stiffness * np.maximum(growth, 0.0)
+    return float(np.max(excess[growth >= -limits.depth_error], initial=0.0))
 
 
 def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:

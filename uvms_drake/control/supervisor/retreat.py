@@ -102,9 +102,9 @@ def moved(settings: RetreatSettings, model: UvmsModel, now: Reference, config: n
     """
     n, rate, left = settings.direction, np.zeros_like(now.config), now.left.copy()
     left[0] = settings.distance - n @ (now.start - config[:3])
-    ahead = settings.distance - float(n @ (now.start - now.config[:3]))
-    if ahead > ROUNDING:
-        rate[:3] = -min(settings.speed, ahead / step) * n
+    remaining = settings.distance - float(n @ (now.start - now.config[:3]))
+    if remaining > ROUNDING:
+        rate[:3] = -min(settings.speed, remaining / step) * n
     if left[1] > 0.0:
         J = model.task_jacobian(now.config)[:3, 6:]
         back = np.linalg.pinv(J, rcond=0.1) @ -n
