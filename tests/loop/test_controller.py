@@ -158,7 +158,7 @@ def test_stopped_it_drives_back_to_its_place_within_limits(started):
     # The body of the model under these commands comes back, and is at rest there.
     model, state, T = started.model, place.copy(), started.period
     state[[0, 7]] += 0.02, 0.02
-    for k in range(300):
+    for k in range(600):
         tau = started.step(1.02 + T * k, state).tau
         kinematics = model.kinematics(state[:10])
         bias = model.inverse_dynamics(kinematics, state[10:], np.zeros(10), np.zeros(6))

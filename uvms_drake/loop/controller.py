@@ -32,6 +32,7 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed, require, vecto
 from uvms_drake.common.finite import is_finite
 from uvms_drake.control.feedback.ancillary import limited_input
 from uvms_drake.control.laws.law import pair_of
+from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import HOVERED, TROUBLE
@@ -50,6 +51,8 @@ from uvms_drake.station.step_size import with_step
 
 PERIOD = 0.02
 """Period of a loop whose scenario has no clock [s]."""
+STATION = BlockGains(2.0, 1.0)
+"""Largest gains of the vehicle while stopped; stiffer ones overshoot from afar, at a limit of u."""
 FORCE_ALARMS: dict[str, Callable[[int], str]] = {
     "force_lost": lambda lost: "no force for so long that the tip retreats",
     "force_status": lambda status: f"the force is {ForceStatus(status).name.lower()}"}
@@ -127,7 +130,9 @@ class Controller:
         self._supervised = self._diagram.HasOutputPort("safety")
         self._has_wrench = scenario.ancillary.takes_wrench and self._diagram.HasOutputPort(
             VEHICLE_WRENCH)
-        self._station_law = law_of_retreat(scenario.ancillary, self.model.num_joints)
+        law = law_of_retreat(scenario.ancillary, self.model.num_joints)
+        self._station_law = replace(law, vehicle=BlockGains(
+            min(law.vehicle.k, STATION.k), min(law.vehicle.sigma, STATION.sigma)))
         self._simulator: Simulator | None = None
 
     def __enter__(self) -> Self:

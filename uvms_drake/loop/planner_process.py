@@ -35,7 +35,7 @@ class Failure(NamedTuple):
     fatal: bool
     """Whether there is no plan to go on with, `RunFailed`."""
     text: str
-    """What has failed, a line."""
+    """Error, a line."""
 
 
 class PlannerProcess:
@@ -44,7 +44,7 @@ class PlannerProcess:
     Attributes:
         wait: Longest time that a step waits for a plan [s].
         until: Instant of `perf_counter` until which the present step does [s].
-        trouble: Why the last answer was no plan, a line; empty if it was one.
+        trouble: Error in place of the last plan, a line; empty if there was none.
 
     Args:
         scenario: The scenario, which it gets as YAML.
