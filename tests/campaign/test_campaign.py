@@ -96,7 +96,7 @@ def test_another_program_runs_nothing(campaign, reference, monkeypatch, capsys):
         run_one(replace(campaign, source="0" * 64), 0)
     with pytest.raises(uv.RunFailed, match="a version is not"):
         run_one(replace(campaign, versions={"drake": "0.1"}), 0)
-    monkeypatch.setattr("uvms_drake.campaign.campaign.source_digest", lambda: "1" * 64)
+    monkeypatch.setattr("uvms_drake.campaign.campaign.run_source", lambda: "1" * 64)
     assert main(["campaign", "--output", str(reference), "--replay", "2"]) == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert read_setup(reference).seed == 3

@@ -123,7 +123,7 @@ def test_what_failings_a_certificate_is_named_with_by_how_much_and_what_would_he
 def test_a_claim_that_a_second_search_beats_failings_the_certificate(monkeypatch):
     search_less(monkeypatch)
     monkeypatch.setattr("uvms_drake.tube.search.second_search.second_search",
-                        lambda problem, wanted, rng: np.full(len(wanted), 9.0))
+                        lambda problem, wanted, rng, more: np.full(len(wanted), 9.0))
     failing = certify(uv.load_scenario("girona500_ideal", FEW))
     assert failing.failed.name.startswith("estimates, second search over claim (remainder of ν")
     assert "what would help: a larger certificate.safety_factor" in failing.verdict

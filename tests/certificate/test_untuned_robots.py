@@ -16,6 +16,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.uvms import slides
 from uvms_drake.plant.model_check import complaints_about
 from uvms_drake.tube.conditions import setting
+from uvms_drake.tube.estimates import LEAST_SHARE, CertificateSettings
 
 
 @pytest.mark.parametrize(("n", "telescope"), [
@@ -101,10 +102,12 @@ def test_a_disturbance_whose_tube_takes_too_much_is_made_less_by_as_much_and_a_f
 
 def test_a_horizon_and_a_safety_factor_are_given_as_numbers():
     assert longer(15) == "--set mpc.horizon=23"
-    factor = float(overrides(safer(1.2, 1.1))[0].partition("=")[2])
-    assert factor > 1.1 * 1.2
-    assert safer(1.2, 5.0) == safer(1.2, 0.9) == safer(1.1, 0.5) == ""
-    less = float(overrides(safer(1.2, 0.8))[0].partition("=")[2])
+    settings = {factor: CertificateSettings(safety_factor=factor) for factor in (1.05, 1.1, 1.2)}
+    factor = float(overrides(safer(settings[1.05], 1.03))[0].partition("=")[2])
+    assert 1.03 * 1.05 < factor <= 1.0 / LEAST_SHARE
+    assert safer(settings[1.2], 1.1) == "--set certificate.tube_samples=3000"
+    assert safer(settings[1.2], 5.0) == safer(settings[1.2], 0.9) == safer(settings[1.1], 0.5) == ""
+    less = float(overrides(safer(settings[1.2], 0.8))[0].partition("=")[2])
     assert 0.85 <= 0.8 * 1.2 / less < 0.86
 
 

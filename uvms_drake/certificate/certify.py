@@ -58,7 +58,14 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.true_wall import in_words, outside
 from uvms_drake.tube.conditions import Condition, assumption, setting
 from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.estimates import LEAST_SHARE, Check, checked, no_estimates, together
+from uvms_drake.tube.estimates import (
+    LEAST_SHARE,
+    CertificateSettings,
+    Check,
+    checked,
+    no_estimates,
+    together,
+)
 from uvms_drake.tube.law_tube import Basis, LawTube, constants_of
 from uvms_drake.tube.laws import TUBES
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -196,10 +203,11 @@ def margins(draft: Draft) -> None:
 
 def second_search(draft: Draft) -> None:
     """Searches again for every number that is not proven."""
-    factor = draft.scenario.certificate.safety_factor
+    settings = draft.scenario.certificate
     estimates = together(draft.found.check, draft.unproven)()
     draft.claim(estimates=estimates)
-    draft.require(*(replace(each, advice=safer(factor, each.left)) for each in checked(estimates)))
+    draft.require(*(replace(each, advice=safer(settings, each.left))
+                    for each in checked(estimates)))
 
 
 def terminal_set(draft: Draft) -> None:
@@ -513,21 +521,27 @@ def longer(horizon: int) -> str:
     return setting(mpc__horizon=math.ceil(1.5 * horizon))
 
 
-def safer(safety_factor: float, ratio: float) -> str:
+def safer(settings: CertificateSettings, ratio: float) -> str:
     """Returns a safety factor with which an estimate exceeds the result of a second search.
 
-    Also, not by more than one with power may miss. Empty if none is in the range of such a factor.
+    Also, not by more than one with power may miss. A factor beyond 1/`LEAST_SHARE` leaves none to a
+    second search that finds the same, so the first one needs more samples then. Empty if neither
+    is in its range.
 
     Args:
-        safety_factor: `certificate.safety_factor`.
+        settings: Settings of the estimates.
         ratio: That result over the estimate.
     """
-    less = math.floor(100.0 * safety_factor * ratio / LEAST_SHARE) / 100.0
+    factor = settings.safety_factor
+    less = math.floor(100.0 * factor * ratio / LEAST_SHARE) / 100.0
     if ratio < LEAST_SHARE and less >= 1.0:
         return setting(certificate__safety_factor=less)
+    more = _up(1.02 * ratio * factor, 2)
     if not 1.0 < ratio < 2.0:
         return ""
-    return setting(certificate__safety_factor=_up(1.02 * ratio * safety_factor, 2))
+    if more * LEAST_SHARE <= 1.0:
+        return setting(certificate__safety_factor=more)
+    return setting(certificate__tube_samples=10 * settings.tube_samples)
 
 
 def _up(value: float, digits: int) -> float:

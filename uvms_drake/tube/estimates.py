@@ -18,7 +18,7 @@ from uvms_drake.tube.conditions import Condition
 
 ROUNDING = 1e-12
 """Claims that are smaller, over the largest of their kind, are zeros."""
-ATTEMPTS = 6
+ATTEMPTS = 10
 """Most repetitions of a second search where it has no power yet."""
 LEAST_SHARE = 0.85
 """Least part of a claim that a second search has to reach: one that reaches less has no power."""
