@@ -18,6 +18,7 @@ from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED
 from uvms_drake.report.signals import (
     constraints,
     disturbance_above,
+    motor_torques,
     settling_index,
     wrench_unit,
 )
@@ -37,7 +38,8 @@ GAP = 0.1
 """Shortest interruption of a logged signal that makes two events of it [s]."""
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
-            "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited")
+            "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited",
+            "motor_limited")
 """Kinds that are alarms; the others are `contact`, from touch to loss, `settled`, `retarget`,
 `force_refused`, `plan_kept` and `hovering`."""
 
@@ -127,6 +129,9 @@ def _logged(record: Record) -> Iterator[_Signal]:
                       partial(_retreat_text, record))
     yield _Signal("input_limited", record.input_limited > 0.0,
                   lambda when: "the command saturates")
+    torque, effort = motor_torques(record), record.model.joint_effort
+    yield _Signal("motor_limited", np.any(torque > effort + ROUNDING, axis=1),
+                  lambda when: _motor_text(torque[when], effort))
     for name, limit in constraints(record).items():
         yield _Signal("limit_violated", limit.margin < 0.0,
                       partial(_limit_text, name, -limit.margin))
@@ -165,6 +170,13 @@ def _retreat_text(record: Record, when: slice) -> str:
 
 def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:
     return f"limit {name} violated, by at most {np.max(excess[when]):.3g}"
+
+
+def _motor_text(torque: np.ndarray, effort: np.ndarray) -> str:
+    """Names the joint of which most is asked over what its motor gives."""
+    j = int(np.argmax(np.max(torque, axis=0) / effort))
+    return (f"at most {np.max(torque[:, j]):.3g} asked of joint {j + 1}, whose motor gives "
+            f"{effort[j]:.3g}")
 
 
 def _changed(values: np.ndarray) -> np.ndarray:
