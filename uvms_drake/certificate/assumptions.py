@@ -28,7 +28,7 @@ from uvms_drake.tube.conditions import Condition, assumption
 
 GUARANTEE = "control/theory.md#closed-loop-guarantee"
 """Theorem that the conditions are for."""
-MOTORS = "joint torques"
+MOTORS = "motors"
 """Subject of the torques that the motors of the joints do not give."""
 SCOPE = ("actuation", MOTORS, "sensing", "surface", "unknowns")
 """Subjects whose first assumption is part of the verdict."""
@@ -144,7 +144,8 @@ def _motors(scenario: Scenario, model: ContactModel) -> Iterator[Statement]:
             f"gives {effort:.3g}" for j, effort in enumerate(model.joint_effort)
             if asked[6 + j] > effort]
     if over:
-        yield (MOTORS, f"{said} may ask for up to {'; '.join(over)}: assumed not to be asked for",
+        yield (MOTORS, f"in the posture of the start {said} may ask for up to {'; '.join(over)}: "
+               "assumed not to be asked for",
                f"{OPERATOR}, or limits.tau of the scenario")
 
 

@@ -2,10 +2,10 @@
 
 The runs of an attempt are a function of its *identity*, the SHA-256 of all that they depend on:
 scenario, robot, program, numpy, and number of runs. So neither a folder nor a seed can be chosen.
-But the smallest change of a limit gives others, and with enough of them a bad loop passes once. So
-each identity is written, before its runs, into a ledger that belongs to no folder of results; the
-k-th one of a *task* spends the part 1/(k(k + 1)) of the probability 1 − c that any of them is wrong:
-Σ 1/(k(k + 1)) = 1. All attempts at a task have the c of the first: another is refused.
+But the smallest change of a limit gives others, and with enough of them a bad loop passes once.
+So each identity is written, before its runs, into a ledger that belongs to no folder of results;
+the k-th one of a *task* spends the part 1/(k(k + 1)) of the probability 1 − c that any of them is
+wrong: Σ 1/(k(k + 1)) = 1. All attempts at a task have the c of the first: another is refused.
 
 A task is not changed by any number: it is the robot by its name, the kind of contact, and whether
 there is a mission or a press alone. Limits, gains, tube, unknowns, sensors, thrusters, law, steps,

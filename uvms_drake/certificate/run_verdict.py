@@ -5,7 +5,8 @@ from typing import Any
 
 BROKEN, FAILED = 3, 4
 """Exit status of a completed run that passed a limit, left its tube, pressed a wall that is not of
-its declared class, had a motor that cut a torque under a certificate, or retreated; and of a run that an exception ended."""
+its declared class, had a motor that cut a torque under a certificate, or retreated; and of a run
+that an exception ended."""
 BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
 """Names of the bands of the force of a sensed contact."""
 NAMED = ("tube", "limit", "contact")

@@ -120,7 +120,7 @@ def _observed(surface: Surface, walls: SurfaceClass, force: float, chi: np.ndarr
     # The directions, and both factors, of a tip that has just touched or presses up to the force.
     before = np.concatenate([np.zeros_like(phi[:1]), phi[:-1]])
     pressed = (phi > TOUCHED) & (before <= force)
-    at, missing = at[pressed], len(chi) - np.count_nonzero(np.any(pressed, axis=0))
+    at, missing = at[pressed], len(chi) - int(np.count_nonzero(np.any(pressed, axis=0)))
     if not len(at):
         return {"clearance": nearest, NOT_FOUND: missing}
     rest = surface.force(at, np.zeros_like(at))[:, :3]
