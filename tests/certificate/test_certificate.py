@@ -231,7 +231,8 @@ def test_the_numbers_of_the_short_text_are_those_of_the_certificate(contact):
     rows = {line[:18].strip(): line[18:]
             for line in format_overview(HOLDS, contact, 27.31).splitlines()}
     assert rows["largest force"].startswith(
-        f"{contact.contact.force:.4g} N in motion, 36.79 N in a hold of 20 ± 16.8 N")
+        f"{contact.contact.force:.4g} N in motion, 36.79 N with the plan at its target, "
+        "20 ± 16.8 N")
     assert rows["end-effector"] == "within 2.04 mm and 7 mrad of the plan"
     assert rows["tightest limit"] == "u[2]: the tube takes 80 %, 0.14 of 0.7 is left for the plan"
     assert rows["proven"] == "1 of the 3 numbers that tighten limits; 2 estimated"

@@ -318,7 +318,7 @@ def test_the_table_has_the_numbers_of_the_summary_and_begins_with_its_headline()
     assert f"normal error {abs(force['final_error_normal']):.3g} N at the end" in text
     assert "tangential error 5 N at the end, at most 5 N in the last 5 s" in text
     assert headline(summary).startswith(
-        "girona500_ideal: LIMITS VIOLATED: u_surge, without a certificate; 20 N ")
+        "girona500_ideal: LIMITS VIOLATED: u_surge (without a certificate); 20 N ")
     chi = record.chi.copy()
     chi[[0, -1]] = record.chi_des + np.outer([0.1, 0.001], [3.0, 0.0, 4.0, 1.0, 0.0, 0.0])
     moved = format_summary(uv.summarise(replace(record, chi=chi)))

@@ -54,7 +54,8 @@ def verdict_of(summary: dict[str, Any], also: Sequence[str] = ()) -> dict[str, A
         parts.append(f"{'GUARANTEES BROKEN' if kept else 'LIMITS VIOLATED'}: {failed}")
     text = "; ".join(parts) or f"all {'guarantees' if certified else 'limits'} kept"
     return {"status": BROKEN if parts else 0,
-            "text": text if certified else f"{text}{';' if parts else ','} without a certificate"}
+            "text": text if certified else f"{text} (without a certificate)" if parts else
+            f"{text}, without a certificate"}
 
 
 def broken(summary: dict[str, Any]) -> list[str]:
