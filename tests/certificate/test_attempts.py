@@ -81,7 +81,7 @@ def test_another_confidence_than_that_of_the_first_attempt_is_refused_and_none_i
     begun(first)
     assert attempt(confidence=0.99).identity == first.identity
     for other in (attempt(confidence=0.99), attempt(runs=300, confidence=0.5)):
-        with pytest.raises(InvalidParameter, match="--confidence = .*must be 0.95, over all att"):
+        with pytest.raises(InvalidParameter, match=r"must be 0\.95, over all attempts at"):
             begun(other)
     assert [json.loads(line)["confidence"] for line in ledger_path().read_text(
         "utf-8").splitlines()] == [0.95]

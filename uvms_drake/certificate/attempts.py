@@ -10,11 +10,11 @@ wrong: Σ 1/(k(k + 1)) = 1. All attempts at a task have the c of the first: anot
 A task is not changed by any number: it is the robot by its name, the kind of contact, and whether
 there is a mission or a press alone. Limits, gains, tube, unknowns, sensors, thrusters, law, steps,
 program and number of runs are those of an attempt. It is coarse on purpose: two scenarios of one
-robot that press an unknown wall share their attempts. That costs confidence, and each bound is
-still one: with attempts that it was not chosen from it is only larger than it would have to be.
+robot that press an unknown wall share their attempts. That costs confidence: a bound is
+then larger than it would have to be, and no less true.
 
 The ledger protects from deceiving oneself, not from deceit: it can be deleted, a robot renamed, and
-what another machine has tried is in its own ledger.
+attempts on another machine are in a ledger of their own.
 """
 
 import fcntl

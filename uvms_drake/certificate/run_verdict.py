@@ -40,6 +40,7 @@ def verdict_of(summary: dict[str, Any], also: Sequence[str] = ()) -> dict[str, A
                "this run did not fail: tube and all limits kept")
         return {"status": BROKEN if failed or claim["outside"] else 0,
                 "text": f"{own}; {'; '.join(claim['outside']) or claim['verdict']}"}
+    # Assumptions of the certificate that the run did not keep, then its guarantees.
     parts = []
     if departed:
         parts.append("NO GUARANTEE for this wall: " + (

@@ -173,7 +173,7 @@ def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:
 
 
 def _motor_text(torque: np.ndarray, effort: np.ndarray) -> str:
-    """Names the joint of which most is asked over what its motor gives."""
+    """Names the joint of which most is asked, over the effort of its motor."""
     j = int(np.argmax(np.max(torque, axis=0) / effort))
     return (f"at most {np.max(torque[:, j]):.3g} asked of joint {j + 1}, whose motor gives "
             f"{effort[j]:.3g}")

@@ -19,7 +19,7 @@ from uvms_drake.station.contact.tube_in_contact import force_bounds
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.scenario import Scenario
 
-AROUND, AHEAD = 0.5, 5.0
+AROUND, FARTHEST = 0.5, 5.0
 """Search distances for a surface, about a tip of a run, and into it along the path [m]."""
 STEP, HALVINGS = 0.005, 20
 """Steps of that search [m], and number of bisections of one."""
@@ -48,8 +48,8 @@ class Departure(NamedTuple):
 def outside(scenario: Scenario, model: ContactModel) -> dict[str, Departure]:
     """Returns the bounds of `contact`, by key, that the scenario's own surface or sensor exceeds.
 
-    `NOT_FOUND` has the numbers of places of the path, and of those without a surface within `AHEAD`
-    that gives a force. None of a known surface.
+    `NOT_FOUND` has the numbers of places of the path, and of those without a surface within
+    `FARTHEST` that gives a force. None of a known surface.
 
     Args:
         scenario: The scenario.
@@ -109,7 +109,7 @@ def _observed(surface: Surface, walls: SurfaceClass, force: float, chi: np.ndarr
         chi: Poses of the tip before the surface (m, 6), the start first.
     """
     n = walls.direction
-    advance = surface_depth(surface, chi, n, AHEAD) - chi[:, :3] @ n
+    advance = surface_depth(surface, chi, n, FARTHEST) - chi[:, :3] @ n
     nearest = float(np.nan_to_num(advance[0], nan=np.inf))
     depths = np.linspace(0.0, DEEPEST * force / walls.stiffness, DEPTHS)
     at = np.tile(chi[np.isfinite(advance)], (DEPTHS, 1, 1))  # (depths, places, 6)
@@ -139,7 +139,7 @@ def _observed(surface: Surface, walls: SurfaceClass, force: float, chi: np.ndarr
         "clearance": nearest, NOT_FOUND: missing}
 
 
-def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray, ahead: float = AROUND
+def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray, farthest: float = AROUND
                   ) -> np.ndarray:
     """Returns the depth n·𝔭 (T,) [m] at which the tip first touches the surface along n.
 
@@ -149,10 +149,10 @@ def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray, ahea
         surface: The surface.
         chi: Poses of the end-effector (T, 6) [m, rad].
         direction: Unit vector n into the surface (3,).
-        ahead: Distance of the search behind the tip [m].
+        farthest: Distance of the search behind the tip [m].
     """
     along = np.pad(direction, (0, 3))
-    steps = np.linspace(-AROUND, ahead, 1 + round((AROUND + ahead) / STEP))
+    steps = np.linspace(-AROUND, farthest, 1 + round((AROUND + farthest) / STEP))
     inside = np.array([surface.penetration(chi + step * along) > 0.0 for step in steps])
     first = np.argmax(inside, axis=0)
     low, high = steps[first - 1], steps[first]
