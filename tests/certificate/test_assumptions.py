@@ -10,7 +10,9 @@ from support.scenarios import OF_A_STATION
 import uvms_drake as uv
 from uvms_drake.certificate import assumptions as assumed
 from uvms_drake.certificate import declared_unknowns as declared
+from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.certificate.certify import basis_of
+from uvms_drake.certificate.text import refused
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.waves import water_motion
@@ -244,3 +246,15 @@ def test_what_no_theorem_counts_is_named(overrides, names):
     scenario = uv.load_scenario(NAME, overrides)
     found = assumed.assumed_conditions(scenario)
     assert [item.name.partition(",")[0] for item in found if not item.holds] == names
+
+
+def test_a_supervisor_is_a_condition_that_does_not_hold():
+    """It is an input of the certificate, and of no other scenario's."""
+    scenario = uv.load_scenario("girona500_stiff", ["supervisor={}"])
+    (name,) = unmet(scenario)
+    assert "supervisor" in name and "silent" in name
+    (failed,) = [item for item in assumed.assumed_conditions(scenario) if not item.holds]
+    assert "supervisor: null" in refused(failed)
+    plain, none = (fingerprint(uv.load_scenario("girona500_stiff", changes))["inputs"]
+                   for changes in ([], ["supervisor=null"]))
+    assert plain == none != fingerprint(scenario)["inputs"]

@@ -1,7 +1,10 @@
 """The controller in a loop of one's own: equal to `simulate`, and safe for whatever comes."""
 
+import gc
 import re
 from dataclasses import MISSING, fields
+from signal import SIGSTOP
+from time import sleep
 
 import numpy as np
 import pytest
@@ -9,7 +12,10 @@ from support.own_loop import own_loop
 
 import uvms_drake as uv
 from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.control.supervisor.detections import CAUSES
 from uvms_drake.loop.command import Mode
+from uvms_drake.loop.planner_process import ENDED
+from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 EXACT = ["log_period=0.015625", "mpc.time_step=0.1875"]
 """Periods in powers of two, of which all clocks agree to the last digit."""
@@ -121,15 +127,96 @@ def test_a_late_tick_tells_so_and_a_too_late_one_stops_until_reset(started):
     assert late.mode == Mode.RUNNING and late.alarms[0].startswith("late: 0.1 s")
     stopped = started.step(0.7, state, no_force)
     assert stopped.mode == Mode.STOPPED and stopped.alarms == ("stopped: no sample for 0.6 s",)
-    # It hovers there, at rest, and stays so.
-    model = started.model
-    hover = model.inverse_dynamics(
-        model.kinematics(state[:10]), np.zeros(10), np.zeros(10), np.zeros(6))
-    np.testing.assert_allclose(stopped.tau, hover, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(stopped.tau, equilibrium(started, state), rtol=1e-9, atol=1e-9)
     again = started.step(0.71, state, no_force)
     assert again.mode == Mode.STOPPED and again.time == 0.71
     started.reset(state)
     assert started.step(0.72, state, no_force).mode == Mode.RUNNING
+
+
+def equilibrium(controller, state) -> np.ndarray:
+    """Returns τ (10,) of rest at a state, without contact."""
+    model, rest = controller.model, np.zeros(10)
+    return model.inverse_dynamics(model.kinematics(state[:10]), rest, rest, np.zeros(6))
+
+
+def stop(controller) -> np.ndarray:
+    """Stops a controller at time 1.0, and returns the state of the place it keeps."""
+    state = rest(controller)
+    controller.step(0.0, state, np.zeros(6))
+    assert controller.step(1.0, state, np.zeros(6)).mode == Mode.STOPPED
+    return state
+
+
+def test_stopped_it_drives_back_to_its_place_within_limits(started):
+    place = stop(started)
+    off = place.copy()
+    off[0] += 0.2
+    command = started.step(1.01, off)
+    assert command.tau[0] < equilibrium(started, off)[0] - 50.0  # [N], back along x.
+    assert within_limits(started, command) and len(command.alarms) == 1
+    # The body of the model under these commands comes back, and is at rest there.
+    model, state, T = started.model, place.copy(), started.period
+    state[[0, 7]] += 0.02, 0.02
+    for k in range(600):
+        tau = started.step(1.02 + T * k, state).tau
+        kinematics = model.kinematics(state[:10])
+        bias = model.inverse_dynamics(kinematics, state[10:], np.zeros(10), np.zeros(6))
+        state[10:] += T * np.linalg.solve(model.mass_matrix(kinematics), tau - bias)
+        state[:10] += T * configuration_rate_matrix(state[:10]) @ state[10:]
+    np.testing.assert_allclose(state, place, atol=1e-3)
+
+
+@pytest.mark.parametrize(("time", "state"), [
+    (1.01, None), (1.01, np.full(20, np.nan)), (1.0, 0.2), (np.nan, 0.2), ("now", 0.2)])
+def test_stopped_without_a_new_state_it_gives_the_equilibrium_of_its_place(started, time, state):
+    place = stop(started)
+    command = started.step(time, place + state if isinstance(state, float) else state)
+    np.testing.assert_allclose(command.tau, equilibrium(started, place), rtol=1e-9, atol=1e-9)
+    assert command.mode == Mode.STOPPED
+    assert command.alarms == ("stopped: no sample for 1 s", "without a state: open loop")
+
+
+def test_the_time_in_set_task_is_no_gap_and_only_once(started, monkeypatch):
+    state = rest(started)
+    started.step(0.0, state, np.zeros(6))
+    monkeypatch.setattr(started._mpc, "prepare", lambda force: sleep(0.3))
+    started.set_task(force=[12.0, 0, 0, 0, 0, 0])
+    late = started.step(0.6, state, np.zeros(6))
+    assert late.mode == Mode.RUNNING and late.alarms[0].startswith("late: 0.6 s")
+    assert started.step(1.2, state, np.zeros(6)).mode == Mode.STOPPED
+
+
+def test_a_retreat_of_the_supervisor_is_a_mode_with_its_cause():
+    controller = uv.Controller(uv.load_scenario("girona500_contact", ["supervisor={}"]),
+                               period=0.01)
+    controller.reset(rest(controller))
+    before = controller.step(0.0, rest(controller), np.zeros(6))
+    assert before.mode == Mode.RUNNING and not before.alarms
+    hard = [controller.step(0.01 * k, rest(controller), [60.0 + 0.1 * k, 0, 0, 0, 0, 0])
+            for k in range(1, 6)][-1]
+    assert hard.mode == Mode.RETREATING
+    cause = list(CAUSES)[int(controller.signal("safety")[1]) - 1]
+    assert cause in ("force", "slope")  # 60 N of a wall that declares 45, and where there is none.
+    assert f"retreats: {cause}: {CAUSES[cause]}" in hard.alarms
+
+
+def test_joints_move_under_the_present_wrench_of_the_thrusters():
+    """It is not the commanded one at the start of a motion, with 0.2 s of delay."""
+    controller = uv.Controller(uv.load_scenario("girona500_real_loop", ["mpc.hover=0.0"]))
+    state, model = rest(controller), controller.model
+    controller.reset(state)
+    for k in range(12):
+        command = controller.step(controller.period * k, state, np.zeros(6))
+    wrench = controller.signal("vehicle_wrench")
+    assert np.abs(wrench - command.tau[:6]).max() > 1.0
+    rate = (command.joints.velocity - state[16:]) / controller.period
+    # Newton's law of the whole robot: M ζ̇ + b = (τ_v, τ_q), in the rows of the joints.
+    kinematics = model.kinematics(state[:10])
+    M, b = model.mass_matrix(kinematics), equilibrium(controller, state)
+    vehicle = np.linalg.solve(M[:6, :6], wrench - b[:6] - M[:6, 6:] @ rate)
+    np.testing.assert_allclose(M[6:, :6] @ vehicle + M[6:, 6:] @ rate + b[6:], command.tau[6:],
+                               atol=1e-6)
 
 
 def test_a_lost_state_and_a_clock_that_stands_stop_it_after_the_longest_gap(started):
@@ -228,3 +315,58 @@ def test_a_plan_that_is_not_ready_is_told_and_the_last_one_goes_on(monkeypatch):
     assert all(command.mode == Mode.RUNNING for command in commands)
     first, now = commands[5].plan, commands[-1].time
     np.testing.assert_allclose(commands[-1].plan.at(now)[0], first.at(now)[0], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def beside():
+    """Controller with a process for its plans, which each step waits for."""
+    scenario = uv.load_scenario("girona500_ideal", ["mpc.in_advance=true"])
+    with uv.Controller(scenario, wait=np.inf) as controller:
+        yield controller
+    assert controller._computer._process.poll() is not None  # Left, it has ended.
+    with pytest.raises(uv.InvalidParameter, match="reset = 'missing'"):
+        controller.step(0.0)
+
+
+def alarms_of(controller, first: int, last: int) -> list[str]:
+    commands = [controller.step(0.02 * k, rest(controller)) for k in range(first, last)]
+    assert all(command.mode == Mode.RUNNING for command in commands)
+    # The robot does not follow the plan here, which a limit tells after a while.
+    return [alarm for command in commands for alarm in command.alarms if "a limit" not in alarm]
+
+
+def test_a_dead_planner_is_told_the_last_plan_goes_on_and_reset_begins_it_again(beside):
+    for _ in range(2):
+        beside.reset(rest(beside))
+        assert not alarms_of(beside, 0, 12)
+        beside._computer._process.kill()
+        beside._computer._process.wait()
+        alarms = alarms_of(beside, 12, 45)
+        assert ENDED in alarms and "the solver missed its deadline" in alarms
+    beside.reset(rest(beside))
+    assert not alarms_of(beside, 0, 32)
+
+
+def test_whatever_a_planner_raises_is_a_failed_sample(beside):
+    beside.reset(rest(beside))
+    assert not alarms_of(beside, 0, 12)
+    computer = beside._computer
+    computer.until = np.inf
+    computer.result()
+    computer.start(None, None)  # Of which no planner makes a plan.
+    assert computer.result() is None and computer.trouble.startswith("no plan: AttributeError: ")
+    alarms = alarms_of(beside, 12, 22)
+    assert any(alarm.startswith("no plan: AttributeError") for alarm in alarms)
+    alarms_of(beside, 22, 45)
+    assert not alarms_of(beside, 45, 52)  # The next plan is one again.
+    assert computer._process.poll() is None
+
+
+def test_a_process_that_hangs_is_ended_and_goes_with_its_controller():
+    controller = uv.Controller(uv.load_scenario("girona500_ideal", ["mpc.in_advance=true"]),
+                               wait=0.0)
+    process = controller._computer._process
+    process.send_signal(SIGSTOP)  # It does not even read that the pipe is closed.
+    del controller
+    gc.collect()
+    assert process.poll() is not None

@@ -48,8 +48,8 @@ class Arrival:
 def arrival_of(scenario: Scenario, model: ContactModel, start: np.ndarray) -> Arrival:
     """Returns the arrival of a scenario with a sensed contact, and its certified tube.
 
-    It depends on no key that `fingerprint` leaves out: in this loop are neither faults nor a
-    supervisor, which only watches inside of the class, nor an integration scheme, see `IMPLICIT`.
+    It depends on no key that `fingerprint` leaves out: in this loop are no faults, and the
+    integration scheme is the default one, see `controller.IMPLICIT`.
 
     Args:
         scenario: The scenario.
@@ -60,7 +60,7 @@ def arrival_of(scenario: Scenario, model: ContactModel, start: np.ndarray) -> Ar
     walls, hold, period = contact.walls, scenario.tube.hold, contact.period
     hover = scenario.mpc.hover
     controller = make_controller(replace(
-        scenario, seed=0, supervisor=None, faults=[], simulator=type(scenario.simulator)(),
+        scenario, seed=0, faults=[], simulator=type(scenario.simulator)(),
         mpc=replace(scenario.mpc, hover=0.0, deadline=None)), model)
     simulator = Simulator(controller)
     context, time, state = simulator.get_mutable_context(), 0.0, start

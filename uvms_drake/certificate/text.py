@@ -58,6 +58,7 @@ HELP = {
     "sensing": "leaving it out",
     "actuation": "leaving it out",
     "actuation path": "leaving it out, or --uncertified",
+    "supervisor": "supervisor: null, or --uncertified",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
     "left by the tube": "a wider limit, a smaller disturbance.bound or larger gains",
     "first plan between knots": "a shorter mpc.time_step with a longer mpc.horizon, or wider "

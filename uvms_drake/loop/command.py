@@ -22,8 +22,10 @@ class Mode(StrEnum):
     """Likewise, and the plan is to keep the place until observers have settled, see `mpc.hover`."""
     REPEATED = "repeated"
     """That of the last tick again: the sample was not used."""
+    RETREATING = "retreating"
+    """That of the scenario's supervisor: off the wall, then station there, until `reset`."""
     STOPPED = "stopped"
-    """That of hovering at the last known place, until `reset`."""
+    """That of keeping station at the last place known, until `reset`; see `loop.controller`."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class JointCommand:
     torque: np.ndarray
     """τ_q [N m]."""
     velocity: np.ndarray
-    """Velocity one period later, by the model under τ [rad/s]."""
+    """Velocity one period later, by the model under τ_q and the vehicle's wrench [rad/s]."""
     position: np.ndarray
     """Angle then [rad]."""
 
@@ -76,7 +78,8 @@ class Outputs:
         self._allocation = None if known is None else Allocation.to(known)
 
     def of(self, time: float, tau: np.ndarray, state: np.ndarray, contact: np.ndarray | None,
-           mode: Mode, alarms: tuple[str, ...], plan: Plan | None = None) -> LoopCommand:
+           mode: Mode, alarms: tuple[str, ...], plan: Plan | None = None,
+           wrench: np.ndarray | None = None) -> LoopCommand:
         """Returns the command with τ (6+n,) [N, N m] in a state.
 
         The acceleration ζ̇ is that of the model, and q(t + T) = q + T q̇ + ½ T² q̈.
@@ -89,12 +92,14 @@ class Outputs:
             mode: The mode.
             alarms: The alarms.
             plan: The plan, if it is known.
+            wrench: Present wrench τ_v of the thrusters (6,) [N, N m]; None: the commanded one.
         """
         model, T = self._model, self._period
         config, zeta = np.split(state, 2)
         kinematics, still = model.kinematics(config), np.zeros_like(zeta)
         rest = model.inverse_dynamics(kinematics, zeta, still, contact)
-        rate = np.linalg.solve(model.mass_matrix(kinematics), tau - rest)[6:]
+        acting = tau if wrench is None else np.append(wrench, tau[6:])
+        rate = np.linalg.solve(model.mass_matrix(kinematics), acting - rest)[6:]
         velocity = zeta[6:] + T * rate
         forces = commands = None
         if self._allocation is not None:

@@ -9,28 +9,39 @@ for bit. Other samples have these outcomes, and never an exception:
     repeated, out of order, time not finite      not used: the last command again; an alarm
     no state, NaN or of a wrong size             the plan's own command, without feedback; an alarm
     no force, NaN or of a wrong size             a missing reading, see `force_status`; an alarm
-    nothing of use for `longest_gap`; a failure  hovers where it was, until `reset`; an alarm
+    nothing of use for `longest_gap`; a failure  stopped: keeps station, until `reset`; an alarm
+
+Stopped, it keeps vehicle and joints at the last place known, by the law of a retreat
+(`control.supervisor.retreat`), within the limits: without plan, observer, or force on a surface. At
+a tick without a new state its command is the equilibrium of that place, open loop.
 """
 
 import math
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from time import perf_counter
+from typing import Self
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from uvms_drake.actuation import SampledCommand
 from uvms_drake.certificate.certificate import AnyCertificate, stale_reason
-from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.common.errors import InvalidParameter, RunFailed, require, vector, within
+from uvms_drake.common.finite import is_finite
 from uvms_drake.control.feedback.ancillary import limited_input
+from uvms_drake.control.laws.law import pair_of
+from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import HOVERED, TROUBLE
+from uvms_drake.control.supervisor.detections import CAUSES
+from uvms_drake.control.supervisor.retreat import WATCHING, law_of_retreat
 from uvms_drake.loop.command import LoopCommand, Mode, Outputs
 from uvms_drake.loop.planner_process import PlannerProcess
 from uvms_drake.model.signals.sample_and_hold import SAME, TickedVector
-from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
 from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station.contact.bounds import sensed_contact, sensing_of
 from uvms_drake.station.controller import make_controller
@@ -40,6 +51,8 @@ from uvms_drake.station.step_size import with_step
 
 PERIOD = 0.02
 """Period of a loop whose scenario has no clock [s]."""
+STATION = BlockGains(2.0, 1.0)
+"""Largest gains of the vehicle while stopped; stiffer ones overshoot from afar, at a limit of u."""
 FORCE_ALARMS: dict[str, Callable[[int], str]] = {
     "force_lost": lambda lost: "no force for so long that the tip retreats",
     "force_status": lambda status: f"the force is {ForceStatus(status).name.lower()}"}
@@ -48,8 +61,14 @@ OVERDUE = 1.5
 """Time between two ticks in periods above which the second is late."""
 
 
+class _Stop(Exception):
+    """The samples are such that the loop stops; the text says why."""
+
+
 class Controller:
     """Controller of a scenario for a loop of one's own: samples in, a command out, at each tick.
+
+    With `wait` it has a process, which `close` ends, as does a `with` statement.
 
     Attributes:
         scenario: The scenario, with the certificate's tube and the loop's clock.
@@ -107,7 +126,26 @@ class Controller:
         self._computer = None if wait is None else PlannerProcess(scenario, wait)
         if self._computer is not None:
             self._mpc.compute_by(self._computer)
+            weakref.finalize(self, self._computer.close)  # The Diagram outlives it.
+        self._supervised = self._diagram.HasOutputPort("safety")
+        self._has_wrench = scenario.ancillary.takes_wrench and self._diagram.HasOutputPort(
+            VEHICLE_WRENCH)
+        law = law_of_retreat(scenario.ancillary, self.model.num_joints)
+        self._station_law = replace(law, vehicle=BlockGains(
+            min(law.vehicle.k, STATION.k), min(law.vehicle.sigma, STATION.sigma)))
         self._simulator: Simulator | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the process of the planner, if there is one; only `reset` begins anew."""
+        self._simulator = None
+        if self._computer is not None:
+            self._computer.close()
 
     def reset(self, state: np.ndarray, force: np.ndarray | None = None) -> None:
         """Begins anew at a state, at rest within the limits, and makes the first plan.
@@ -134,16 +172,17 @@ class Controller:
         simulator.set_target_realtime_rate(0.0)
         self._simulator, self._ticks = simulator, 0
         self._zero = self._now = self._heard = math.nan
-        self._unused, self._state = 0, state
+        self._unused, self._state, self._spent, self._stopped = 0, state, 0.0, ""
         self._fix("tick", np.zeros(1))
         self._put(state, np.zeros(6) if force is None else vector("force", force, 6))
         simulator.Initialize()
-        self._command = self._hovering(0.0, Mode.REPEATED, ())
+        self._command = self._station(0.0, Mode.REPEATED, (), None)
 
     def set_task(self, force: np.ndarray | None = None, place: np.ndarray | None = None) -> None:
         """Changes the task from the next step on; None leaves a part of it.
 
-        Of a known surface the problem of a new force is made here, which takes seconds.
+        Of a known surface the problem of a new force is made here, which takes seconds. The next
+        step may be as much later, beyond `longest_gap`; it has an alarm then.
 
         Args:
             force: 𝔉_des (6,) [N, N m]; one that cannot be held is refused, which is an alarm.
@@ -159,7 +198,9 @@ class Controller:
                         "has a mission, or its surface is known")
                 self._fix(name, vector(name, value, size))
         if force is not None:
+            began = perf_counter()
             self._mpc.prepare(np.asarray(force, dtype=float))
+            self._spent += perf_counter() - began
 
     def step(self, time: float, state: np.ndarray | None = None, force: np.ndarray | None = None
              ) -> LoopCommand:
@@ -174,12 +215,16 @@ class Controller:
             InvalidParameter: There was no `reset` before.
         """
         self._begun()
-        if self._command.mode == Mode.STOPPED:
-            return replace(self._command, time=time)
-        try:
-            return self._stepped(float(time), state, force)
-        except Exception as error:  # In the loop, whatever has failed.
-            return self._stop(time, f"it failed: {' '.join(str(error).split())}")
+        now = float(sample_of([time], 1)[0])
+        if not self._stopped:
+            try:
+                return self._stepped(now, state, force)
+            except _Stop as why:
+                self._stopped = f"stopped: {why}"
+            except Exception as error:  # In the loop, whatever has failed.
+                self._stopped = f"stopped: it failed: {' '.join(str(error).split())}"
+            self._heard = self._command.time
+        return self._keep_station(now, state)
 
     def signal(self, name: str) -> np.ndarray:
         """Returns a signal of the last tick, an output port of `make_controller`."""
@@ -209,20 +254,22 @@ class Controller:
         if not (last < now < math.inf or (math.isnan(last) and now == 0.0)):
             return self._passed_over(time)
         gap = 0.0 if math.isnan(last) else now - last
-        if gap > self._longest_gap:
-            return self._stop(time, f"no sample for {gap:.3g} s")
         alarms = [f"late: {gap:.3g} s since the last tick"] if gap > OVERDUE * self.period else []
         # The samples, which count as missing if they cannot be read.
         size = self.model.size
         measured, read = sample_of(state, 2 * size), sample_of(force, 6)
-        if np.isfinite(measured).all():
+        if is_finite(measured):
             self._state, self._heard = measured, time
         else:
             alarms.append("the state is missing")
-        if self._senses and not np.isfinite(read).all():
+        if self._senses and not is_finite(read):
             alarms.append("the force is missing")
-        if time - self._heard > self._longest_gap:
-            return self._stop(time, f"no state for {time - self._heard:.3g} s")
+        # Too long without any; the time in `set_task` is no gap.
+        longest, self._spent = self._longest_gap + self._spent, 0.0
+        if gap > longest:
+            raise _Stop(f"no sample for {gap:.3g} s")
+        if time - self._heard > longest:
+            raise _Stop(f"no state for {time - self._heard:.3g} s")
         # The Diagram to this instant, with the samples before; then the new ones, and its events.
         simulator = self._begun()
         if self._computer is not None:
@@ -236,11 +283,11 @@ class Controller:
         self._now, self._unused = now, 0
         tau = self._ticked.newest(self._diagram.GetSubsystemContext(
             self._ticked, simulator.get_context()))
-        mode = Mode.HOVERING if self.signal("report")[1] == HOVERED else Mode.RUNNING
         plan = self._diagram.GetOutputPort("plan").Eval(simulator.get_context())
-        contact = read if self._senses and np.isfinite(read).all() else None
         self._command = self._outputs.of(
-            time, tau, self._state, contact, mode, (*alarms, *self._alarms()), plan)
+            time, tau, self._state, read if self._senses and is_finite(read) else None,
+            self._mode(), (*alarms, *self._alarms()), plan,
+            self.signal(VEHICLE_WRENCH) if self._has_wrench else None)
         return self._command
 
     def _advance(self, simulator: Simulator, now: float) -> None:
@@ -250,9 +297,19 @@ class Controller:
             simulator.AdvanceTo(due)
         simulator.AdvanceTo(now)
 
+    def _mode(self) -> Mode:
+        if self._supervised and self.signal("safety")[0] != WATCHING:
+            return Mode.RETREATING
+        return Mode.HOVERING if self.signal("report")[1] == HOVERED else Mode.RUNNING
+
     def _alarms(self) -> Iterator[str]:
         """Yields the alarms of the controller at the last tick."""
         status, refused = self.signal("report")[[1, 6]]
+        if self._mode() == Mode.RETREATING:
+            cause = list(CAUSES)[int(self.signal("safety")[1]) - 1]
+            yield f"retreats: {cause}: {CAUSES[cause]}"
+        if self._computer is not None and self._computer.trouble:
+            yield self._computer.trouble
         if status in TROUBLE:
             yield TROUBLE[status]
         if refused:
@@ -268,23 +325,37 @@ class Controller:
         self._unused += 1
         alarm = f"the time {time:g} s is not after that of the last tick, {self._command.time:g} s"
         if self._unused * self.period > self._longest_gap:
-            return self._stop(time, alarm)
+            raise _Stop(alarm)
         return replace(self._command, mode=Mode.REPEATED, alarms=(alarm,))
 
-    def _stop(self, time: float, why: str) -> LoopCommand:
-        self._command = self._hovering(time, Mode.STOPPED, (f"stopped: {why}",))
+    def _keep_station(self, time: float, state: np.ndarray | None) -> LoopCommand:
+        """Returns the command while stopped, of a time that is NaN if it cannot be read."""
+        measured = sample_of(state, 2 * self.model.size)
+        is_new = is_finite(measured) and time > self._heard
+        self._heard = self._heard if math.isnan(time) else time
+        for given in (measured, None) if is_new else (None,):
+            alarms = (self._stopped, *(["without a state: open loop"] if given is None else []))
+            try:
+                self._command = self._station(time, Mode.STOPPED, alarms, given)
+                break
+            except Exception:  # As at a state without an inverse: then the next one.
+                self._command = replace(self._command, mode=Mode.STOPPED, alarms=alarms)
         return self._command
 
-    def _hovering(self, time: float, mode: Mode, alarms: tuple[str, ...]) -> LoopCommand:
-        """Returns the command that holds the robot at rest at its last place, free of contact."""
-        model, config = self.model, self._state[: self.model.size]
-        kinematics, still = model.kinematics(config), np.zeros(model.size)
-        M, free = model.mass_matrix(kinematics), np.zeros(6)
-        tau = model.inverse_dynamics(kinematics, still, still, free)
-        limits = self.scenario.limits
-        _, tau, _ = limited_input(np.linalg.solve(M, tau), tau, M, np.asarray(limits.u),
+    def _station(self, time: float, mode: Mode, alarms: tuple[str, ...],
+                 state: np.ndarray | None) -> LoopCommand:
+        """Returns the command that keeps station at the last place; None: without a state."""
+        model, still, limits = self.model, np.zeros(self.model.size), self.scenario.limits
+        place = np.concatenate([self._state[: model.size], still])
+        state = place if state is None else state
+        wanted = self._station_law.command(
+            model, pair_of(model, state, place).given(contact=np.zeros(6)), lambda: still,
+            lambda: still)
+        _, tau, _ = limited_input(wanted.u, wanted.tau, wanted.M, np.asarray(limits.u),
                                   None if limits.tau is None else np.asarray(limits.tau))
-        return self._outputs.of(time, tau, np.concatenate([config, still]), free, mode, alarms)
+        if not is_finite(tau):
+            raise RunFailed("the command is not finite")
+        return self._outputs.of(time, tau, state, np.zeros(6), mode, alarms)
 
 
 def sample_of(value: object, size: int) -> np.ndarray:

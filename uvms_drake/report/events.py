@@ -39,7 +39,7 @@ GAP = 0.1
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
             "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited",
-            "motor_limited")
+            "input_filtered", "motor_limited")
 """Kinds that are alarms; the others are `contact`, from touch to loss, `settled`, `retarget`,
 `force_refused`, `plan_kept` and `hovering`."""
 
@@ -132,6 +132,9 @@ def _logged(record: Record) -> Iterator[_Signal]:
     torque, effort = motor_torques(record), record.model.joint_effort
     yield _Signal("motor_limited", np.any(torque > effort + ROUNDING, axis=1),
                   lambda when: _motor_text(torque[when], effort))
+    if "input_filtered" in record.signals:
+        yield _Signal("input_filtered", record.signals["input_filtered"][:, 0] > 0.0,
+                      lambda when: "the supervisor keeps the joints off their stops")
     for name, limit in constraints(record).items():
         yield _Signal("limit_violated", limit.margin < 0.0,
                       partial(_limit_text, name, -limit.margin))

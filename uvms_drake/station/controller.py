@@ -94,6 +94,7 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None, *,
         - payload, payload_at_rest (optional, if the hand holds one)
         - desired_force, place, deepest (optional, as of make_station)
         - stop (optional, of a mission, in place of these three)
+        - fix_age (optional, if `measured`, of a supervisor)
         output_ports:
         - tau
         - nominal_state, u, ... (each signal)
@@ -110,7 +111,8 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None, *,
     With `measured`, for sensors that are not simulated, no sensor is: `state` is the measured one,
     in place of `force` and `payload` there is `force_measured` (6), 𝔉_s as of a `ForceSensor` [N,
     N m], if the scenario has a sensor of the force, and a further input `tick` (1), each change of
-    which is a tick of the clock of its `SampledCommand`, see `TickedVector`.
+    which is a tick of the clock of its `SampledCommand`, see `TickedVector`. With a supervisor,
+    `fix_age` (1) is the age of the last fix of the navigation [s]; zero if unconnected.
 
     Args:
         scenario: Task, limits, tube, sensors and actuators.
@@ -131,6 +133,8 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None, *,
     if measured:
         sources |= {name: Gain(1.0, size) for name, size, needed in (
             (MEASURED_FORCE, 6, known_reading(scenario) is not None), (TICK, 1, True)) if needed}
+        if controller.HasInputPort("fix_age"):
+            sources["fix_age"] = PassThrough(1)
     else:
         sources["force"] = Gain(1.0, 6)
         if scenario.model_error.payload.present:

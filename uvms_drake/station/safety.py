@@ -51,4 +51,5 @@ def retreat_sentence(safety: dict[str, Any]) -> str:
         text += (f" ({1e-3 * safety['stiffness']:.2g} kN/m, "
                  f"{1e-3 * safety['declared_stiffness']:.2g})")
     state = "" if safety["off_wall"] else ", and NOT off the wall at the end"
-    return f"{text}; {safety['largest_force']:.3g} N at most{state}"
+    joints = ", joints kept off their stops" if safety["filtered"] else ""
+    return f"{text}; {safety['largest_force']:.3g} N at most{joints}{state}"

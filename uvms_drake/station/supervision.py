@@ -49,12 +49,13 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     changes, ε of the measured position, κ₊ and
     F_max of the class, and the radii of the tube:
 
-    * force: F_max − ν, so that the true one is at most F_max;
+    * force: F_max − ν, so that the true one is at most F_max. A trip by it is early: F_max is of
+      the static force, to which a certificate lets readings add their error and the tube its own;
     * slope: 2(ν − c), two readings off in opposite ways;
     * tip, joints: the radii, and ε; vehicle: that of the tip and of the arm by ‖J_q‖;
     * fix: the longest gap, and a period of the fixes, which lie in between;
-    * drift: twice the acceleration by the declared flow, that of ν at the tip, and the noise of the
-      velocity through the observer;
+    * drift: twice the acceleration by the declared flow, that of ν at the tip, the noise of the
+      velocity through the observer, and the bound of the disturbance, its largest semi-axes;
     * cut: twice the delay of the vehicle's wrench; plan: all but two intervals of the horizon.
     """
     contact, tube = sensed_contact(scenario), resolved_radii(scenario.tube)
@@ -85,6 +86,8 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     drift = TIMES * np.array([linear, angular]) + error * np.array(
         [1.0 / np.min(np.diag(M)[:3]), lever / np.min(np.diag(M)[3:6])])
     drift += TIMES * observer * np.array([velocity, turning])
+    axes = scenario.disturbance.axes(model.size)
+    drift += [np.max(axes[:3]), np.max(axes[3:6])]
     off = (1.0 + MONITOR_SLACK) * np.array([
         (tube.position or 0.0) + np.sqrt(3.0) * position, tube.joints or 0.0,
         (tube.position or 0.0) + np.sqrt(3.0) * position
@@ -92,7 +95,7 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     horizon, h = scenario.mpc.horizon, scenario.mpc.time_step
     return Thresholds(
         force=contact.force - error, slope=2.0 * (error - constant),
-        stiffness=contact.stiffness, touch=0.5 * error, depth_error=position,
+        walls=contact.walls, touch=0.5 * error, depth_error=position,
         off=off, fix=fix, drift=drift, cut=TIMES * max(path.mean_delays[0], h),
         plan=max(horizon - 2, 1) * h, lost=LOST, begin=scenario.mpc.hover)
 

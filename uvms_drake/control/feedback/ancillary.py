@@ -24,6 +24,7 @@ from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.laws.law import AncillaryLaw, Command, Pair, pair_of
 from uvms_drake.control.limits import Limits, check_limits
 from uvms_drake.control.supervisor.retreat import (
+    WATCHING,
     RetreatSettings,
     filtered_torque,
     law_of_retreat,
@@ -119,20 +120,23 @@ class AncillaryFeedback(WiredSystem):
       takes it; see `VEHICLE_WRENCH`.
     - `estimate`: δ̂ (6+n) of a `RowObserver`, for a law with an observer.
     - `preview`: change of the plan's forces until they act (6+n), of a `FeedforwardPreview`.
-    - `retreat`: mode and reference of a `Supervisor` (1 + 2(6+n)); with it the joints are filtered.
+    - `retreat`: mode and reference of a `Supervisor` (1 + 2(6+n)); after its trip the joints are
+      filtered and the vehicle's command is cut to the forces that the thrusters have.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
     - `lost` (1): 1 while the measured state is not finite, else 0.
-    - `limited` (1): 1 while a limit clips the law's command, else 0.
+    - `limited` (1): 1 while a limit clips the law's command, or with a supervisor the thrusters
+      cannot give it, else 0.
     - `filtered` (1): 1 while the filter of the joints cuts it, else 0.
     - `raised` (1): 1 while the law raises an exception or its command is not finite, else 0; the
       command is that of the retreat's law at the present place then.
     - `pair`: `Pair` of measured and nominal motion, also for a `TubeMonitor`.
 
     It has no state. A measured state that is not finite is replaced by the nominal one, so that the
-    command is the plan's own, without feedback. `u` and `tau` are the law's command clipped by
-    `limited_input`.
+    command is the plan's own, without feedback; after a trip by the retreat's reference, at rest
+    and with no force on the tip: the forces of an equilibrium in the water. `u` and `tau` are the
+    law's command clipped by `limited_input`.
 
     Args:
         model: The controller's model of the robot and of the surface.
@@ -181,8 +185,16 @@ class AncillaryFeedback(WiredSystem):
 
     def _wanted(self, context: Context) -> Command:
         """Returns the law's command, within the limits."""
-        if not is_finite(self._state_port.Eval(context)):
-            nominal = self._nominal_state_port.Eval(context)
+        # Both motions; a lost state is that of the plan, or of the retreat's reference at rest.
+        mode, config, rate = WATCHING, np.zeros(0), np.zeros(0)
+        if self._safety is not None:
+            mode, *reference = self._retreat_port.Eval(context)
+            config, rate = np.split(np.array(reference), 2)
+        lost = not is_finite(self._state_port.Eval(context))
+        if lost:
+            rate = np.zeros_like(rate)
+            nominal = self._nominal_state_port.Eval(context) if mode == WATCHING else (
+                np.append(config, rate))
             now = pair_of(self._model, nominal, nominal)
         else:
             now = self._pair_port.Eval(context)
@@ -190,14 +202,22 @@ class AncillaryFeedback(WiredSystem):
                  if port.HasValue(context)}
         if "contact" in given and not is_finite(given["contact"]):
             del given["contact"]
+        if lost and mode != WATCHING:
+            given["contact"] = np.zeros(6)
         _ = now.J_x_dot, now.y  # Shared with monitor and observer.
         now = now.given(**given)
-        wanted = self._wanted_safely(context, now) if self._safety is not None else (
-            self._of_law(context, now))
+        # The command, within limits.
+        if mode != WATCHING:
+            wanted = self._of_retreat(now, config, rate)
+        else:
+            wanted = self._of_law(context, now) if self._safety is None else (
+                self._wanted_safely(context, now))
         if self._limits is not None:
             wanted = _cut(wanted, *(
                 self._limits if now.wrench is None else _of_joints(*self._limits)))
-        return wanted if self._safety is None else self._kept_within(wanted, now, self._safety)
+        if self._safety is None:
+            return wanted
+        return self._kept_within(wanted, now, self._safety, mode != WATCHING or wanted.raised)
 
     def _flag(self, name: str, context: Context) -> list[bool]:
         return [getattr(self._command.Eval(context), name)]
@@ -216,13 +236,10 @@ class AncillaryFeedback(WiredSystem):
         return Command(u, M @ u, M)
 
     def _wanted_safely(self, context: Context, now: Pair) -> Command:
-        """Returns the command of the law, or of the retreat: after a trip, or if the law fails.
+        """Returns the command of the law, or if it fails, of the retreat about the present place.
 
         Nothing moves at t = 0: an exception then is bad input, and passed on.
         """
-        mode, *reference = self._retreat_port.Eval(context)
-        if mode > 0.0:
-            return self._of_retreat(now, *np.split(np.array(reference), 2))
         try:
             wanted = self._of_law(context, now)
             if is_finite(wanted.tau):
@@ -244,8 +261,13 @@ class AncillaryFeedback(WiredSystem):
         return self._retreat_law.command(model, about, lambda: np.zeros(size),
                                          lambda: np.zeros(size))
 
-    def _kept_within(self, wanted: Command, now: Pair, safety: RetreatSettings) -> Command:
-        """Returns a command that the thrusters can give and with which no joint meets its stop."""
+    def _kept_within(self, wanted: Command, now: Pair, safety: RetreatSettings, cut: bool
+                     ) -> Command:
+        """Returns a command that the thrusters can give and with which no joint meets its stop.
+
+        Without `cut`, the command as it is, to the bit; `limited` alone tells of thrusters that
+        miss it.
+        """
         model, tau, limited = self._model, wanted.tau, wanted.limited
         if self._allocation is not None and now.wrench is not None:
             driven = self._allocation.thrusters.driven
@@ -253,6 +275,8 @@ class AncillaryFeedback(WiredSystem):
             if (np.abs(missing) > CUT * self._allocation.largest).any():
                 tau, limited = tau.copy(), True
                 tau[driven] -= missing
+        if not cut:
+            return replace(wanted, limited=limited) if limited != wanted.limited else wanted
         measured, (config, _), (zeta, _) = now.kinematics.at(0), now.config, now.zeta
         torque, filtered = filtered_torque(
             safety, wanted.M, model.inverse_dynamics(

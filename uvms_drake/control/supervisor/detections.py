@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
 CAUSES = {
     "force": "the force is above the declared one",
     "slope": "the wall is stiffer than declared",
@@ -37,8 +39,8 @@ class Thresholds(NamedTuple):
     """Largest force along n [N]."""
     slope: float
     """Largest excess of a force over that of the stiffest wall [N]."""
-    stiffness: float
-    """κ₊ [N/m]."""
+    walls: SurfaceClass
+    """Walls of the class: κ₊, n and the angle of their normals."""
     touch: float
     """Force that is a touch [N]."""
     depth_error: float
@@ -64,8 +66,8 @@ class Seen(NamedTuple):
 
     time: float
     """t [s]."""
-    depth: float
-    """Depth of the tip along n [m]."""
+    tip: np.ndarray
+    """Position of the tip (3,) [m]; NaN while there is no state."""
     force: float
     """Force along n [N]; NaN while there is none."""
     saturated: bool
@@ -86,23 +88,25 @@ class Seen(NamedTuple):
     """Time for which the force has been lost [s]."""
 
 
-def force_excess(readings: np.ndarray, depth: float, force: float, limits: Thresholds) -> float:
+def force_excess(readings: np.ndarray, tip: np.ndarray, force: float, limits: Thresholds) -> float:
     """Returns the largest excess of a force over that of the stiffest wall since a reading [N].
 
-    max over readings (x₀, F₀) with x₀ ≤ x + error of F − F₀ − 1.1 κ₊ (x − x₀)₊: a wall of the class
-    pushes back by no more. Zero without a touch.
+    max over readings (𝔭₀, F₀) with ⟨𝔭 − 𝔭₀⟩ ≥ −error of F − F₀ − 1.1 κ₊ ⟨𝔭 − 𝔭₀⟩₊, see
+    `SurfaceClass.advance`: the static force of a wall of the class grows by no more, however its
+    normal is tilted. Friction that turns and dissipation are left to the 1.1 and the threshold.
+    Zero without a touch.
 
     Args:
-        readings: Time [s], depth x₀ [m], force F₀ [N] of earlier readings (k, 3).
-        depth: x [m].
+        readings: Time [s], position 𝔭₀ [m], force F₀ [N] of earlier readings (k, 5).
+        tip: 𝔭 (3,) [m].
         force: F [N].
-        limits: κ₊, the force of a touch and the error of the depth.
+        limits: Walls of the class, the force of a touch and the error of the depth.
     """
     if not force > limits.touch or not len(readings):
         return 0.0
-    _, x, F = readings.T
-    excess = force - F - SLACK * limits.stiffness * np.maximum(depth - x, 0.0)
-    return float(np.max(excess[x <= depth + limits.depth_error], initial=0.0))
+    growth = limits.walls.advance(tip - readings[:, 1:4])
+    excess = force - readings[:, 4] - SLACK * limits.walls.stiffness * np.maximum(growth, 0.0)
+    return float(np.max(excess[growth >= -limits.depth_error], initial=0.0))
 
 
 def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:
@@ -119,7 +123,7 @@ def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:
     force = np.inf if seen.saturated else np.nan_to_num(seen.force)
     return np.array([
         force / limits.force,
-        force_excess(readings, seen.depth, seen.force, limits) / limits.slope,
+        force_excess(readings, seen.tip, seen.force, limits) / limits.slope,
         *off,
         seen.fix_age / limits.fix,
         max(np.linalg.norm(each) / limit
@@ -130,7 +134,8 @@ def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:
         seen.lost_time / limits.lost])
 
 
-def stiffness_of_touch(readings: np.ndarray, depth_error: float, force_error: float) -> float:
+def stiffness_of_touch(depth: np.ndarray, force: np.ndarray, depth_error: float,
+                       force_error: float) -> float:
     """Returns the stiffness of a wall from readings in contact, by errors in variables [N/m].
 
     The slope of the line through (x, F) with the least sum of squares across it, both scaled by
@@ -138,14 +143,15 @@ def stiffness_of_touch(readings: np.ndarray, depth_error: float, force_error: fl
     too. NaN without readings of two depths.
 
     Args:
-        readings: Time [s], depth [m], force [N] (k, 3), in contact.
+        depth: Depths along n of readings in contact (k,) [m].
+        force: Their forces along n (k,) [N].
         depth_error: Error of a depth [m].
         force_error: Error of a force [N].
     """
-    if len(readings) < 3:
+    if len(depth) < 3:
         return np.nan
     weight = force_error / depth_error if depth_error > 0.0 else 0.0
-    x, F = (readings[:, 1:] - readings[:, 1:].mean(axis=0)).T
+    x, F = depth - np.mean(depth), force - np.mean(force)
     sxx, sFF, sxF = x @ x, F @ F, x @ F
     if not sxF > 0.0:
         return np.nan

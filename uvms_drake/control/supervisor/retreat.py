@@ -5,13 +5,15 @@ trip, in two modes:
 
     RETREATING  the vehicle goes back along −n; if a force was read in the last second, the joints
                 draw the tip back along −n too, by J_q⁺(−n), which is faster than any vehicle.
-                → STANDING: the vehicle's reference is `distance` back
-    STANDING    station, with the joints held. If the water pushes harder than declared for
-                `PATIENCE`, the bow turns into it.
+                → STANDING: the vehicle is `distance` back, by its measured position
+    STANDING    station, with the joints held.
+                → RETREATING: the vehicle is pushed back towards the wall
 
-In both the reference stays within a leash of the vehicle: a thruster at its limit that is asked for
-more leaks into the other axes. The law is `tip first` with the joints as its tip's rows, for which
-J_sq is the identity: it is never singular.
+If the water pushes harder than declared for `PATIENCE`, after the time that the way takes, the bow
+turns into it. In both modes the reference leads the vehicle by a leash at most, for a thruster at
+its limit that is asked for more leaks into the other axes; the goal stays where it is. While the
+state is lost, the reference rests. The law is `tip first` with the joints as its tip's rows, for
+which J_sq is the identity: it is never singular.
 """
 
 from typing import NamedTuple
@@ -26,6 +28,10 @@ WATCHING, RETREATING, STANDING = range(3)
 """Modes of a `Supervisor`."""
 LEASH = 0.25
 """Largest distance of the reference from the vehicle [m]."""
+ARRIVED, AGAIN = 0.2, 0.4
+"""Shares of the distance that are left when the vehicle stands, and when it retreats again."""
+ROUNDING = 1e-9
+"""Distance that is none [m]."""
 SHARE = 0.8
 """Share of a joint's largest speed that the retreat uses."""
 MARGIN = 0.01
@@ -70,14 +76,16 @@ class Reference(NamedTuple):
     """𝔮 (6+n,) [m, rad]."""
     rate: np.ndarray
     """𝔮̇ (6+n,) [m/s, rad/s]."""
+    start: np.ndarray
+    """Position of the vehicle at the trip (3,) [m]; the goal is `distance` back from it."""
     left: np.ndarray
-    """Distances that vehicle and tip still have to go (2,) [m]."""
+    """Distances that the vehicle as measured, and the tip's reference still have to go (2,) [m]."""
 
 
 def begun(settings: RetreatSettings, config: np.ndarray, touched: bool) -> Reference:
     """Returns the reference at the trip, the measured 𝔮 (6+n,); after a touch the tip is drawn."""
     left = np.array([settings.distance, settings.draw if touched else 0.0])
-    return Reference(config.copy(), np.zeros_like(config), left)
+    return Reference(config.copy(), np.zeros_like(config), config[:3].copy(), left)
 
 
 def moved(settings: RetreatSettings, model: UvmsModel, now: Reference, config: np.ndarray,
@@ -93,9 +101,10 @@ def moved(settings: RetreatSettings, model: UvmsModel, now: Reference, config: n
         heading: Heading to which the vehicle turns [rad]; None: none.
     """
     n, rate, left = settings.direction, np.zeros_like(now.config), now.left.copy()
-    if left[0] > 0.0:
-        rate[:3] = -min(settings.speed, left[0] / step) * n
-        left[0] -= settings.speed * step
+    left[0] = settings.distance - n @ (now.start - config[:3])
+    remaining = settings.distance - float(n @ (now.start - now.config[:3]))
+    if remaining > ROUNDING:
+        rate[:3] = -min(settings.speed, remaining / step) * n
     if left[1] > 0.0:
         J = model.task_jacobian(now.config)[:3, 6:]
         back = np.linalg.pinv(J, rcond=0.1) @ -n
@@ -114,7 +123,13 @@ def moved(settings: RetreatSettings, model: UvmsModel, now: Reference, config: n
     distance = float(np.linalg.norm(lead))
     if distance > LEASH:
         out[:3], rate[:3] = config[:3] + LEASH / distance * lead, 0.0
-    return Reference(out, rate, np.maximum(left, 0.0))
+    left[1] = max(left[1], 0.0)
+    return Reference(out, rate, now.start, left)
+
+
+def stands(settings: RetreatSettings, standing: bool, left: np.ndarray) -> bool:
+    """Returns whether the vehicle stands, after whether it did and the distances left (2,) [m]."""
+    return bool(left[0] <= (AGAIN if standing else ARRIVED) * settings.distance)
 
 
 def law_of_retreat(law: AncillaryLaw, num_joints: int) -> TipFirst:

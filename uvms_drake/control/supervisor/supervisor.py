@@ -3,11 +3,12 @@
 ::
 
                     a ratio of `detections.ratios` > 1
-        WATCHING ───────────────────────────────────────▶ RETREATING ──▶ STANDING
+        WATCHING ───────────────────────────────────────▶ RETREATING ◀─▶ STANDING
         the law of the scenario,                           `retreat`: off the wall, station;
         plans every h                                      no plans any more
 
-The trip is latched: mode, cause and time stay. A change of the task takes a new run.
+The trip is latched: cause and time stay, and there is no way back to the law. A change of the task
+takes a new run.
 """
 
 from typing import NamedTuple
@@ -40,6 +41,7 @@ from uvms_drake.control.supervisor.retreat import (
     RetreatSettings,
     begun,
     moved,
+    stands,
 )
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.propulsion.allocation import Allocation
@@ -73,7 +75,7 @@ class Watch(NamedTuple):
     largest: np.ndarray
     """Largest ratio so far of each of `CAUSES` (11,)."""
     readings: np.ndarray
-    """Time, depth, force of the last readings, the newest last (3 ROWS,); NaN for none."""
+    """Time, position, force of the last readings, the newest last (5 ROWS,); NaN for none."""
     clocks: np.ndarray
     """Times [s]: of the last update, touch, finite state and new plan; and for which the command
     was cut, the force lost, the water driven (7,)."""
@@ -83,16 +85,23 @@ class Watch(NamedTuple):
     """`Reference`: 𝔮 (6+n,)."""
     rate: np.ndarray
     """`Reference`: 𝔮̇ (6+n,)."""
+    start: np.ndarray
+    """`Reference`: position at the trip (3,) [m]."""
     left: np.ndarray
     """`Reference`: distances left (2,) [m]."""
+
+    @property
+    def reference(self) -> Reference:
+        """The reference of the retreat."""
+        return Reference(*(getattr(self, name) for name in Reference._fields))
 
 
 def initial_watch(size: int) -> Watch:
     """Returns the memory before the first update, for 6 + n = `size`."""
     return Watch(np.array([WATCHING, 0.0, np.nan, np.nan]), np.zeros(len(CAUSES)),
-                 np.full(3 * ROWS, np.nan),
+                 np.full(5 * ROWS, np.nan),
                  np.array([np.nan, -np.inf, np.nan, np.nan, 0.0, 0.0, 0.0]), np.zeros(2),
-                 np.zeros(size), np.zeros(size), np.zeros(2))
+                 np.zeros(size), np.zeros(size), np.zeros(3), np.zeros(2))
 
 
 def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
@@ -102,20 +111,20 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     Args:
         before: The memory; its `clocks` are those of `seen` already.
         seen: The measurements.
-        config: Measured 𝔮 (6+n,); while it is missing, that of the plan or of the reference.
+        config: Measured 𝔮 (6+n,); while it is missing, that of the plan.
         limits: Thresholds.
         settings: Of the retreat.
         model: The controller's model.
     """
     # The measurements enter the memory, after the readings of the last second are taken.
-    rows = before.readings.reshape(-1, 3)
+    rows = before.readings.reshape(-1, 5)
     recent = rows[rows[:, 0] >= seen.time - WINDOW]
     clocks, since = before.clocks.copy(), np.nan_to_num(seen.time - before.clocks[0])
     clocks[0] = seen.time
     if seen.force > limits.touch:
         clocks[1] = seen.time
     if np.isfinite(seen.force) and not seen.time - rows[-1, 0] < WINDOW / ROWS - 1e-9:
-        rows = np.vstack([rows[1:], [seen.time, seen.depth, seen.force]])
+        rows = np.vstack([rows[1:], [seen.time, *seen.tip, seen.force]])
     flow = before.flow + min(since / WINDOW, 1.0) * (np.nan_to_num(seen.drift[:2]) - before.flow)
     driven = np.linalg.norm(flow) > TURNING_FROM * limits.drift[0]
     clocks[6] = clocks[6] + since if driven else 0.0
@@ -127,20 +136,23 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
         if not (found > 1.0).any():
             return now
         cause = int(np.argmax(np.minimum(found, 1e9)))
-        in_touch = recent[recent[:, 2] > limits.touch]
+        in_touch = recent[recent[:, 4] > limits.touch]
         warn(seen.time, f"retreats: {list(CAUSES.values())[cause]}")
         return now._replace(
             safety=np.array([RETREATING, cause + 1.0, seen.time, stiffness_of_touch(
-                in_touch, limits.depth_error, 0.25 * limits.slope)]),
+                limits.walls.depth(in_touch[:, 1:4]), in_touch[:, 4], limits.depth_error,
+                0.25 * limits.slope)]),
             **begun(settings, config, seen.time - clocks[1] <= WINDOW)._asdict())
-    # Retreating and standing: the reference moves on.
-    standing = before.left[0] <= 0.0
-    heading = float(np.arctan2(-flow[1], -flow[0])) if (
-        standing and clocks[6] > PATIENCE) else None
-    reference = moved(settings, model, Reference(before.config, before.rate, before.left), config,
-                      since, heading) if since > 0.0 else Reference(
-                          before.config, before.rate, before.left)
-    safety = before.safety.copy()
+    # Retreating and standing: the reference moves on, or rests while the state is lost.
+    reference, safety = before.reference, before.safety.copy()
+    if not is_finite(seen.tip):
+        return now._replace(rate=np.zeros_like(before.rate))
+    if since > 0.0:
+        waited = seen.time - safety[2] >= settings.distance / settings.speed
+        heading = float(np.arctan2(-flow[1], -flow[0])) if (
+            waited and clocks[6] > PATIENCE) else None
+        reference = moved(settings, model, reference, config, since, heading)
+    standing = stands(settings, safety[0] == STANDING, reference.left)
     safety[0] = STANDING if standing else RETREATING
     return now._replace(safety=safety, **reference._asdict())
 
@@ -231,18 +243,18 @@ class Supervisor(WiredSystem):
             clocks[3] = now if np.isnan(report[0]) else report[0]
         for i, name in ((4, "limited"), (5, "force_lost")):
             clocks[i] = clocks[i] + since if self._value(context, name) > 0.0 else 0.0
-        off, depth, config = np.full(3, np.nan), np.nan, before.config
+        off, tip, config = np.full(3, np.nan), np.full(3, np.nan), before.config
         if is_finite(measured):
             pair: Pair = self._pair_port.Eval(context)
             config, errors = pair.config[0], pose_difference(*pair.y)
             off = np.array([np.linalg.norm(part) for part in (
                 errors[:3], errors[6:], pair.config[0][:3] - pair.config[1][:3])])
-            depth = float(self._settings.direction @ pair.y[0][:3])
+            tip = pair.y[0][:3]
         elif before.safety[0] == WATCHING:
             config = self._pair_port.Eval(context).config[1]
         drift = self._ports["estimate"]
         seen = Seen(
-            now, depth, float(self._settings.direction @ self._ports["force_valid"].Eval(
+            now, tip, float(self._settings.direction @ self._ports["force_valid"].Eval(
                 context)[:3]), self._value(context, "force_status") == SATURATED, off,
             drift.Eval(context)[:6] if drift.HasValue(context) else np.zeros(6),
             max(self._value(context, "fix_age"), now - clocks[2]),
