@@ -116,6 +116,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
         n, target = sensed_contact(record.scenario).direction, record.signals["target"]
         yield _Signal("retarget", _changed(target - np.outer(target @ n, n)),
                       lambda when: "the tip is sent to another point of the wall")
+    # Exits from the tube, lost measurements, and cut or changed commands.
     radii = set_wise_radii(record.scenario.tube, record.scenario.ancillary)
     set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
     yield _deviation("tube_left", SAID[0], record, set_wise)
