@@ -121,7 +121,8 @@ def real():
 
 def certificate_of(scenario, results, earlier=0, confidence=0.95):
     """The certificate of results, after so many earlier attempts."""
-    mine = Attempt("girona500_arm5e, SensedContact", scenario.name, len(results), 64 * "b")
+    mine = Attempt("girona500_arm5e, SensedContact, press", scenario.name, len(results), 64 * "b",
+                   confidence)
     attempts = (*(replace(mine, identity=64 * str(i)) for i in range(earlier)), mine)
     campaign = make_campaign(scenario, mine.seed, None, len(results))
     return certificate_in_probability(campaign, attempts, scenario, results, confidence)

@@ -9,9 +9,11 @@ from support.unknown_wall import close_to_the_wall
 
 import uvms_drake as uv
 from uvms_drake.certificate.arrival import Arrival, arrival_of, arrives
+from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.station.contact.bounds import sensed_contact
 
+MAIN = "girona500_contact"
 NEAR = ("surface.geometry.point.0=0.01", "contact.clearance=0.02")
 STANDS = HoldRadii(time=1.0)
 
@@ -54,6 +56,23 @@ def test_a_run_touches_and_is_in_a_hold_when_the_nominal_loop_is():
     late = record.time > found.target + 1.0
     assert np.max(np.abs(record.force[late, :3] @ n - 20.0)) < 3.0
     # It depends on nothing that a certificate does not depend on.
-    other = replace(scenario, seed=scenario.seed + 5, duration=scenario.duration + 1.0,
-                    mpc=replace(scenario.mpc, hover=0.4))
+    other = replace(
+        scenario, seed=scenario.seed + 5, duration=scenario.duration + 1.0,
+        **{key: getattr(uv.load_scenario(MAIN, [
+            "simulator.integration_scheme=implicit_euler",
+            "faults=[!LostForce {start: 0.5, duration: 1.0}]"]), key)
+           for key in ("simulator", "faults")})
     assert arrival(other) == found
+    # Nothing moves before the end of the hover.
+    late = arrival(replace(scenario, mpc=replace(scenario.mpc, hover=6.0)))
+    assert late == Arrival(found.speed, *(6.0 + each for each in (
+        found.touch, found.target, found.hold)))
+    assert not arrives(scenario, late).holds
+
+
+def test_the_hover_is_an_input_of_the_certificate_of_a_declared_wall():
+    """It is a part of the time within which the task is to be reached."""
+    for name, counts in ((MAIN, True), ("girona500_ideal", False)):
+        first, other = (fingerprint(uv.load_scenario(name, [f"mpc.hover={hover}"]))
+                        for hover in (0.0, 29.0))
+        assert (first != other) == counts

@@ -37,7 +37,16 @@ def test_every_assumption_is_a_statement_with_a_guarantor_and_names_undriven_axe
     found = assumed.assumptions_of(scenario, model)
     scope = assumed.scope_of(found)
     unknown = np.any(scenario.current) or scenario.model_error.size > 0.0
-    assert list(scope) == [about for about in assumed.SCOPE if about != "unknowns" or unknown]
+    M = model.mass_matrix(model.kinematics(scenario.start.config))
+    asked = (np.abs(M) @ scenario.limits.u)[6:]
+    if scenario.limits.tau is not None:
+        asked = np.minimum(asked, scenario.limits.tau[6:])
+    beyond = np.any(asked > model.joint_effort)
+    assert list(scope) == [about for about in assumed.SCOPE if {
+        "unknowns": unknown, assumed.MOTORS: beyond}.get(about, True)]
+    assert scope["sensing"].startswith(
+        "pose, velocity and joint angles of !Navigation, which no proof" if name in REAL else
+        "exact pose, velocity and joint angles, in continuous time")
     if scenario.contact.declared_wall() is not None:
         assert "stands still and is elastic" in scope["surface"]
         assert "exactly first order" in scope["sensing"]
@@ -66,6 +75,20 @@ def test_limits_of_thrusters_are_no_wrench_on_an_undriven_axis():
     scenario = uv.load_scenario("girona500_ideal", ["limits.thrusters=[1]", "actuation=[]"])
     assert assumed.undriven_axes(uv.load_model(scenario)) == ("roll",)
     assert unmet(scenario)
+
+
+def test_torques_beyond_the_motors_are_said_with_their_numbers_unless_limits_tau_keeps_to_them():
+    def said(*overrides):
+        scenario = uv.load_scenario(NAME, list(overrides))
+        return assumed.scope_of(assumed.assumptions_of(
+            scenario, uv.load_model(scenario))).get(assumed.MOTORS, "")
+
+    assert "102 N m of joint 2, whose motor gives 70; 49.1 N m of joint 3" in said()
+    assert "joint 4" not in said()
+    assert said("limits.tau=[500, 500, 500, 500, 500, 500, 50, 70, 35, 14]") == ""
+    assert said("limits.tau=[500, 500, 500, 500, 500, 500, 50, 80, 35, 14]").endswith(
+        "limits.u and limits.tau may ask for up to 80 N m of joint 2, whose motor gives 70: "
+        "assumed not to be asked for")
 
 
 NAME = "girona500_contact"

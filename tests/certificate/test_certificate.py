@@ -237,6 +237,8 @@ def test_the_numbers_of_the_short_text_are_those_of_the_certificate(contact):
     assert rows["tightest limit"] == "u[2]: the tube takes 80 %, 0.14 of 0.7 is left for the plan"
     assert rows["proven"] == "1 of the 3 numbers that tighten limits; 2 estimated"
     assert rows["computed in"] == "27.3 s"
+    cached = format_overview(HOLDS, contact, 0.0, from_cache=True)
+    assert "\ncomputed          before, from the cache" in cached and "computed in" not in cached
     assert tightest_limit(HOLDS).name == "tube in limits.u[2]"
     assert tightest_limit(replace(HOLDS, conditions=())) is None
 

@@ -55,7 +55,7 @@ def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
     assert set(certificate.use) > {"position", "nu1", "roll", "pitch", "u[0]", "u[9]"}
     assert 0.0 < max(certificate.use.values()) < 1.0
     (attempt,) = certificate.attempts
-    assert (attempt.task, attempt.runs) == ("girona500_arm5e, KnownSurface", 2)
+    assert (attempt.task, attempt.runs) == ("girona500_arm5e, KnownSurface, press", 2)
     assert attempt.seed == json.loads((made / "runs" / "setup.json").read_text("utf-8"))["seed"]
     assert certificate.source == json.loads(
         (made / "runs" / "setup.json").read_text("utf-8"))["source"]
@@ -74,7 +74,7 @@ def test_an_interrupted_one_goes_on_to_the_same_certificate(kept, made, capsys):
     assert main([*CERTIFY, "--output", str(kept)]) == 0
     out, err = capsys.readouterr()
     assert "1 of 2 runs are there already" in err
-    assert "attempt 1 at: girona500_arm5e, KnownSurface; in " in err
+    assert "attempt 1 at: girona500_arm5e, KnownSurface, press; in " in err
     assert out.startswith(f"girona500_bilateral: {VERDICT}\n\nruns          0 of 2 failed\n")
     assert (kept / "certificate.json").read_bytes() == (made / "certificate.json").read_bytes()
     # Runs that are there cannot be left out by asking for fewer, nor added to by their outcome.
@@ -119,7 +119,8 @@ def test_an_attempt_is_in_the_ledger_before_its_first_run(tmp_path, capsys, monk
         sets = [part for each in gains for part in ("--set", each)]
         with pytest.raises(KeyboardInterrupt):
             main([*CERTIFY, *sets, "--output", str(tmp_path / f"out{number}")])
-        assert f"attempt {number} at: girona500_arm5e, KnownSurface" in capsys.readouterr().err
+        assert (f"attempt {number} at: girona500_arm5e, KnownSurface, press"
+                in capsys.readouterr().err)
     ledger_path().write_text("[]\n")
     assert main([*CERTIFY, "--output", str(tmp_path / "out")]) == 1
     assert "line 1 is none of a ledger" in capsys.readouterr().err

@@ -142,6 +142,8 @@ PAIR = [0.3, -0.4] + 8 * [0.0]
         (1.0, 1.08, "limit_violated", "limit q1_min violated, by at most 0.25")]),
     (("state", [50, 53], 1.66, 6), [
         (1.0, 1.08, "limit_violated", "limit q1_max violated, by at most 0.2")]),
+    (("tau", [50, 53], -77.0, 7), [
+        (1.0, 1.08, "motor_limited", "at most 77 asked of joint 2, whose motor gives 70")]),
     (("input_limited", [50, 53], 1.0), [(1.0, 1.08, "input_limited", "the command saturates")]),
     *((("mpc_status", [3, 4, 6, 19], status), [
         (0.6, 1.0, kind, f"{text}, {ROW}"), (1.2, 1.4, kind, text), (3.8, None, kind, text)])

@@ -111,7 +111,10 @@ def test_the_verdict_is_that_of_the_run_and_comes_before_what_its_certificate_sa
     certified = replace(record, certified=np.array(True))
     left = replace(certified, tube_report=np.where(
         np.array(TUBE_REPORT) == "set_exits", 2.0, record.tube_report))
+    cut = replace(certified, tau=np.where(np.arange(10) == 7, 71.0, record.tau))  # Of 70 N m.
     for run, verdict, kind in ((certified, "all guarantees kept", ""),
+                               (cut, "NO GUARANTEE: a motor cut the torque of a joint, which the "
+                                "certificate assumes not to be asked for", " no"),
                                (left, "GUARANTEES BROKEN: the tube, set-wise", " no")):
         text = format_report(run, [], certificate(record))
         assert f'<p class="verdict{kind}">{verdict[0].upper()}{verdict[1:]}.' in text

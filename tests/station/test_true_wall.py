@@ -13,7 +13,7 @@ from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import draw_wall
 from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
-from uvms_drake.station.true_wall import in_words, outside, path_of, surface_depth
+from uvms_drake.station.true_wall import NOT_FOUND, in_words, outside, path_of, surface_depth
 
 SENSED = [name for name in shipped_scenarios() if not uv.load_scenario(name).simulation
           and uv.load_scenario(name).contact.declared_wall() is not None]
@@ -79,6 +79,45 @@ def test_a_wall_that_is_too_near_is_found_by_the_distance_along_the_direction():
     near = compared("surface.geometry.normal=[-1, 0, 0]", f"surface.geometry.point.0={tip + 0.05}")
     assert list(near) == ["clearance"]
     assert near["clearance"].observed == pytest.approx(0.05, abs=1e-6)
+
+
+def test_a_wall_farther_than_half_a_metre_is_compared_too():
+    far = compared("surface.geometry.point.0=0.4", "surface.law.stiffness=20000",
+                   "surface.friction=0.9")
+    assert set(far) == {"stiffness", "friction"}
+    assert compared("surface.geometry.point.0=0.4") == {}
+
+
+@dataclass
+class Bounded(UnilateralPlane):
+    """A plane that ends at a height."""
+
+    above: float = 0.0
+
+    def force(self, chi, chi_dot):
+        return super().force(chi, chi_dot) * (chi[..., 2] > self.above)[..., None]
+
+    def penetration(self, chi):
+        return super().penetration(chi) * (chi[..., 2] > self.above)
+
+
+@pytest.mark.parametrize(("surface", "all_of_them"), [
+    (UnilateralPlane(point=np.array([100.0, 0.0, 0.0]), stiffness=900.0), True),
+    (UnilateralPlane(point=np.array([-9.0, 0.0, 0.0]), stiffness=900.0), True),
+    (UnilateralPlane(point=np.array([0.05, 0.0, 0.0]), stiffness=0.1), True),
+    (Bounded(point=np.array([0.05, 0.0, 0.0]), stiffness=900.0, dissipation=0.5, above=-0.03),
+     False)])
+def test_a_place_of_the_path_at_which_nothing_was_evaluated_is_none_of_the_class(
+        surface, all_of_them):
+    """Too far off, behind the tip, too soft to touch, or ending beside the path."""
+    found = compared(surface=surface)
+    assert NOT_FOUND in found and set(found) <= {NOT_FOUND, "clearance"}
+    specified, observed = found[NOT_FOUND]
+    assert observed == specified if all_of_them else 0 < observed < specified
+    assert (f"surface not found along the path, at {observed:g} of its {specified:g} places"
+            in in_words(found))
+    scenario = replace(uv.load_scenario(MAIN), surface=surface)
+    assert "surface not found" in refusal(scenario, load_model(scenario)).name
 
 
 def test_a_surface_of_ones_own_is_compared_by_its_law():

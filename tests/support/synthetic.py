@@ -44,7 +44,7 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
         "chi_des": np.array([0.02, 0.0, 0.04, 0.0, 0.0, 0.0]),
         "nominal_input": 0.2 * decay * np.cos(3.0 * time)[:, None] * np.ones(10),
         "u": 0.2 * decay * np.cos(3.0 * time)[:, None] * np.ones(10) - 0.03 * wave,
-        "tau": 100.0 * wave,
+        "tau": 30.0 * wave,
         "state_lost": np.zeros(len(time)),
         "input_limited": np.zeros(len(time)),
         "force": np.hstack([press[:, None], np.zeros((len(time), 5))]),

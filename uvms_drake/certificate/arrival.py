@@ -1,8 +1,10 @@
 """Arrival of a press: the nominal closed loop, simulated until a hold is in force.
 
 The controller of the scenario, with its sensors, moves as its plans do: a tip without disturbance
-and deviation, on the scenario's own surface. A bound of the force is worth something only if there
-is a contact: the plan has to touch and to reach its target within the duration.
+and deviation, on the scenario's own surface. While the robot hovers at its start nothing moves: the
+loop is simulated from then on, and its times count from the start of the run. A bound of the force
+is worth something only if there is a contact: the plan has to touch and to reach its target within
+the duration.
 """
 
 import math
@@ -46,7 +48,8 @@ class Arrival:
 def arrival_of(scenario: Scenario, model: ContactModel, start: np.ndarray) -> Arrival:
     """Returns the arrival of a scenario with a sensed contact, and its certified tube.
 
-    It depends on no key that `fingerprint` leaves out.
+    It depends on no key that `fingerprint` leaves out: in this loop are no faults, and the
+    integration scheme is the default one, see `controller.IMPLICIT`.
 
     Args:
         scenario: The scenario.
@@ -55,8 +58,10 @@ def arrival_of(scenario: Scenario, model: ContactModel, start: np.ndarray) -> Ar
     """
     contact, surface = sensed_contact(scenario), check_surface(true_surface(scenario))
     walls, hold, period = contact.walls, scenario.tube.hold, contact.period
+    hover = scenario.mpc.hover
     controller = make_controller(replace(
-        scenario, seed=0, mpc=replace(scenario.mpc, hover=0.0, deadline=None)), model)
+        scenario, seed=0, faults=[], simulator=type(scenario.simulator)(),
+        mpc=replace(scenario.mpc, hover=0.0, deadline=None)), model)
     simulator = Simulator(controller)
     context, time, state = simulator.get_mutable_context(), 0.0, start
     speed, touch, target, still, moved = 0.0, math.inf, math.inf, math.inf, 0.0
@@ -89,13 +94,14 @@ def arrival_of(scenario: Scenario, model: ContactModel, start: np.ndarray) -> Ar
         if in_force or in_vain or over or time - moved > STUCK:
             break
     release(controller)
-    return Arrival(speed, touch, target, time if in_force else math.inf)
+    return Arrival(speed, hover + touch, hover + target, hover + time if in_force else math.inf)
 
 
 def arrives(scenario: Scenario, arrival: Arrival) -> Condition:
     """Returns the condition that the task is reached within the duration.
 
-    That of a mission is to reach its first contact, and then takes its shortest time.
+    That of a mission is to reach its first contact, and then takes its shortest time. The time of
+    the hover before is a part of `arrival.target`.
     """
     least = sum(step.least_time for step in scenario.mission.steps[1:])
     needed, duration = arrival.target + least, scenario.duration

@@ -28,7 +28,9 @@ from uvms_drake.tube.conditions import Condition, assumption
 
 GUARANTEE = "control/theory.md#closed-loop-guarantee"
 """Theorem that the conditions are for."""
-SCOPE = ("actuation", "sensing", "surface", "unknowns")
+MOTORS = "motors"
+"""Subject of the torques that the motors of the joints do not give."""
+SCOPE = ("actuation", MOTORS, "sensing", "surface", "unknowns")
 """Subjects whose first assumption is part of the verdict."""
 OPERATOR, CERTIFIER = "operator", "the person who certifies"
 """Guarantors of declared data, and of estimates."""
@@ -55,7 +57,10 @@ def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption,
     path = command_path_of(actuation, model)
     return tuple(Assumption(*each) for each in (
         *_actuation(scenario.model, actuation, path, scenario.limits, model),
-        *_sensing([] if wall is None else [*_force_sensor(scenario)], path),
+        *_motors(scenario, model),
+        *_sensing([] if wall is None else [*_force_sensor(scenario)], path, [
+            type(part).__name__ for part in scenario.sensing
+            if part.assumption() is not None and part.reading(0.0, 0.0) is None]),
         *_surface(scenario, wall), ("surface", "the tip alone touches anything", OPERATOR),
         *_disturbance(scenario.disturbance, scenario.unknowns, model.size),
         ("robot", "geometry, joints and their ranges are those of the files of "
@@ -125,9 +130,34 @@ def _actuation(robot: str, actuation: Sequence[Actuator], path: CommandPath, lim
            + " is there, without dead band, ripple or thermal limit", MAKER)
 
 
-def _sensing(force: list[Statement], path: CommandPath) -> Iterator[Statement]:
-    """Yields the measured state, and the statements about the measured force."""
-    yield ("sensing", "exact pose, velocity and joint angles, "
+def _motors(scenario: Scenario, model: ContactModel) -> Iterator[Statement]:
+    """Yields the torques that the limits leave to a command and that the motors do not give.
+
+    Of a command at a corner of `limits.u`, |M(𝔮)|u in the posture of the start, and of `limits.tau`
+    if it is less.
+    """
+    M = model.mass_matrix(model.kinematics(np.asarray(scenario.start.config, dtype=float)))
+    asked, said = np.abs(M) @ np.asarray(scenario.limits.u, dtype=float), "limits.u"
+    if scenario.limits.tau is not None:
+        asked, said = np.minimum(asked, scenario.limits.tau), "limits.u and limits.tau"
+    over = [f"{asked[6 + j]:.3g} {'N' if model.slides[j] else 'N m'} of joint {j + 1}, whose motor "
+            f"gives {effort:.3g}" for j, effort in enumerate(model.joint_effort)
+            if asked[6 + j] > effort]
+    if over:
+        yield (MOTORS, f"in the posture of the start {said} may ask for up to {'; '.join(over)}: "
+               "assumed not to be asked for",
+               f"{OPERATOR}, or limits.tau of the scenario")
+
+
+def _sensing(force: list[Statement], path: CommandPath, of_state: Sequence[str]
+             ) -> Iterator[Statement]:
+    """Yields the measured state, and the statements about the measured force.
+
+    A certificate for the worst case has no sensor of the state: its conditions fail with one.
+    """
+    state = "exact pose, velocity and joint angles" if not of_state else (
+        f"pose, velocity and joint angles of !{', !'.join(of_state)}, which no proof covers")
+    yield ("sensing", f"{state}, "
            + ("at the ticks of the clock" if path.period > 0.0 else "in continuous time")
            + ("; a force sensor within its declared errors, mounted as declared and of exactly "
               "first order" if force else ""),

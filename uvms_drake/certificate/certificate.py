@@ -34,8 +34,8 @@ IRRELEVANT = ("name", "description", "modules", "seed", "duration", "log_period"
               "tube", "visual")
 """Keys of a scenario that a certificate does not depend on: `tube` is for runs without one, and the
 files of `modules` count by their content. Other keys count in part, see `fingerprint`: bound and
-weights of `disturbance`, all of `task` but the tolerance of the force, and those of `faults` that
-the proofs do not cover."""
+weights of `disturbance`, all of `task` but the tolerance of the force, those of `faults` that
+the proofs do not cover, and, of a declared wall, the duration and `mpc.hover`."""
 UNDRAWN = ("name", "description", "modules", "seed", "simulator", "visual")
 """Keys of a scenario that two distributions may differ in; a run is kept with its chosen step."""
 UNREAD = ("benchmark", "command", "setup", "visual")
@@ -93,11 +93,12 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
     relevant["disturbance"] = bound if np.size(weights) == 0 else [bound, *weights]
     relevant["faults"] = uncovered(scenario.faults)
-    if scenario.contact.declared_wall() is not None:
+    if scenario.contact.declared_wall() is not None:  # Within which the task is to be reached.
         relevant["duration"] = scenario.duration
+    else:  # At rest where it starts: the tube holds from then on.
+        relevant["mpc"].pop("hover", None)
     relevant["mpc"].pop("terminal_radius")
     relevant["mpc"].pop("deadline", None)
-    relevant["mpc"].pop("hover", None)  # At rest where it starts: the tube holds from then on.
     relevant["task"].pop("force_tolerance")
     relevant["contact"].pop("force_line", None)
     return {"files": files, "inputs": _digest(jsonable(relevant, names=True)),

@@ -5,7 +5,8 @@ from typing import Any
 
 BROKEN, FAILED = 3, 4
 """Exit status of a completed run that passed a limit, left its tube, pressed a wall that is not of
-its declared class, or retreated; and of a run that an exception ended."""
+its declared class, had a motor that cut a torque under a certificate, or retreated; and of a run
+that an exception ended."""
 BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
 """Names of the bands of the force of a sensed contact."""
 NAMED = ("tube", "limit", "contact")
@@ -39,14 +40,18 @@ def verdict_of(summary: dict[str, Any], also: Sequence[str] = ()) -> dict[str, A
                "this run did not fail: tube and all limits kept")
         return {"status": BROKEN if failed or claim["outside"] else 0,
                 "text": f"{own}; {'; '.join(claim['outside']) or claim['verdict']}"}
+    # Assumptions of the certificate that the run did not keep, then its guarantees.
     parts = []
     if departed:
         parts.append("NO GUARANTEE for this wall: " + (
             "the certificate is for walls of the class that `contact` declares, and it was not of "
             f"it ({departed})" if certified else
             f"it was not of the class that `contact` declares ({departed})"))
+    if certified and any(event["kind"] == "motor_limited" for event in summary["events"]):
+        parts.append("NO GUARANTEE: a motor cut the torque of a joint, which the certificate "
+                     "assumes not to be asked for")
     if failed:
-        kept = certified and not departed
+        kept = certified and not parts
         parts.append(f"{'GUARANTEES BROKEN' if kept else 'LIMITS VIOLATED'}: {failed}")
     text = "; ".join(parts) or f"all {'guarantees' if certified else 'limits'} kept"
     return {"status": BROKEN if parts else 0,

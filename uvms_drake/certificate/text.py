@@ -138,16 +138,20 @@ def _proven(claims: Claims) -> str:
 # In short -----------------------------------------------------------------------------------------
 
 
-def format_overview(claims: Claims, scenario: Scenario, seconds: float | None = None) -> str:
+def format_overview(claims: Claims, scenario: Scenario, seconds: float | None = None,
+                    *, from_cache: bool = False) -> str:
     """Returns the verdict, its scope, five numbers, and the failed conditions with advice.
 
     Args:
         claims: Those of a certificate of the scenario.
         scenario: The scenario, which has the limit of the force and the desired one.
         seconds: Time of the computation [s], if it is to be told.
+        from_cache: Whether it was computed before.
     """
     rows = list(_numbers(claims, scenario)) if claims.certified else []
-    if seconds is not None:
+    if from_cache:
+        rows.append(("computed", "before, from the cache"))
+    elif seconds is not None:
         rows.append(("computed in", f"{seconds:.1f} s"))
     failures = [line for each in claims.conditions if not each.holds for line in (
         f"  {violation(each)}", *([f"    {help_for(each)}"] if help_for(each) else []))]

@@ -68,13 +68,17 @@ def certify_scenario(args: argparse.Namespace) -> int:
             model = check_inputs(scenario)  # Before anything is announced.
             compare_class(scenario, model)
             note(scenario)
-            started = time.perf_counter()
+            started, stages = time.perf_counter(), list[str]()
             with bar(args, CERTIFYING, is_steady=False) as progress:
-                certificate = certified_once(scenario, progress, model)
+                def said(stage: str, done: float) -> None:
+                    stages.append(stage)
+                    progress(stage, done)
+
+                certificate = certified_once(scenario, said, model)
             seconds = time.perf_counter() - started
         write_certificate(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
-    print(format_overview(certificate, scenario, seconds))
+    print(format_overview(certificate, scenario, seconds, from_cache=not stages))
     print(f"\n{certificate}" if args.full else "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     return 0 if certificate.certified else 1

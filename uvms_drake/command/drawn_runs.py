@@ -121,7 +121,8 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     with reported_in(source):
         drawn = drawable(scenario)
         check_declared(drawn)
-        attempt = attempt_of(drawn, fingerprint(drawn) | {"source": run_source()}, args.runs)
+        attempt = attempt_of(drawn, fingerprint(drawn) | {"source": run_source()}, args.runs,
+                             args.confidence)
         campaign = make_campaign(drawn, attempt.seed, None, args.runs)
         check_folder(folder, campaign)
         note(scenario)

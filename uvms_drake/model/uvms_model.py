@@ -102,6 +102,10 @@ class UvmsModel:
         self.q_upper = np.array([joint.position_upper_limits()[0] for joint in uvms.joints])
         self.joint_speed = np.array([joint.velocity_upper_limits()[0] for joint in uvms.joints])
         """Largest rates of the joints by the file (n,) [rad/s, m/s]."""
+        self.joint_effort = np.array([
+            np.inf if (motor := uvms.motor(joint)) is None else motor.effort_limit()
+            for joint in uvms.joints])
+        """Largest torques of their motors by the file (n,) [N m, N]; infinite without one."""
         self.links = read_links(uvms)
         """Geometry, inertia and drag of the links."""
         self.slides = self.links.slides

@@ -18,6 +18,7 @@ from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED
 from uvms_drake.report.signals import (
     constraints,
     disturbance_above,
+    motor_torques,
     settling_index,
     wrench_unit,
 )
@@ -38,7 +39,7 @@ GAP = 0.1
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
             "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited",
-            "input_filtered")
+            "input_filtered", "motor_limited")
 """Kinds that are alarms; the others are `contact`, from touch to loss, `settled`, `retarget`,
 `force_refused`, `plan_kept` and `hovering`."""
 
@@ -115,6 +116,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
         n, target = sensed_contact(record.scenario).direction, record.signals["target"]
         yield _Signal("retarget", _changed(target - np.outer(target @ n, n)),
                       lambda when: "the tip is sent to another point of the wall")
+    # Exits from the tube, lost measurements, and cut or changed commands.
     radii = set_wise_radii(record.scenario.tube, record.scenario.ancillary)
     set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
     yield _deviation("tube_left", SAID[0], record, set_wise)
@@ -128,6 +130,9 @@ def _logged(record: Record) -> Iterator[_Signal]:
                       partial(_retreat_text, record))
     yield _Signal("input_limited", record.input_limited > 0.0,
                   lambda when: "the command saturates")
+    torque, effort = motor_torques(record), record.model.joint_effort
+    yield _Signal("motor_limited", np.any(torque > effort + ROUNDING, axis=1),
+                  lambda when: _motor_text(torque[when], effort))
     if "input_filtered" in record.signals:
         yield _Signal("input_filtered", record.signals["input_filtered"][:, 0] > 0.0,
                       lambda when: "the supervisor keeps the joints off their stops")
@@ -169,6 +174,13 @@ def _retreat_text(record: Record, when: slice) -> str:
 
 def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:
     return f"limit {name} violated, by at most {np.max(excess[when]):.3g}"
+
+
+def _motor_text(torque: np.ndarray, effort: np.ndarray) -> str:
+    """Names the joint of which most is asked, over the effort of its motor."""
+    j = int(np.argmax(np.max(torque, axis=0) / effort))
+    return (f"at most {np.max(torque[:, j]):.3g} asked of joint {j + 1}, whose motor gives "
+            f"{effort[j]:.3g}")
 
 
 def _changed(values: np.ndarray) -> np.ndarray:

@@ -78,6 +78,12 @@ def constraints(record: Record) -> dict[str, Constraint]:
     return found
 
 
+def motor_torques(record: Record) -> np.ndarray:
+    """Returns |τ| that is asked of the motors of the joints (T, n) [N m, N], behind all parts."""
+    torques: np.ndarray = np.abs(record.signals.get("applied", record.tau)[:, 6:])
+    return torques
+
+
 def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:
     """Returns the unit of 𝔉 and its errors for 𝔉_des (6,): of a force, a torque or both."""
     force, torque = np.any(desired[:3]), np.any(desired[3:])
