@@ -89,7 +89,7 @@ def test_the_hold_has_the_largest_constant_error_of_a_reading(held):
     most = 2.0 * sensor.noise_multiple * sensor.noise[0] + sensor.resolution[0]
     most += sensor.drift[0] * hold.context.get_time()
     assert -most - 1e-9 <= error < -0.9 * most
-    assert force - 20.0 == pytest.approx(-error, abs=0.15)
+    assert force - 20.0 == pytest.approx(-error, abs=0.25)  # Of the mean of readings, 0.4 s old.
 
 
 @pytest.mark.slow
