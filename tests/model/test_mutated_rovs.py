@@ -54,7 +54,7 @@ def of_sdf(file: Path, arm: list[str]) -> dict[str, np.ndarray]:
              "limits": np.array([[words(joints[f"{name}_joint"], f"axis/limit/{key}")[0]
                                   for key in ("lower", "upper")] for name in arm])}
     pilots = {control.findtext("jointName"): sorted(
-        float(control.findtext("multiplier")) * (float(control.findtext("offset")) + x)
+        float(control.findtext("multiplier", "1")) * (float(control.findtext("offset", "0")) + x)
         for x in (0.0, 1.0)) for control in model.iterfind("plugin/control")
         if control.findtext("type") == "COMMAND"}
     for plugin in model.iterfind("plugin"):
