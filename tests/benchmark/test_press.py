@@ -170,6 +170,8 @@ def test_the_nominal_mpc_sends_its_plan_from_the_measured_state(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="a press takes the mean of its readings of 0.8 s: with it "
+                   "this baseline moves on, 0 to 0.25 N off; it should have the newest one")
 def test_the_observer_removes_the_steady_error_of_a_nominal_mpc():
     """On a wall of wrong stiffness, with wrong masses and a constant disturbance."""
     wrong = Case("", "", (
@@ -182,5 +184,4 @@ def test_the_observer_removes_the_steady_error_of_a_nominal_mpc():
         last = trace.time > trace.time[-1] - 1.0
         errors[name] = np.mean(trace.signals["force"][last, 0]) - scenario.task.force[0]
     assert abs(errors["nominal_mpc"]) > 1.0
-    # It still falls: a press takes the mean of its readings of 0.8 s.
-    assert errors["nominal_mpc_offset_free"] == pytest.approx(0.0, abs=0.2)
+    assert errors["nominal_mpc_offset_free"] == pytest.approx(0.0, abs=0.02)
