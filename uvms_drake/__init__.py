@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from uvms_drake.report.figures import make_figures as make_figures
     from uvms_drake.report.summary import summarise as summarise
     from uvms_drake.sensing import Sensor as Sensor
+    from uvms_drake.setup.calibrate import calibrate as calibrate
     from uvms_drake.setup.make_scenario import make_scenario as make_scenario
     from uvms_drake.station.controller import make_controller as make_controller
     from uvms_drake.station.diagram import make_station as make_station

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 import uvms_drake as uv
+from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.drawn_contact import (
     FARTHEST,
     FORCES,
-    HOLD,
     PART,
-    SHORT,
     SPARE,
     drawn_contact,
     never_pressed,
@@ -19,12 +18,14 @@ from uvms_drake.campaign.drawn_contact import (
     steepest_friction,
     tips,
 )
+from uvms_drake.campaign.draws import draw
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.station.contact.bounds import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.contact.drawn_surfaces import is_member
 from uvms_drake.station.problem import first_problem
+from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.station.step_size import friction_rate
 from uvms_drake.tube.terminal_set import TerminalLoop
 
@@ -87,11 +88,23 @@ def test_what_is_asked_for_can_be_given_in_the_time(drawn, base, ocp):
         nearest = pytest.approx(sensed_contact(base).clearance + SPARE)
         assert way == nearest or way / speed + pressing < base.duration
         rest = scenario.duration - (way / speed + pressing)
-        assert scenario.duration == base.duration or any(
-            hold - 1e-9 <= rest <= hold + ocp.time_step for hold in (SHORT, HOLD))
+        shortest, longest = base.draws.hold
+        assert scenario.duration == base.duration or (
+            shortest - 1e-9 <= rest <= longest + ocp.time_step)
         assert scenario.duration <= base.duration
-    longest = [scenario.duration for scenario in drawn if scenario.duration >= HOLD]
-    assert 0.1 < len(longest) / len(drawn) < 0.6
+
+
+def test_no_radius_of_the_tube_is_in_a_declared_distribution():
+    """Start, force, wall, gap and duration of runs with two tubes, both with a first plan."""
+    real = uv.load_scenario("girona500_real_loop")
+    half = replace(real, tube=replace(real.tube, **{
+        key: 0.5 * np.asarray(value) if key == "u" else 0.5 * value
+        for key, value in vars(real.tube).items() if value is not None}))
+    for index in range(3):
+        one, other = (draw(make_campaign(each, 7, None), index) for each in (real, half))
+        assert one[1]["starts"] >= other[1]["starts"]
+        if one[1]["starts"] == other[1]["starts"]:
+            assert dump_scenario(replace(one[0], tube=half.tube)) == dump_scenario(other[0])
 
 
 def test_a_wall_is_near_where_the_time_is_short(base, ocp):

@@ -20,7 +20,9 @@ from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.station.contact.bounds import (
     largest_force,
+    largest_margin,
     pressing_force,
+    safe_depth_margin,
     sensed_contact,
     sensing_of,
 )
@@ -49,9 +51,6 @@ SPARE, FARTHEST = 0.02, 0.5
 """Smallest distance to a wall along n beyond the class's clearance, and largest distance [m]."""
 PART = 0.8
 """Safety factor on the estimated speed."""
-HOLD, SHORT, HOLD_LIKELY = 20.0, 5.0, 0.25
-"""Duration of a hold after the expected settling of the force [s], a short one, and the
-probability of the first."""
 LEAST_CREEP = 0.005
 """Smallest creep of friction [m/s]."""
 ATTEMPTS = 1000
@@ -81,7 +80,8 @@ def drawn_contact(scenario: Scenario, ocp: Ocp, rng: np.random.Generator,
         return scenario, 0
     contact = sensed_contact(scenario)
     force = float(rng.uniform(*drawn_forces(scenario)))
-    hold = HOLD if not scenario.mission.steps and rng.uniform() < HOLD_LIKELY else SHORT
+    least, longest = scenario.draws.hold
+    hold = float(least if scenario.mission.steps else rng.uniform(least, longest))
     steepest = steepest_friction(scenario, ocp)
     scenario = replace(scenario, task=replace(scenario.task, force=contact.wrench(force)))
     start, goal = ends_of(scenario.mission, contact.walls, *tips(scenario, ocp))
@@ -150,7 +150,8 @@ def never_pressed(scenario: Scenario, ocp: Ocp) -> list[str]:
     if misplaced(scenario, ocp, wall, force):
         return ["wall: nearer than the clearance, or beyond the mission's search"]
     gap = -float(wall.geometry.depth(start + 0.5 * across(contact.direction, goal - start)))
-    most = max(time_of(scenario, ocp, wall, force, SHORT)[2], contact.clearance + SPARE)
+    hold = float(scenario.draws.hold[0])
+    most = max(time_of(scenario, ocp, wall, force, hold)[2], contact.clearance + SPARE)
     return [] if gap <= most else [
         f"wall: {gap:.3g} m off, with its stiffness and this force drawn up to {most:.3g} m"]
 
@@ -163,8 +164,15 @@ def drawn_forces(scenario: Scenario) -> tuple[float, float]:
     if scenario.mission.steps:
         own = pressing_force(scenario)
         return own, own
-    low, high = np.minimum(FORCES, largest_force(scenario))
+    asked = scenario.draws.force
+    low, high = np.minimum(FORCES, largest_force(scenario)) if asked is None else asked
     return float(low), float(high)
+
+
+def force_to_admit(scenario: Scenario) -> float:
+    """Returns the largest desired force of a run [N]: of a mission's steps, or that is drawn."""
+    return max((step.strongest for step in scenario.mission.steps),
+               default=drawn_forces(scenario)[1])
 
 
 def about_drawn(scenario: Scenario) -> Iterator[str]:
@@ -176,7 +184,7 @@ def about_drawn(scenario: Scenario) -> Iterator[str]:
         yield f"mission, the same in every run: {in_words(mission)}"
     else:
         yield (f"desired force: uniform from {forces[0]:.3g} to {forces[1]:.3g} N, held for "
-               f"{HOLD:g} s with the probability {HOLD_LIKELY:g}, else for {SHORT:g} s")
+               f"{scenario.draws.hold[0]:g} to {scenario.draws.hold[1]:g} s")
     yield ("wall: plane, hull, pipe from inside or bumps, with a linear, hardening or bilinear "
            f"force; normal within {contact.angle:.3g} rad of the direction, stiffness from "
            f"{SOFTEST:g} of {contact.stiffness:g} N/m to all of it, friction up to "
@@ -206,11 +214,16 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
         κ'/κ ln(s₀/(s₀ − F_des/κ'))    and    2 ln(F_des/ε),    κ' = a₋κ₊ (`SurfaceClass.share`),
 
     plus the time of the distance F_des/κ at the largest speed. Both are conservative estimates.
+
+    With declared `draws` no radius is in them: the speed limit is the declared one, and s₀ that of
+    the largest tube with which the safe region admits the largest force.
     """
     committed = _committed(scenario, ocp)
     contact, lag = sensed_contact(scenario), ocp.following_lag(committed)
     distance = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH_DEPTH
-    fastest = contact.speed - (scenario.tube.depth_speed or 0.0)
+    fastest = scenario.draws.speed or contact.speed - (scenario.tube.depth_speed or 0.0)
+    if scenario.draws.force is not None:
+        distance += safe_depth_margin(scenario) - largest_margin(scenario, force_to_admit(scenario))
     speed = min(distance / lag, fastest, search_speed(force, contact.stiffness, touch_to_plan(
         ocp.time_step, committed, sensing_of(scenario))))
     slope, stiffest = wall.law.slopes[0], contact.walls.share * contact.stiffness

@@ -30,7 +30,7 @@ from uvms_drake.plant.disturbance import (
 )
 from uvms_drake.plant.model_error import FACTORS, Unknowns
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.problem import first_problem, load_model, make_ocp, start_state
+from uvms_drake.station.problem import first_problem, limits_of, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
@@ -62,13 +62,13 @@ def draw(campaign: Campaign, index: int) -> tuple[Scenario, dict[str, int]]:
     """
     base = campaign.base
     model = load_model(base)
-    ocp = make_ocp(base, model)
+    ocp, joints = make_ocp(base, model), limits_of(base, model)["q"]
     for attempt in range(ATTEMPTS):
         rng = np.random.Generator(np.random.Philox(
             np.random.SeedSequence([campaign.seed, index, attempt])))
         # A start with a feasible first plan.
         scenario = replace(base, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
-                           start=_start(base.start, ocp.limits["q"], rng))
+                           start=_start(base, joints, rng))
         first = first_feasible(scenario, ocp)
         if first is None:
             continue
@@ -106,14 +106,15 @@ def never_drawn(scenario: Scenario) -> list[str]:
         scenario, first)
 
 
-def _start(declared: Start, joints: Limit, rng: np.random.Generator) -> Start:
-    """Returns a start: the vehicle near the declared one, the arm anywhere within its limits.
+def _start(base: Scenario, joints: Limit, rng: np.random.Generator) -> Start:
+    """Returns a start: the vehicle near the declared one, the arm as `draws.joints` has it.
 
-    The arm is interpolated by a uniform fraction towards a uniform posture.
+    The arm is interpolated by a uniform fraction towards a uniform posture within its limits.
     """
-    eta = np.asarray(declared.eta, dtype=float) + POSE_REACH * rng.uniform(-1.0, 1.0, 6)
-    q = np.asarray(declared.q, dtype=float)
-    posture = rng.uniform(joints.lower, joints.upper)
+    eta = np.asarray(base.start.eta, dtype=float) + POSE_REACH * rng.uniform(-1.0, 1.0, 6)
+    q, reach = np.asarray(base.start.q, dtype=float), base.draws.joints
+    far = reach if np.size(reach) else np.inf
+    posture = rng.uniform(np.maximum(joints.lower, q - far), np.minimum(joints.upper, q + far))
     return Start(eta=eta, q=q + rng.uniform() * (posture - q))
 
 
@@ -195,8 +196,8 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
     x, _, _, roll, _, yaw = POSE_REACH
     yield (f"start: vehicle uniform within {x:g} m, {roll:g} rad of roll and pitch and {yaw:g} rad "
            "of yaw of the declared pose; the arm uniform on the line from its declared posture to "
-           "one that is uniform within its limits, less the tube; a draw without a feasible first "
-           "plan is repeated")
+           f"one that is uniform {_within(scenario.draws.joints)}its limits; a draw without a "
+           "feasible first plan within the tube is repeated")
     yield from about_drawn(scenario)
     if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
         yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
@@ -210,6 +211,11 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
     low, high = FAULT_RATES
     yield (f"solver: with the probability {FAULT_LIKELY:g} samples that fail, are late "
            f"or are dropped, each with a probability that is uniform from {low:g} to {high:g}")
+
+
+def _within(reach: np.ndarray) -> str:
+    each = ", ".join(f"{part:g}" for part in reach)
+    return f"within ({each}) rad of it and " if each else "within "
 
 
 def _sizes(unknowns: Unknowns, of_thrusters: float) -> list[str]:

@@ -31,7 +31,7 @@ CERTIFICATE_FILE = "certificate.json"
 FORMAT = 3
 """Format of the file; those before had no number."""
 IRRELEVANT = ("name", "description", "modules", "seed", "duration", "log_period", "simulator",
-              "tube", "visual")
+              "tube", "visual", "draws")
 """Keys of a scenario that a certificate does not depend on: `tube` is for runs without one, and the
 files of `modules` count by their content. Other keys count in part, see `fingerprint`: bound and
 weights of `disturbance`, all of `task` but the tolerance of the force, those of `faults` that

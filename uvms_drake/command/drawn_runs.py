@@ -18,6 +18,7 @@ from uvms_drake.campaign.campaign import (
     read_setup,
     require_same_code,
 )
+from uvms_drake.campaign.drawn_contact import force_to_admit
 from uvms_drake.campaign.draws import vary
 from uvms_drake.campaign.failures import certificate_in_probability
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
@@ -58,6 +59,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_summary
+from uvms_drake.station.contact.bounds import largest_force
 from uvms_drake.station.problem import check_inputs
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
@@ -153,8 +155,19 @@ def check_draws(args: argparse.Namespace) -> None:
 
 
 def check_declared(scenario: Scenario) -> None:
-    """Raises `InvalidParameter` for a radius that tightens a limit and is not declared."""
+    """Raises `InvalidParameter` for a radius that tightens a limit and is not declared.
+
+    Or for a part of the distribution that would follow from the radii.
+    """
     tube, of_wall = scenario.tube, scenario.contact.declared_wall() is not None
+    if of_wall:
+        for key in ("speed", *(() if scenario.mission.steps else ("force",))):
+            asked = getattr(scenario.draws, key)
+            require(asked is not None, f"draws.{key}", asked, "declared: the distribution of a "
+                    "certificate in probability must not depend on the tube")
+        most = largest_force(scenario)
+        require(force_to_admit(scenario) < most, "draws.force", scenario.draws.force,
+                f"below {most:.3g} N, the largest that the safe region admits with the tube")
     for key in (*RADII, *(WALL_RADII if of_wall else ()),
                 *(("tau",) if scenario.limits.tau is not None else ())):
         radius = getattr(tube, key)

@@ -17,6 +17,7 @@ from typing import NoReturn
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from uvms_drake.command.benchmark import add_benchmark
+from uvms_drake.command.calibrate import add_calibrate
 from uvms_drake.command.campaign import add_campaign
 from uvms_drake.command.certify import add_certify
 from uvms_drake.command.compare import add_compare
@@ -91,7 +92,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
     for add in (add_run, add_plot, add_compare, add_certify, add_benchmark,
-                add_campaign, add_errata,
+                add_calibrate, add_campaign, add_errata,
                 add_scenarios, add_keys, add_robot, add_scenario):
         add(commands)
     return parser

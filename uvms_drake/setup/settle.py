@@ -62,12 +62,21 @@ def settle(found: FirstScenario, model: str, robot: str, file: Path, progress: P
     return certificate
 
 
-def with_settings(text: str, settings: dict[str, str]) -> str:
-    """Returns the text of a scenario with values by their keys, `section.name`, in their lines."""
+def with_settings(text: str, settings: dict[str, str], why: str = "by advice of the certificate"
+                  ) -> str:
+    """Returns the text of a scenario with values by their keys, `section.name`, in their lines.
+
+    Args:
+        text: The text.
+        settings: The values.
+        why: Comment of each.
+    """
     for key, value in settings.items():
         section, _, name = key.partition(".")
         line = re.compile(rf"^({section}:.*\n(?:[ #].*\n)*?  {name}: )[^#\n]*?( *#.*)?$", re.M)
+        if not re.search(f"^{section}:", text, flags=re.M):
+            text += f"\n{section}:\n"
         if not line.search(text):
             text = re.sub(rf"^{section}:.*$", rf"\g<0>\n  {name}: 0", text, flags=re.M)
-        text = line.sub(rf"\g<1>{value}  # by advice of the certificate", text)
+        text = line.sub(rf"\g<1>{value}  # {why}", text)
     return text

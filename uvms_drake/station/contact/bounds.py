@@ -168,6 +168,16 @@ def safe_depth_margin(scenario: Scenario) -> float:
     return float(sum(part or 0.0 for part in parts))
 
 
+def largest_margin(scenario: Scenario, force: float) -> float:
+    """Returns the largest E + √2 αE_t [m] of a tube with which the safe region admits a force [N].
+
+    It is what `largest_force` leaves, half of (F_max − (F + 2ν)/a₋)/κ₊.
+    """
+    contact = sensed_contact(scenario)
+    needed = (force + 2.0 * contact.force_error) / contact.walls.share
+    return 0.5 * (contact.force - needed) / contact.stiffness
+
+
 def pressing_force(scenario: Scenario) -> float:
     """Returns the desired force along n [N]."""
     return scenario.task.force_along(sensed_contact(scenario).direction)

@@ -110,6 +110,32 @@ class Task:
 
 
 @dataclass
+class Draws:
+    """Distribution of starts, forces and times of drawn runs.
+
+    What is left out follows from limits less the tube; a certificate in probability needs all of
+    it, so that its distribution does not depend on the radii that it counts with.
+    """
+
+    joints: Annotated[np.ndarray, NotNegative] = field(default_factory=lambda: np.zeros(0))
+    """Largest distance of each joint from `start.q` (n,) [rad, m]; empty: up to its limits."""
+    force: Annotated[np.ndarray, Vector(2), Positive] | None = None
+    """Smallest and largest desired force [N]; None: 5 to 30 N, up to the largest that the safe
+    region admits. That of a mission's steps is theirs."""
+    speed: Annotated[float, Positive] | None = None
+    """Speed of an approach that the time of a run counts with [m/s]; None: the fastest plan's."""
+    hold: Annotated[np.ndarray, Vector(2), NotNegative] = field(
+        default_factory=lambda: np.array([5.0, 20.0]))
+    """Smallest and largest time of a hold after the expected settling of the force [s]."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for a range without a value."""
+        for key in ("force", "hold"):
+            value = getattr(self, key)
+            require(value is None or value[0] <= value[1], key, value, "the smaller number first")
+
+
+@dataclass
 class Supervision:
     """Supervisor: its thresholds follow from the declared data, the retreat is this."""
 
@@ -160,6 +186,8 @@ class Scenario:
     contact: Contact = field(default_factory=KnownSurface)
     """Kind of contact: the controller knows `surface`, or senses an unknown wall."""
     disturbance: Disturbance = field(default_factory=SinusoidalDisturbance)
+    draws: Draws = field(default_factory=Draws)
+    """Distribution of the runs of a campaign or of a certificate in probability."""
     sensing: list[Sensor] = field(default_factory=list)
     """Parts between the robot's state and the controller, from the robot on."""
     actuation: list[Actuator] = field(default_factory=list)
