@@ -102,7 +102,8 @@ def test_errors_of_thrusters_are_drawn_one_by_one_and_leave_every_other_draw_as_
 
 @pytest.mark.parametrize(("scenario", "overrides", "parts"), [
     (REAL, [], ("mass 0.1", "current 0.1 m/s from any heading",
-                "uniform from 5 to 20 N, held for 20 to 20 s", "within (0.25, 0.14, 0.16, 0.35) rad",
+                "uniform from 5 to 20 N, held for 20 to 20 s",
+                "within (0.25, 0.14, 0.16, 0.35) rad",
                 "with the probability 0.2 all unknowns",
                 "friction up to 0.5", "stiffness from 0.1 of 1000 N/m")),
     (REAL, ["waves=[{amplitude: 0.1}]", "model_error.joint_friction.coulomb=[0.5]",

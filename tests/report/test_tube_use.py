@@ -9,7 +9,7 @@ from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.campaign.run import off_line
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.report.tube_use import deviations, tube_use
+from uvms_drake.report.tube_use import deviations, off_knots, tube_use
 
 
 def test_each_row_is_the_largest_deviation_over_its_radius():
@@ -49,6 +49,16 @@ def test_speeds_of_the_tip_are_the_rate_of_its_pose():
         for zeta_dot in (np.zeros(10), record.nominal_input[i]))
     each = [found[f"tau[{j}]"][i] for j in range(10)]
     np.testing.assert_allclose(each, np.abs(record.tau[i] - (forced - unforced)), atol=1e-8)
+
+
+def test_between_knots_a_plan_of_constant_jerk_is_off_by_the_closed_form():
+    """(2/81) h³j at two thirds of an interval, where a sample is; none is at a step of 70 ms."""
+    time, step, jerk = np.linspace(0.0, 1.5, 76), 0.3, 1.7
+    found = off_knots(time, jerk * time**3 / 6.0, jerk * time**2 / 2.0, step)
+    assert np.max(found[:15]) == pytest.approx(2.0 / 81.0 * step**3 * jerk, rel=1e-6)
+    np.testing.assert_allclose(found[::15], 0.0, atol=1e-15)
+    np.testing.assert_allclose(found[:15], found[45:60], atol=1e-14)
+    assert not np.any(off_knots(time, time**3, 3.0 * time**2, 0.07))
 
 
 def test_a_deviation_counts_from_the_end_of_the_hover_on():

@@ -52,12 +52,6 @@ def pose_and_jacobian(
     return chi, J_chi
 
 
-def _on_robot(_: np.ndarray, J: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Returns −J_χᵀ 𝔉 (nv,)."""
-    reaction: np.ndarray = -force @ J
-    return reaction
-
-
 class CompliantSurface(WiredSystem):
     """Reaction of a `Surface` on the tip of a robot.
 
@@ -102,21 +96,35 @@ class CompliantSurface(WiredSystem):
 
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states())
-        touch = cached(self, "χ, J_χ and 𝔉", self._touch, {self.all_input_ports_ticket()})
+        inputs = {self.all_input_ports_ticket()}
+        chi = cached(self, "χ", lambda c: self._pose(c)[0], inputs)
+        touch = cached(self, "reaction and 𝔉", self._touch, inputs)
         now = {touch.ticket()}
         output_of(self, "generalized_force", plant.num_velocities(),
-                  lambda c: _on_robot(*touch.Eval(c)), now)
-        output_of(self, "force", 6, lambda c: touch.Eval(c)[2], now)
-        output_of(self, "penetration", 1, lambda c: [self._law.penetration(touch.Eval(c)[0])], now)
-        output_of(self, "chi", 6, lambda c: touch.Eval(c)[0], now)
+                  lambda c: touch.Eval(c)[0], now)
+        output_of(self, "force", 6, lambda c: touch.Eval(c)[1], now)
+        output_of(self, "penetration", 1, lambda c: [self._law.penetration(chi.Eval(c))],
+                  {chi.ticket()})
+        output_of(self, "chi", 6, chi.Eval, {chi.ticket()})
 
-    def _touch(self, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))
+    def _placed(self, context: Context) -> tuple[Context, np.ndarray]:
+        """Returns a Context of the plant in the present state, and v (nv,)."""
+        state = cast(np.ndarray, self._plant_state_port.Eval(context))
         workspace = self._workspace.Eval(context).context
-        self._plant.SetPositionsAndVelocities(workspace, plant_state)
+        self._plant.SetPositionsAndVelocities(workspace, state)
+        return workspace, state[-self._plant.num_velocities():]
+
+    def _pose(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        return pose_and_jacobian(self._plant, self._placed(context)[0], self._tip, self._R_TW)
+
+    def _touch(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        """Returns −J_χᵀ 𝔉 (nv,) and 𝔉 (6,)."""
+        workspace, v = self._placed(context)
+        if self._law.is_clear(self._tip.CalcPoseInWorld(workspace).translation()):
+            return np.zeros(len(v)), np.zeros(6)
         chi, J = pose_and_jacobian(self._plant, workspace, self._tip, self._R_TW)
-        chi_dot = J @ plant_state[-J.shape[1]:]
-        return chi, J, self._law.force(chi, chi_dot)
+        force = self._law.force(chi, J @ v)
+        return -force @ J, force
 
 
 Rotation = Constraint("a rotation of at most π", lambda x: np.linalg.norm(x) <= np.pi)

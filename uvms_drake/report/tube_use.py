@@ -35,7 +35,8 @@ def tube_use(record: Record) -> dict[str, float]:
 
 def radii_of(tube: TubeRadii) -> dict[str, float]:
     """Returns the radii of `deviations` by name; those that were not declared are left out."""
-    parts = ("nu1", "nu2", "qdot", "roll", "pitch", "tip_speed", "depth", "depth_speed")
+    parts = ("nu1", "nu2", "qdot", "roll", "pitch", "tip_speed", "depth", "depth_speed",
+             "between_knots")
     radii = {name: getattr(tube, name) for name in parts if getattr(tube, name) is not None}
     tau = () if tube.tau is None else tube.tau
     return radii | {f"{name}[{i}]": float(radius) for name, of in (("u", tube.u), ("tau", tau))
@@ -55,8 +56,32 @@ def deviations(record: Record) -> dict[str, np.ndarray]:
              "qdot": np.linalg.norm(off[:, 6:], axis=1), "roll": angles[:, 0],
              "pitch": angles[:, 1], "tip_speed": np.linalg.norm(tip, axis=1)}
     if contact is not None:
-        found |= {"depth": np.abs((record.chi - record.chi_nominal)[:, :3] @ contact.direction),
-                  "depth_speed": np.abs(tip @ contact.direction)}
+        n, planned_speed = contact.direction, times(nominal.J_chi[:, :3], record.nominal_zeta)
+        found |= {"depth": np.abs((record.chi - record.chi_nominal)[:, :3] @ n),
+                  "depth_speed": np.abs(tip @ n), "between_knots": off_knots(
+                      record.time, record.chi_nominal[:, :3] @ n, planned_speed @ n,
+                      record.scenario.mpc.time_step)}
     for name, error in (("u", record.u - record.nominal_input), ("tau", record.tau - planned)):
         found |= {f"{name}[{i}]": np.abs(row) for i, row in enumerate(error.T)}
     return found
+
+
+def off_knots(time: np.ndarray, depth: np.ndarray, speed: np.ndarray, step: float) -> np.ndarray:
+    """Returns the distances (T,) [m] of a plan's depth from a parabola between two of its knots.
+
+    It is the parabola with the depth and the speed of the knot before, and the depth of the next
+    one. Zero at the knots, and in the last interval, and if no knot is logged.
+
+    Args:
+        time: Times of the samples (T,) [s].
+        depth: n·𝔭̄ (T,) [m].
+        speed: n·𝔭̄̇ (T,) [m/s].
+        step: Time from knot to knot [s].
+    """
+    knots = np.flatnonzero(np.abs(time - step * np.round(time / step)) < 1e-9)
+    following = np.searchsorted(knots, np.arange(len(time)), side="right")
+    before, after = knots[following - 1], knots[np.minimum(following, len(knots) - 1)]
+    whole = np.abs(time[after] - time[before] - step) < 1e-9
+    t, rise = time - time[before], depth[after] - depth[before] - speed[before] * step
+    off = np.abs(depth - depth[before] - speed[before] * t - rise * (t / step)**2)
+    return np.where(whole, off, 0.0)

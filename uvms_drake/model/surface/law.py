@@ -107,6 +107,13 @@ class Surface(ABC):
             chi_dot: Its rate [m/s, rad/s].
         """
 
+    def is_clear(self, position: np.ndarray) -> bool:
+        """Returns whether a tip at a position (3,) exerts no force, whatever its motion.
+
+        By default that is not known: False.
+        """
+        return False
+
     @abstractmethod
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         """Returns the penetration of the end-effector (...) [m]."""

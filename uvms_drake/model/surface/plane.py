@@ -62,6 +62,10 @@ class UnilateralPlane(Surface):
         out[..., :3] = -magnitude[..., None] * self.normal
         return out
 
+    def is_clear(self, position: np.ndarray) -> bool:
+        """Returns whether δ ≤ 0; not known of a subclass with a force of its own."""
+        return type(self).force is UnilateralPlane.force and bool(self.depth(position) <= 0.0)
+
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         """Returns max(δ, 0)."""
         return np.maximum(self.depth(chi[..., :3]), 0.0)

@@ -70,6 +70,11 @@ class ShapedSurface(Surface):
         direction = gradient + np.sqrt(square) * coulomb(along, self.friction, self.creep)
         return np.concatenate([load[..., None] * direction, np.zeros_like(direction)], axis=-1)
 
+    def is_clear(self, position: np.ndarray) -> bool:
+        """Returns whether δ ≤ 0; not known of a subclass with a force of its own."""
+        own = type(self).force is ShapedSurface.force
+        return own and bool(self.geometry.depth(position) <= 0.0)
+
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         """Returns max(δ, 0)."""
         return np.maximum(self.geometry.depth(chi[..., :3]), 0.0)
