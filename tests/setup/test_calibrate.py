@@ -1,0 +1,179 @@
+"""Tests of `uvms_drake.setup.calibrate`: tube and gains of a real loop from pilot runs."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.refusals import refusals
+
+import uvms_drake as uv
+from uvms_drake.command.main import main
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.setup import calibrate as module
+from uvms_drake.setup.calibrate import (
+    Calibration,
+    Row,
+    check_real,
+    fitting,
+    radii_by_row,
+    rooms,
+    slowed,
+    told,
+    tube_of,
+    with_gains,
+    with_totals,
+)
+from uvms_drake.setup.calibrated_file import calibrated_text
+from uvms_drake.station.scenario.scenario_file import scenario_path
+
+REAL = "girona500_real_loop"
+ROOM = {"position": 0.02, "depth": 0.005, "nu1": 0.25, "qdot": 1.0, "e": np.inf}
+
+
+@pytest.fixture(scope="module")
+def real():
+    return uv.load_scenario(REAL)
+
+
+@pytest.fixture(scope="module")
+def model(real):
+    return uv.load_model(real)
+
+
+@pytest.fixture
+def fits(monkeypatch):
+    """Replaces the search for a plan: a tube fits if its depth is less than 4 mm."""
+    def derived(scenario, model, tube):
+        if tube.depth >= 0.004:
+            raise InvalidParameter("draws.force", 20.0, "below 18 N")
+        return scenario
+
+    monkeypatch.setattr(module, "derived", derived)
+
+
+def rows_of(**largest: float) -> dict[str, Row]:
+    return {name: Row(largest.get(name, 0.001), 0.01, most) for name, most in ROOM.items()}
+
+
+@pytest.mark.parametrize(("largest", "radius"), [
+    (0.001, 0.003),   # 3 M, far from its limit
+    (0.0025, 0.006),  # s L
+    (0.004, 0.008)])  # 2 M
+def test_a_radius_is_twice_the_largest_deviation_or_fills_what_the_limit_leaves(
+        fits, largest, radius):
+    tube, multiple = fitting(None, None, rows_of(position=largest), grow=False)
+    assert multiple == 2.0
+    assert tube.position == pytest.approx(radius)
+    assert tube.e == pytest.approx(0.003)  # No limit is about it.
+
+
+def test_in_a_further_round_no_radius_gets_smaller(fits):
+    tube, _ = fitting(None, None, rows_of(nu1=0.007, depth=0.001) | {
+        "depth": Row(0.001, 0.0021, 0.005)}, grow=True)
+    assert (tube.nu1, tube.position, tube.depth) == pytest.approx((0.014, 0.01, 0.0021))
+
+
+def test_what_does_not_fit_has_a_smaller_multiple_and_below_one_and_a_half_the_limit_is_named(fits):
+    tube, multiple = fitting(None, None, rows_of(depth=0.0023), grow=False)
+    assert 0.0037 < tube.depth < 0.004
+    assert multiple == pytest.approx(tube.depth / 0.0023, rel=0.01)
+    with pytest.raises(RunFailed, match=r"depth takes 93% of its limit; draws\.force = 20\.0"):
+        fitting(None, None, rows_of(depth=0.0031), grow=False)
+
+
+def test_the_gains_are_of_the_delays_of_wrench_and_joints(real, model):
+    """T = 0.15 + 0.05 + 0.01 + 0.01 + 0.005 s of a wrench, 0.02 s of a torque and of a reading."""
+    law = with_gains(real, 0.22, model).ancillary
+    sigma = 1.5 * 0.22 / np.array([0.225, 0.04])
+    for block, expected in zip((law.vehicle, law.tip), sigma, strict=True):
+        assert [block.k, block.sigma, block.observer] == pytest.approx(
+            expected * np.array([2.0, 1.0, 0.6]), rel=0.05)
+
+
+def test_the_gains_are_tried_with_delays_that_are_half_as_long_again(real, model):
+    clock, thrusters = slowed(real, model).actuation
+    assert (clock.delay, clock.period) == (pytest.approx(0.015), 0.02)
+    assert (thrusters.lag, thrusters.dead_time) == pytest.approx((0.225, 0.08))  # Of whole periods.
+
+
+def test_the_room_of_a_row_is_that_of_its_tightest_limit(real, model):
+    room = rooms(real, model)
+    assert room["nu1"] == real.limits.nu1
+    assert room["u[3]"] == real.limits.u[3]
+    angle = real.contact.tool_angle  # Its limit is of the cosine.
+    assert room["orientation"] == pytest.approx(np.tan(0.5 * angle) / np.sqrt(2.0))
+    assert room["joints"] == pytest.approx(0.5 * np.min(
+        np.subtract(real.limits.q_upper, real.limits.q_lower)))
+    assert np.isinf(room["e"])
+    # With all of it no more than the largest drawn force is left of the safe region.
+    tube = tube_of({**dict.fromkeys(radii_by_row(real.tube), 0.0), "depth": room["depth"]})
+    assert module.largest_force(replace(real, tube=tube)) == pytest.approx(real.draws.force[1])
+
+
+def test_totals_are_norms_of_their_blocks():
+    radii = with_totals({"position": 3.0, "orientation": 4.0, "joints": 12.0, "nu1": 1.0,
+                         "nu2": 2.0, "qdot": 2.0})
+    assert (radii["e"], radii["z"]) == (13.0, 3.0)
+
+
+def test_failures_that_a_radius_explains_are_none_and_others_have_a_size():
+    fine = {"error": None, "finite": True, "exits_set": 3, "exits_trajectory": 0, "use": {"e": 1.2},
+            "violations": 1, "limited": False, "mpc_failures": 0, "losses": 0, "touched": True,
+            "off_line": 0.4}
+    assert told(fine) == []
+    assert told(fine | {"off_line": 1.29, "touched": False}) == [
+        "never touched the wall",
+        "pressed off the desired force by more than the force line at the end of a hold (1.29 of "
+        "it)"]
+
+
+test_what_is_no_real_loop_or_lacks_a_number_is_refused = refusals(REAL, {
+    "contact=!KnownSurface {}; limits.static_force=45; surface=!UnilateralPlane {}":
+        "contact.*a !SensedContact",
+    "sensing=[!ForceSensor {}]": "sensing.*with a !Navigation",
+    "actuation=[!SampledCommand {}]": "actuation.*with a !Thrusters",
+    "ancillary=!Resolved {k: 5, sigma: 2}": "ancillary.*a !TipFirst",
+    "draws.speed=null": r"draws\.speed.*declared",
+    "draws.force=null": r"draws\.force.*declared",
+    "contact.tangential_lag=0": r"contact\.tangential_lag.*positive",
+    "draws.force=[5, 500]": r"draws\.force = 500\.0.*along surge .* more than there is",
+}, check_real)
+
+
+@pytest.mark.parametrize("scale", [None, 0.22])
+def test_a_calibrated_file_has_the_numbers_their_origin_and_is_calibrated_to_itself(
+        real, tmp_path, scale):
+    rows = {name: Row(0.4 * radius, radius, 4.0 * radius)
+            for name, radius in radii_by_row(real.tube).items()}
+    changed = replace(real, mpc=replace(real.mpc, hover=3.4, terminal_radius=0.051))
+    found = Calibration(changed, rows, 20, 2.0, 2, scale, 0.2)
+    text = calibrated_text(scenario_path(REAL).read_text("utf-8"), found, "uvms-drake calibrate")
+    file = tmp_path / "again.yaml"
+    file.write_text(text, encoding="utf-8")
+    loaded = uv.load_scenario(str(file))
+    assert radii_by_row(loaded.tube) == radii_by_row(real.tube)
+    assert (loaded.mpc.hover, loaded.mpc.terminal_radius) == (3.4, 0.051)
+    assert loaded.ancillary == real.ancillary
+    tube = text[text.index("\ntube:"):]
+    assert re.search(r"position: 0\.0078 +# m \(0\.0031; 25%\)", tube)
+    assert len(re.findall(r"^tube:", text, re.M)) == 1
+    assert calibrated_text(text, found, "uvms-drake calibrate") == text
+    assert text.startswith(scenario_path(REAL).read_text("utf-8")[:300])
+
+
+def test_the_table_has_every_row_and_the_share_of_redrawn_starts(real):
+    rows = {"nu1": Row(0.011, 0.022, 0.25), "e": Row(0.05, 0.1, np.inf)}
+    text = str(Calibration(real, rows, 20, 2.0, 2, None, 0.25))
+    assert re.search(r"nu1 +0\.011 +0\.022 +9%", text)
+    assert "25% of the starts had no first plan" in text
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--runs", "0"], "--runs = 0: must be at least 1"), (["--output", "a.txt"], "a .yaml file")])
+def test_bad_options_are_one_line(options, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", REAL, *options]) == 2
+    err = capsys.readouterr().err
+    assert said in err and err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
