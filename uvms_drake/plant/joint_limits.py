@@ -65,6 +65,8 @@ def stop_torque(limits: JointLimits, q: np.ndarray, rates: np.ndarray) -> np.nda
     """Returns the torques (n,) of the stops [N m, N]; see (1)."""
     omega, zeta = STOP
     torque = np.zeros_like(q)
+    if ((q <= limits.upper) & (q >= limits.lower)).all():
+        return torque
     for sign, stop in ((1.0, limits.upper), (-1.0, limits.lower)):
         x = np.maximum(sign * (q - stop), 0.0)
         response = limits.inertia * (omega**2 * x + 2.0 * zeta * omega * sign * rates)
@@ -80,7 +82,9 @@ def motor_torque(limits: JointLimits, rates: np.ndarray, torque: np.ndarray) -> 
         share: np.ndarray = np.where(beyond > 0.0, 1.0 - beyond / band, 1.0)
         return limits.effort * np.maximum(share, -1.0)
 
-    out: np.ndarray = np.minimum(np.maximum(torque, -largest(-rates)), largest(rates))
+    slow = (np.abs(rates) <= limits.speed).all()
+    most, least = (limits.effort, limits.effort) if slow else (largest(rates), largest(-rates))
+    out: np.ndarray = np.minimum(np.maximum(torque, -least), most)
     return out
 
 

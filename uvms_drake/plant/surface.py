@@ -27,6 +27,14 @@ AXES_OF_WORLD = RotationMatrix()
 """Attitude of the paper's task frame, which is World."""
 
 
+def pose(context: Context, tip: Frame, R_TW: RotationMatrix = AXES_OF_WORLD
+         ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns χ (6,) [m, rad] of a frame and R_WE (3, 3); for the arguments see below."""
+    X_WE = tip.CalcPoseInWorld(context).GetAsMatrix34()
+    R_WE = X_WE[:, :3]
+    return np.append(X_WE[:, 3], euler_angles(R_TW.matrix() @ R_WE)), R_WE
+
+
 def pose_and_jacobian(
     plant: MultibodyPlant, context: Context, tip: Frame, R_TW: RotationMatrix = AXES_OF_WORLD
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -41,15 +49,10 @@ def pose_and_jacobian(
         tip: E.
         R_TW: Attitude of W in T.
     """
-    W = plant.world_frame()
-    X_WE = tip.CalcPoseInWorld(context).GetAsMatrix34()
-    R_WE = X_WE[:, :3]
-    chi, J_chi = np.empty(6), np.empty((6, plant.num_velocities()))
-    chi[:3], chi[3:] = X_WE[:, 3], euler_angles(R_TW.matrix() @ R_WE)
+    W, (chi, R_WE) = plant.world_frame(), pose(context, tip, R_TW)
     J = plant.CalcJacobianSpatialVelocity(
         context, JacobianWrtVariable.kV, tip, _ORIGIN, W, W)
-    J_chi[:3], J_chi[3:] = J[3:], rate_matrix(chi[3:]) @ R_WE.T @ J[:3]
-    return chi, J_chi
+    return chi, np.concatenate([J[3:], rate_matrix(chi[3:]) @ R_WE.T @ J[:3]])
 
 
 class CompliantSurface(WiredSystem):
@@ -97,15 +100,16 @@ class CompliantSurface(WiredSystem):
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states())
         inputs = {self.all_input_ports_ticket()}
-        chi = cached(self, "χ", lambda c: self._pose(c)[0], inputs)
+        self._chi = cached(
+            self, "χ", lambda c: pose(self._placed(c)[0], self._tip, self._R_TW)[0], inputs)
         touch = cached(self, "reaction and 𝔉", self._touch, inputs)
         now = {touch.ticket()}
         output_of(self, "generalized_force", plant.num_velocities(),
                   lambda c: touch.Eval(c)[0], now)
         output_of(self, "force", 6, lambda c: touch.Eval(c)[1], now)
-        output_of(self, "penetration", 1, lambda c: [self._law.penetration(chi.Eval(c))],
-                  {chi.ticket()})
-        output_of(self, "chi", 6, chi.Eval, {chi.ticket()})
+        output_of(self, "penetration", 1, lambda c: [self._law.penetration(self._chi.Eval(c))],
+                  {self._chi.ticket()})
+        output_of(self, "chi", 6, self._chi.Eval, {self._chi.ticket()})
 
     def _placed(self, context: Context) -> tuple[Context, np.ndarray]:
         """Returns a Context of the plant in the present state, and v (nv,)."""
@@ -114,14 +118,11 @@ class CompliantSurface(WiredSystem):
         self._plant.SetPositionsAndVelocities(workspace, state)
         return workspace, state[-self._plant.num_velocities():]
 
-    def _pose(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
-        return pose_and_jacobian(self._plant, self._placed(context)[0], self._tip, self._R_TW)
-
     def _touch(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
         """Returns −J_χᵀ 𝔉 (nv,) and 𝔉 (6,)."""
+        if self._law.is_clear(self._chi.Eval(context)[:3]):
+            return np.zeros(self._plant.num_velocities()), np.zeros(6)
         workspace, v = self._placed(context)
-        if self._law.is_clear(self._tip.CalcPoseInWorld(workspace).translation()):
-            return np.zeros(len(v)), np.zeros(6)
         chi, J = pose_and_jacobian(self._plant, workspace, self._tip, self._R_TW)
         force = self._law.force(chi, J @ v)
         return -force @ J, force
