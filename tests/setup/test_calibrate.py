@@ -14,12 +14,12 @@ from uvms_drake.setup import calibrate as module
 from uvms_drake.setup.calibrate import (
     Calibration,
     Row,
+    available_radii,
     check_real,
     fitting,
+    other_failures,
     radii_by_row,
-    rooms,
     slowed,
-    told,
     tube_of,
     with_gains,
     with_totals,
@@ -98,16 +98,16 @@ def test_the_gains_are_tried_with_delays_that_are_half_as_long_again(real, model
 
 
 def test_the_room_of_a_row_is_that_of_its_tightest_limit(real, model):
-    room = rooms(real, model)
-    assert room["nu1"] == real.limits.nu1
-    assert room["u[3]"] == real.limits.u[3]
+    available = available_radii(real, model)
+    assert available["nu1"] == real.limits.nu1
+    assert available["u[3]"] == real.limits.u[3]
     angle = real.contact.tool_angle  # Its limit is of the cosine.
-    assert room["orientation"] == pytest.approx(np.tan(0.5 * angle) / np.sqrt(2.0))
-    assert room["joints"] == pytest.approx(0.5 * np.min(
+    assert available["orientation"] == pytest.approx(np.tan(0.5 * angle) / np.sqrt(2.0))
+    assert available["joints"] == pytest.approx(0.5 * np.min(
         np.subtract(real.limits.q_upper, real.limits.q_lower)))
-    assert np.isinf(room["e"])
+    assert np.isinf(available["e"])
     # With all of it no more than the largest drawn force is left of the safe region.
-    tube = tube_of({**dict.fromkeys(radii_by_row(real.tube), 0.0), "depth": room["depth"]})
+    tube = tube_of({**dict.fromkeys(radii_by_row(real.tube), 0.0), "depth": available["depth"]})
     assert module.largest_force(replace(real, tube=tube)) == pytest.approx(real.draws.force[1])
 
 
@@ -121,8 +121,8 @@ def test_failures_that_a_radius_explains_are_none_and_others_have_a_size():
     fine = {"error": None, "finite": True, "exits_set": 3, "exits_trajectory": 0, "use": {"e": 1.2},
             "violations": 1, "limited": False, "mpc_failures": 0, "losses": 0, "touched": True,
             "off_line": 0.4}
-    assert told(fine) == []
-    assert told(fine | {"off_line": 1.29, "touched": False}) == [
+    assert other_failures(fine) == []
+    assert other_failures(fine | {"off_line": 1.29, "touched": False}) == [
         "never touched the wall",
         "pressed off the desired force by more than the force line at the end of a hold (1.29 of "
         "it)"]

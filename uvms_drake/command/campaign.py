@@ -1,8 +1,9 @@
-"""The sub-command `campaign`, and options of all commands that compute many runs."""
+"""The sub-commands `campaign` and `calibrate`, and options of all that compute many runs."""
 
 import argparse
+from pathlib import Path
 
-from uvms_drake.command.files import folder, take_scenario
+from uvms_drake.command.files import folder, take_quiet, take_scenario
 
 
 def take_workers(command: argparse.ArgumentParser) -> None:
@@ -44,3 +45,31 @@ def run_campaign(args: argparse.Namespace) -> int:
     from uvms_drake.command.drawn_runs import replay_run, run_campaign
 
     return run_campaign(args) if args.replay is None else replay_run(args)
+
+
+def add_calibrate(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    calibrate = commands.add_parser(
+        "calibrate", allow_abbrev=False,
+        help="find the tube of a real loop, and its gains, from pilot runs")
+    calibrate.set_defaults(command=run_calibration)
+    calibrate.add_argument("scenario", metavar="SCENARIO",
+                           help="name of a shipped scenario or a YAML file")
+    calibrate.add_argument("--runs", type=int, default=20, metavar="K",
+                           help="pilot runs of each of two or three rounds (default: %(default)s); "
+                                "they are kept, and the same command goes on with the others")
+    calibrate.add_argument("--gains", action="store_true",
+                           help="find the gains of the law, too, by a run each with delays that "
+                                "are half as long again")
+    calibrate.add_argument("--output", type=Path, metavar="FILE",
+                           help="file to write, beside that of the scenario if that has relative "
+                                "paths (default: <scenario>_calibrated.yaml)")
+    take_workers(calibrate)
+    take_quiet(calibrate)
+
+
+def run_calibration(args: argparse.Namespace) -> int:
+    """Writes a calibrated scenario."""
+    from uvms_drake.command.drawn_runs import calibrate_scenario
+
+    return calibrate_scenario(args)

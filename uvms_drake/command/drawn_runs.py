@@ -1,4 +1,4 @@
-"""Drawn runs of a scenario: a campaign, and the certificate in probability of `certify --runs`."""
+"""Drawn runs of a scenario: a campaign, a calibration, and the certificate of `certify --runs`."""
 
 import argparse
 import sys
@@ -49,21 +49,25 @@ from uvms_drake.command.files import (
     DATA_FILES,
     asked,
     left_out,
+    new_at,
     picture_files,
     write_data,
     write_pictures,
 )
+from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.progress import bar
 from uvms_drake.common.cache import store
 from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_summary
+from uvms_drake.setup.calibrate import PilotsFailed, calibrate
+from uvms_drake.setup.calibrated_file import calibrated_text
 from uvms_drake.station.contact.bounds import largest_force
 from uvms_drake.station.problem import check_inputs
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.scenario.scenario_file import reported_in
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario_file import reported_in, scenario_path
 from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step_size import with_step
 
@@ -142,6 +146,35 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     print(f"\n{text}" if args.full else "\nall results of the runs: --full")
     print(f"written to {path}: {CERTIFICATE_FILE}, {STORE}", file=sys.stderr)
     return BROKEN if certificate.failures else 0
+
+
+def calibrate_scenario(args: argparse.Namespace) -> int:
+    """Writes the calibrated scenario and prints the rows of its tube."""
+    scenario, path = load_scenario(args.scenario), scenario_path(args.scenario)
+    file = args.output or Path(f"{scenario.name}_calibrated.yaml")
+    require(file.suffix == ".yaml" and not file.exists(), "--output", str(file),
+            "a .yaml file that is not there yet")
+    pool = make_pool(args.workers, args.scheduler)
+    with reported_in(args.scenario), bar(args, "pilot runs") as progress:
+        try:
+            found = calibrate(scenario, args.runs, args.gains, pool, progress)
+        except PilotsFailed as error:
+            for line in error.lines:
+                print(line, file=sys.stderr)
+            raise
+    command = " ".join([PROGRAM, "calibrate", args.scenario, *(["--gains"] if args.gains else [])])
+    text = calibrated_text(path.read_text(encoding="utf-8"), found, command)
+    with new_at(file, "--output"):
+        file.write_text(text, encoding="utf-8")
+    # The file is checked as a certificate in probability would check it.
+    try:
+        with reported_in(str(file)):
+            check_declared(drawable(load_scenario(str(file))))
+    except BaseException:
+        file.unlink()
+        raise
+    print(f"{found}\n\nwritten to {file}; '{PROGRAM} certify {file} --runs 300' draws other runs")
+    return 0
 
 
 def check_draws(args: argparse.Namespace) -> None:

@@ -17,8 +17,7 @@ from typing import NoReturn
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from uvms_drake.command.benchmark import add_benchmark
-from uvms_drake.command.calibrate import add_calibrate
-from uvms_drake.command.campaign import add_campaign
+from uvms_drake.command.campaign import add_calibrate, add_campaign
 from uvms_drake.command.certify import add_certify
 from uvms_drake.command.compare import add_compare
 from uvms_drake.command.interrupt import PROGRAM

@@ -5,7 +5,7 @@ the largest radius L that its limits leave. Its radius is
 
     r = max(m M, min(3 M, s L)),    m = 2,  s = 0.3,                                             (1)
 
-so that a row far from its limits has more room. It begins with r = 0.3 L, all of them × 0.7 until
+so that a row far from its limits has more. It begins with r = 0.3 L, all of them × 0.7 until
 there is a first plan, and runs again with (1) until M ≤ (1/m + 0.15) r, at most `ROUNDS` times. If
 (1) leaves no plan, m is bisected; below 1.5 there is none.
 
@@ -100,7 +100,7 @@ class Row:
     """Largest deviation M of the pilot runs."""
     radius: float
     """Its radius r."""
-    room: float
+    available: float
     """Largest radius L that the limits leave; inf if no limit depends on it."""
 
 
@@ -126,8 +126,8 @@ class Calibration:
     def __str__(self) -> str:
         """Returns the table of the rows, and the numbers that are derived."""
         lines = [f"{'row':<14}{'pilot largest':>14}{'radius':>12}{'of the limit':>14}"]
-        lines += [f"{name:<14}{row.largest:>14.3g}{row.radius:>12.3g}{row.radius / row.room:>14.0%}"
-                  for name, row in self.rows.items()]
+        lines += [f"{name:<14}{row.largest:>14.3g}{row.radius:>12.3g}"
+                  f"{row.radius / row.available:>14.0%}" for name, row in self.rows.items()]
         gains = "" if self.scale is None else f"; gains of the scale {self.scale:g}"
         return "\n".join([*lines, "", f"{self.runs} pilot runs, {self.rounds} rounds, radii of "
                           f"{self.multiple:.3g} times the largest{gains}; {self.redrawn:.0%} of "
@@ -152,16 +152,16 @@ def calibrate(scenario: Scenario, runs: int = 20, gains: bool = False, pool: Poo
     require(runs >= 1, "--runs", runs, "at least 1")
     model = check_real(scenario)
     pool, pilots = pool or local_pool(), _Pilots(scenario, runs, pool or local_pool())
-    room, scale = rooms(scenario, model), None
-    started = derived(scenario, model, first_radii(scenario, model, room))
+    available, scale = available_radii(scenario, model), None
+    started = derived(scenario, model, first_radii(scenario, model, available))
     if gains:
-        scale, started = best_gains(started, model, room, pilots, part_of(progress, 0.0, 0.2))
+        scale, started = best_gains(started, model, available, pilots, part_of(progress, 0.0, 0.2))
     tube, rows, multiple = started.tube, dict[str, Row](), MULTIPLE
     for turn in range(1, ROUNDS + 1):
         now = derived(started, model, tube)
         largest, redrawn = pilots.largest(now, part_of(
             progress, 0.2 + 0.8 * (turn - 1) / ROUNDS, 0.2 + 0.8 * turn / ROUNDS))
-        rows = {name: Row(M, radii_by_row(tube)[name], room.get(name, np.inf))
+        rows = {name: Row(M, radii_by_row(tube)[name], available.get(name, np.inf))
                 for name, M in largest.items()}
         if turn > 1 and all(
                 row.largest <= (1.0 / multiple + BEYOND) * row.radius for row in rows.values()):
@@ -249,7 +249,7 @@ def tube_of(radii: dict[str, float]) -> TubeRadii:
     return TubeRadii(**alone, u=parts["u"], tau=parts["tau"] if len(parts["tau"]) else None)
 
 
-def rooms(scenario: Scenario, model: ContactModel) -> dict[str, float]:
+def available_radii(scenario: Scenario, model: ContactModel) -> dict[str, float]:
     """Returns the largest radius L of each row that the limits leave: half of the smallest.
 
     Depth and position are limited by the safe region of the largest force, the speeds of the tip by
@@ -282,7 +282,7 @@ def with_totals(radii: dict[str, float]) -> dict[str, float]:
 
 
 def derived(scenario: Scenario, model: ContactModel, tube: TubeRadii) -> Scenario:
-    """Returns a scenario with a tube, and the numbers that follow from it and what is declared.
+    """Returns a scenario with a tube, and the numbers that follow from it and the declared ones.
 
     The hover until the observers have settled, the limits of the tip's speed about those of a plan,
     and the terminal set.
@@ -322,12 +322,12 @@ def with_plan(scenario: Scenario, model: ContactModel) -> Scenario:
     return scenario
 
 
-def first_radii(scenario: Scenario, model: ContactModel, room: dict[str, float]) -> TubeRadii:
-    """Returns radii to begin with: 0.3 of the room of each row, all of them less until they fit."""
+def first_radii(scenario: Scenario, model: ContactModel, available: dict[str, float]) -> TubeRadii:
+    """Returns radii to begin with: 0.3 of the available ones, all of them less until they fit."""
     share = SHARE
     while True:
         tube = tube_of(with_totals(
-            {name: share * most for name, most in room.items() if name not in BLOCKS}))
+            {name: share * most for name, most in available.items() if name not in BLOCKS}))
         try:
             derived(scenario, model, tube)
         except InvalidParameter as error:
@@ -354,7 +354,7 @@ def fitting(scenario: Scenario, model: ContactModel, rows: dict[str, Row], *, gr
     """
     def fitted(multiple: float) -> TubeRadii:
         tube = tube_of({name: up(max(multiple * row.largest, row.radius if grow else min(
-            FILLED * row.largest, SHARE * row.room))) for name, row in rows.items()})
+            FILLED * row.largest, SHARE * row.available))) for name, row in rows.items()})
         derived(scenario, model, tube)
         return tube
 
@@ -365,11 +365,11 @@ def fitting(scenario: Scenario, model: ContactModel, rows: dict[str, Row], *, gr
     try:
         best = fitted(low)
     except InvalidParameter as error:
-        name = max(rows, key=lambda name: rows[name].largest / rows[name].room)
+        name = max(rows, key=lambda name: rows[name].largest / rows[name].available)
         raise RunFailed(
             f"no tube of {LEAST_MULTIPLE} times the largest deviations fits: {name} takes "
-            f"{LEAST_MULTIPLE * rows[name].largest / rows[name].room:.0%} of its limit; {error}"
-            ) from None
+            f"{LEAST_MULTIPLE * rows[name].largest / rows[name].available:.0%} of its limit; "
+            f"{error}") from None
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         try:
@@ -379,8 +379,8 @@ def fitting(scenario: Scenario, model: ContactModel, rows: dict[str, Row], *, gr
     return best, low
 
 
-def best_gains(scenario: Scenario, model: ContactModel, room: dict[str, float], pilots: "_Pilots",
-               progress: Progress) -> tuple[float, Scenario]:
+def best_gains(scenario: Scenario, model: ContactModel, available: dict[str, float],
+               pilots: "_Pilots", progress: Progress) -> tuple[float, Scenario]:
     """Returns the best scale of the gains, and the scenario with them; see the module.
 
     Raises:
@@ -392,9 +392,9 @@ def best_gains(scenario: Scenario, model: ContactModel, room: dict[str, float], 
     for i, (scale, each) in enumerate(tried.items()):
         result = pilots.results(slowed(each, model), 1, part_of(
             progress, i / len(tried), (i + 1) / len(tried)))[0]
-        radii, bad = radii_by_row(each.tube), told(result)
+        radii, bad = radii_by_row(each.tube), other_failures(result)
         scores[scale] = np.inf if bad else max(
-            SLOWER * use * radii[name] / room[name] for name, use in result["use"].items())
+            SLOWER * use * radii[name] / available[name] for name, use in result["use"].items())
         said.append(f"{scale:g}: {'; '.join(bad) or f'1.5 M/L = {scores[scale]:.2g}'}")
     failing = min((scale for scale, score in scores.items() if score >= SLOWER), default=np.inf)
     good = [scale for scale in SCALES if scale <= failing / SLOWER]
@@ -460,7 +460,7 @@ class _Pilots:
         """
         results = self.results(scenario, self._number, progress)
         failed = [f"run {result['index']} {', and '.join(bad)}"
-                  for result in results if (bad := told(result))]
+                  for result in results if (bad := other_failures(result))]
         if failed:
             raise PilotsFailed(self._number, failed)
         return {name: radius * max(result["use"][name] for result in results)
@@ -468,7 +468,7 @@ class _Pilots:
             1.0 - self._number / sum(result["starts"] for result in results))
 
 
-def told(result: dict[str, Any]) -> list[str]:
+def other_failures(result: dict[str, Any]) -> list[str]:
     """Returns the failures of a run that no radius explains, with their sizes."""
     wall = result.get("wall", {})
     sizes = {"exception": result["error"], "no plan": f"{result.get('mpc_failures')} samples",

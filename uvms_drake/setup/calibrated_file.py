@@ -66,8 +66,8 @@ def _tube(found: Calibration, command: str) -> list[str]:
                 if name == key or name.startswith(f"{key}[")]
         said = "({}{})".format(
             ", ".join(f"{row.largest:.2g}" for _, row in rows),
-            "".join(f"; {row.radius / row.room:.0%}" for _, row in rows
-                    if len(rows) == 1 and np.isfinite(row.room)))
+            "".join(f"; {row.radius / row.available:.0%}" for _, row in rows
+                    if len(rows) == 1 and np.isfinite(row.available)))
         text = f"[{', '.join(f'{part:g}' for part in value)}]" if np.ndim(value) else f"{value:g}"
         if np.ndim(value):
             lines.append(f"  # {said}")

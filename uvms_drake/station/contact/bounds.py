@@ -171,7 +171,7 @@ def safe_depth_margin(scenario: Scenario) -> float:
 def largest_margin(scenario: Scenario, force: float) -> float:
     """Returns the largest E + √2 αE_t [m] of a tube with which the safe region admits a force [N].
 
-    It is what `largest_force` leaves, half of (F_max − (F + 2ν)/a₋)/κ₊.
+    It is half of (F_max − (F + 2ν)/a₋)/κ₊, see `largest_force`.
     """
     contact = sensed_contact(scenario)
     needed = (force + 2.0 * contact.force_error) / contact.walls.share

@@ -113,8 +113,8 @@ class Task:
 class Draws:
     """Distribution of starts, forces and times of drawn runs.
 
-    What is left out follows from limits less the tube; a certificate in probability needs all of
-    it, so that its distribution does not depend on the radii that it counts with.
+    A force or speed that is left out follows from limits less the tube; a certificate in
+    probability needs both, so that its distribution does not depend on the radii.
     """
 
     joints: Annotated[np.ndarray, NotNegative] = field(default_factory=lambda: np.zeros(0))
