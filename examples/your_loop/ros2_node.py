@@ -119,10 +119,10 @@ def main() -> None:
         wrench.wrench.force.x, wrench.wrench.force.y, wrench.wrench.force.z = f[:3]
         wrench.wrench.torque.x, wrench.wrench.torque.y, wrench.wrench.torque.z = f[3:]
         arm.name = logic.joints
-        arm.effort = conventions.joint_torque(command.joints.torque).tolist()
-        arm.velocity = conventions.joint_torque(command.joints.velocity).tolist()
-        arm.position = conventions.joint_torque(
-            command.joints.position - conventions.joint_offsets).tolist()
+        signs, joints = conventions.joint_signs, command.joints
+        arm.effort, arm.velocity = (signs * joints.torque).tolist(), (
+            signs * joints.velocity).tolist()
+        arm.position = (signs * (joints.position - conventions.joint_offsets)).tolist()
         out["vehicle_wrench"].publish(wrench)
         out["joint_commands"].publish(arm)
         if command.thruster_commands is not None:
@@ -131,7 +131,9 @@ def main() -> None:
             out["alarms"].publish(String(data=f"{command.mode}: {'; '.join(command.alarms)}"))
 
     node.create_timer(logic.controller.period, tick)
-    rclpy.spin(node)
+    with logic.controller:  # Which ends the process of its planner.
+        rclpy.spin(node)
+    rclpy.shutdown()
 
 
 if __name__ == "__main__":

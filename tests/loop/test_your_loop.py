@@ -3,7 +3,7 @@
 import importlib.util
 import socket
 import sys
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -96,6 +96,131 @@ def test_the_node_starts_with_its_messages_and_tells_when_they_stop(controller):
     assert "the state is missing" not in silent[5].alarms
     assert "the state is missing" in silent[15].alarms
     assert silent[-1].mode == Mode.STOPPED
+
+
+class Fields:
+    """Message with the fields of its class alone, each of its type, as rclpy's are."""
+
+    fields: dict = {}  # noqa: RUF012  of each kind
+
+    def __init__(self, **given):
+        for name, kind in self.fields.items():
+            object.__setattr__(self, name, kind())
+        for name, value in given.items():
+            setattr(self, name, value)
+
+    def __setattr__(self, name, value):
+        kind = self.fields[name]  # KeyError: the message has no such field.
+        assert isinstance(value, kind), (name, value)
+        if kind is list:
+            assert all(type(each) in (float, str) for each in value), (name, value)
+        object.__setattr__(self, name, value)
+
+
+def kind(name: str, **fields) -> type:
+    return type(name, (Fields,), {"fields": fields})
+
+
+TIME = kind("Time", sec=int, nanosec=int)
+HEADER = kind("Header", stamp=TIME, frame_id=str)
+XYZ = kind("Vector3", x=float, y=float, z=float)
+XYZW = kind("Quaternion", x=float, y=float, z=float, w=float)
+WRENCH, TWIST = kind("Wrench", force=XYZ, torque=XYZ), kind("Twist", linear=XYZ, angular=XYZ)
+MESSAGES = {
+    "geometry_msgs": {"WrenchStamped": kind("WrenchStamped", header=HEADER, wrench=WRENCH)},
+    "nav_msgs": {"Odometry": kind(
+        "Odometry", header=HEADER, child_frame_id=str,
+        pose=kind("PoseWithCovariance", pose=kind("Pose", position=XYZ, orientation=XYZW)),
+        twist=kind("TwistWithCovariance", twist=TWIST))},
+    "sensor_msgs": {"JointState": kind(
+        "JointState", header=HEADER, name=list, position=list, velocity=list, effort=list)},
+    "std_msgs": {"Float64MultiArray": kind("Float64MultiArray", data=list),
+                 "String": kind("String", data=str)}}
+
+
+def test_the_node_subscribes_publishes_and_ticks(controller, monkeypatch):
+    """With a minimal rclpy, whose spin sends half a second of messages and calls the timer."""
+    joints, state = ["slew", "shoulder", "elbow", "jaw"], rest(controller.scenario)
+    seen = {"subscribed": {}, "published": {}, "down": False}
+
+    class Node:
+        """Node with a clock that spin sets."""
+
+        now = 50.0
+
+        def __init__(self, name):
+            seen["node"] = self
+
+        def get_clock(self):
+            nanoseconds = round(1e9 * self.now)
+            stamp = TIME(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+            return SimpleNamespace(now=lambda: SimpleNamespace(
+                nanoseconds=nanoseconds, to_msg=lambda: stamp))
+
+        def create_subscription(self, kind, topic, callback, depth):
+            assert kind in [each for of in MESSAGES.values() for each in of.values()]
+            seen["subscribed"][topic] = kind, callback
+
+        def create_publisher(self, kind, topic, depth):
+            sent = seen["published"][topic] = []
+
+            def publish(message):
+                assert type(message) is kind
+                sent.append(message)
+
+            return SimpleNamespace(publish=publish)
+
+        def create_timer(self, period, callback):
+            seen["timer"] = period, callback
+
+    def spin(node):
+        period, tick = seen["timer"]
+        for k in range(50):
+            node.now = 50.0 + k * period
+            if k < 35:  # Then they stop.
+                for topic, (kind, callback) in seen["subscribed"].items():
+                    message = kind()
+                    if topic == "odometry":
+                        message = odometry(state)
+                    elif topic == "joint_states":
+                        message.name, message.position = joints, state[6:10].tolist()
+                        message.velocity = state[16:].tolist()
+                    callback(message)
+            tick()
+
+    rclpy, node_module = ModuleType("rclpy"), ModuleType("rclpy.node")
+    rclpy.init, rclpy.spin, node_module.Node = lambda: None, spin, Node
+    rclpy.shutdown = lambda: seen.update(down=True)
+    modules = {"rclpy": rclpy, "rclpy.node": node_module}
+    for package, kinds in MESSAGES.items():
+        modules[package], modules[f"{package}.msg"] = (ModuleType(package), ModuleType("msg"))
+        vars(modules[f"{package}.msg"]).update(kinds)
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    node = example("ros2_node")
+    monkeypatch.setattr(sys, "argv", ["ros2_node.py", "girona500_contact", ",".join(joints)])
+    monkeypatch.setattr(node.uv, "Controller", lambda scenario, wait: controller)
+    node.main()
+
+    sent = seen["published"]
+    assert seen["timer"][0] == controller.period and seen["down"]
+    assert set(seen["subscribed"]) == {"odometry", "joint_states", "wrench"}
+    # The first tick makes the first plan; each later one sends a command with its stamp.
+    assert [len(sent[name]) for name in ("vehicle_wrench", "thrusters", "joint_commands")] == [
+        49, 49, 49]
+    first, last = sent["vehicle_wrench"][0], sent["vehicle_wrench"][-1]
+    assert (first.header.stamp.sec, first.header.stamp.nanosec) == (50, 10_000_000)
+    assert last.header.stamp.nanosec == 490_000_000
+    model, still = controller.model, np.zeros(10)
+    weight = model.inverse_dynamics(model.kinematics(state[:10]), still, still, np.zeros(6))
+    assert first.wrench.force.z == pytest.approx(-weight[2], abs=30.0)  # FLU: z is up.
+    arm = sent["joint_commands"][0]
+    assert arm.name == joints and len(arm.position) == len(arm.velocity) == len(arm.effort) == 4
+    np.testing.assert_allclose(arm.position, state[6:10], atol=1e-2)
+    assert len(sent["thrusters"][0].data) == 5
+    said = [message.data for message in sent["alarms"]]
+    assert said and all(": " in text for text in said)
+    assert "the state is missing" in said[-1] and "the state is missing" not in said[0]
 
 
 # Replay.

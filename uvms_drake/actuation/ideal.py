@@ -71,12 +71,10 @@ class SampledCommand(Actuator):
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `SampledVector`, or a `TickedVector` if there are ticks; see `Part`."""
         clock = Clock(range(port.size()), self.period, self.delay)
+        kind = TickedVector if TICK in signals else SampledVector
+        sampled = kind.AddToBuilder(builder, port.size(), [clock], name="sampled_command",
+                                    vector=port, tick=signals.get(TICK))
+        signals["zoh_command"] = sampled.GetOutputPort("hold")
         if TICK in signals:
-            signals["zoh_command"] = TickedVector.AddToBuilder(
-                builder, port.size(), clock, name="sampled_command", vector=port,
-                tick=signals[TICK]).get_output_port()
-            return signals["zoh_command"]
-        sampled = SampledVector.AddToBuilder(
-            builder, port.size(), [clock], name="sampled_command", vector=port).get_output_port()
-        signals["zoh_command"] = sampled
-        return sampled
+            signals["newest_command"] = sampled.GetOutputPort("newest")
+        return signals["zoh_command"]

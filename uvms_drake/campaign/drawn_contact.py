@@ -241,9 +241,8 @@ def press_time(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force:
 
 def _committed(scenario: Scenario, ocp: TrackingOcp) -> int:
     """Returns the number of committed intervals at the beginning of a plan."""
-    return committed_intervals(
-        scenario.ancillary, command_path_of(scenario.actuation, ocp.model), ocp.time_step,
-        ocp.in_advance)
+    return int(ocp.in_advance) + committed_intervals(
+        scenario.ancillary, command_path_of(scenario.actuation, ocp.model), ocp.time_step)
 
 
 def _lag(scenario: Scenario, ocp: TrackingOcp) -> float:

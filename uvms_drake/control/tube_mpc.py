@@ -107,7 +107,7 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
-    committed = committed_intervals(law, command_path, ocp.time_step, ocp.in_advance)
+    committed = int(ocp.in_advance) + committed_intervals(law, command_path, ocp.time_step)
     pressing = None if press is None else press.add_to(builder, ocp, measured, committed)
     mpc = NominalMpc.AddToBuilder(
         builder, solver or make_solver(ocp), targets=targets, committed=committed, state=measured)

@@ -1,16 +1,36 @@
 """Command of a tick: forces, commands of thrusters and joints for them, mode and alarms."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
 from uvms_drake.actuation import Thrusters
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.finite import is_finite
+from uvms_drake.control.mpc.planner import HOVERED, TROUBLE
 from uvms_drake.control.plan.plan import Plan
+from uvms_drake.control.supervisor.detections import CAUSES
+from uvms_drake.control.supervisor.retreat import WATCHING
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH
+from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station.scenario.scenario import Scenario
+
+ALARMS: tuple[tuple[str, int, Callable[[np.ndarray], str]], ...] = (
+    ("safety", 0, lambda now: "retreats: {}: {}".format(*list(CAUSES.items())[int(now[1]) - 1])),
+    ("report", 1, lambda now: TROUBLE.get(int(now[1]), "")),
+    ("report", 6, lambda now: "the desired force is refused"),
+    ("input_limited", 0, lambda now: "a limit cuts the command"),
+    ("force_lost", 0, lambda now: "no force for so long that the tip retreats"),
+    ("force_status", 0, lambda now: f"the force is {ForceStatus(int(now[0])).name.lower()}"))
+"""Signals, their entries that are not zero at an alarm, and the alarm; none if it is empty."""
+READ = {VEHICLE_WRENCH, *(name for name, _, _ in ALARMS)}
+"""Signals of which commands are made, as far as a controller has them."""
 
 
 class Mode(StrEnum):
@@ -78,8 +98,7 @@ class Outputs:
         self._allocation = None if known is None else Allocation.to(known)
 
     def of(self, time: float, tau: np.ndarray, state: np.ndarray, contact: np.ndarray | None,
-           mode: Mode, alarms: tuple[str, ...], plan: Plan | None = None,
-           wrench: np.ndarray | None = None) -> LoopCommand:
+           wrench: np.ndarray | None = None, **others: Any) -> LoopCommand:
         """Returns the command with τ (6+n,) [N, N m] in a state.
 
         The acceleration ζ̇ is that of the model, and q(t + T) = q + T q̇ + ½ T² q̈.
@@ -89,23 +108,35 @@ class Outputs:
             tau: τ.
             state: (𝔮, ζ) (2(6+n),), finite.
             contact: 𝔉 (6,) [N, N m]; None: by the model's surface.
-            mode: The mode.
-            alarms: The alarms.
-            plan: The plan, if it is known.
             wrench: Present wrench τ_v of the thrusters (6,) [N, N m]; None: the commanded one.
+            **others: Mode, alarms and plan.
+
+        Raises:
+            RunFailed: τ is not finite.
         """
-        model, T = self._model, self._period
+        if not is_finite(tau):
+            raise RunFailed("the command is not finite")
         config, zeta = np.split(state, 2)
-        kinematics, still = model.kinematics(config), np.zeros_like(zeta)
-        rest = model.inverse_dynamics(kinematics, zeta, still, contact)
+        drift, M = self._model.drift_and_inertia(self._model.kinematics(config), zeta, contact)
         acting = tau if wrench is None else np.append(wrench, tau[6:])
-        rate = np.linalg.solve(model.mass_matrix(kinematics), acting - rest)[6:]
-        velocity = zeta[6:] + T * rate
+        rates = zeta[6:], zeta[6:] + self._period * (drift + np.linalg.solve(M, acting))[6:]
         forces = commands = None
         if self._allocation is not None:
             forces = self._allocation.forces(tau[:6])
             commands = self._allocation.thrusters.commands_of(forces)
-        return LoopCommand(
-            time, tau, forces, commands,
-            JointCommand(tau[6:], velocity, config[6:] + 0.5 * T * (zeta[6:] + velocity)),
-            mode, alarms, plan)
+        position = config[6:] + 0.5 * self._period * (rates[0] + rates[1])
+        return LoopCommand(time, tau, forces, commands,
+                           JointCommand(tau[6:], rates[1], position), **others)
+
+
+def mode_of(signals: dict[str, np.ndarray]) -> Mode:
+    """Returns the mode by the signals of a controller, while it runs."""
+    if "safety" in signals and signals["safety"][0] != WATCHING:
+        return Mode.RETREATING
+    return Mode.HOVERING if signals["report"][1] == HOVERED else Mode.RUNNING
+
+
+def alarms_of(signals: dict[str, np.ndarray]) -> list[str]:
+    """Returns the alarms by those signals."""
+    return [alarm for name, entry, text in ALARMS if name in signals and signals[name][entry]
+            and (alarm := text(signals[name]))]

@@ -15,11 +15,11 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 
-from uvms_drake.common.constraints import OneOf, Vector
+from uvms_drake.common.constraints import Constraint, OneOf, Vector
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import load_file
 from uvms_drake.model.end_effector import force_of_tip
-from uvms_drake.model.frames.euler import euler_angles, rate_matrix, rotation_matrix, wrap_angle
+from uvms_drake.model.frames.euler import euler_angles, rotation_matrix
 from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 from uvms_drake.model.uvms_model import UvmsModel
@@ -29,6 +29,8 @@ WORLDS = {"NED": np.eye(3), "ENU": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [
 """C_W by the declared axes of the world."""
 BODIES = {"FRD": np.eye(3), "FLU": np.diag([1.0, -1.0, -1.0])}
 """C_B by the declared axes of the vehicle."""
+TURNS = ("roll", "pitch", "yaw")
+Sign = Constraint("1 or -1 each", lambda x: np.abs(x) == 1.0)
 TILT = np.deg2rad(15.0)
 """Largest angle between measured and expected gravity at rest [rad]."""
 TURNED = np.deg2rad(3.0)
@@ -47,7 +49,7 @@ class Conventions:
     """ZYX Euler angles (roll, pitch, yaw), or a quaternion in this order, of body in world."""
     velocity: Annotated[str, OneOf("body", "world")] = "body"
     """Axes of the linear velocity; the angular velocity is in body axes."""
-    joint_signs: np.ndarray = field(default_factory=lambda: np.ones(1))
+    joint_signs: Annotated[np.ndarray, Sign] = field(default_factory=lambda: np.ones(1))
     """1 or −1 for each joint (n,), or (1,) for all: sense of its angle to the model's."""
     joint_offsets: np.ndarray = field(default_factory=lambda: np.zeros(1))
     """Angle of the model where the measured one is zero (n,), or (1,) for all [rad]."""
@@ -56,21 +58,13 @@ class Conventions:
     mounting: Annotated[np.ndarray, Vector(6)] = field(default_factory=lambda: np.zeros(6))
     """Pose of the force sensor's axes in those of the end-effector [m, rad]."""
 
-    def check(self) -> None:
-        """Raises `InvalidParameter` for a sign that is none."""
-        require(bool(np.all(np.abs(self.joint_signs) == 1.0)), "joint_signs", self.joint_signs,
-                "1 or -1 each")
-
     def rotation(self, attitude: np.ndarray) -> np.ndarray:
         """Returns R_WB (3, 3) of a measured attitude (3,) or (4,)."""
         attitude = np.asarray(attitude, dtype=float)
-        if self.attitude == "rpy":
-            R = rotation_matrix(attitude)
-        else:
-            wxyz = np.roll(attitude, 1) if self.attitude == "xyzw" else attitude
-            R = RotationMatrix(Quaternion(wxyz / np.linalg.norm(wxyz))).matrix()
-        out: np.ndarray = WORLDS[self.world] @ R @ BODIES[self.body].T
-        return out
+        wxyz = np.roll(attitude, 1) if self.attitude == "xyzw" else attitude
+        R = rotation_matrix(attitude) if self.attitude == "rpy" else RotationMatrix(
+            Quaternion(wxyz / np.linalg.norm(wxyz))).matrix()
+        return np.asarray(WORLDS[self.world] @ R @ BODIES[self.body].T)
 
     def state(self, position: np.ndarray, attitude: np.ndarray, joints: np.ndarray,
               velocity: np.ndarray, turning: np.ndarray, joint_rates: np.ndarray) -> np.ndarray:
@@ -100,20 +94,13 @@ class Conventions:
             wrench: Force and torque about the sensor's origin, without the tool's weight.
         """
         sign = 1.0 if self.force == "on_surface" else -1.0
-        chi = model.task_pose(state[: model.size])[:6]
-        force = force_of_tip(chi, sign * transfer(self.mounting) @ wrench)
-        out: np.ndarray = block_diagonal(model.R_WT, np.eye(3)) @ force
-        return out
+        force = force_of_tip(model.task_pose(state[: model.size])[:6],
+                             sign * transfer(self.mounting) @ wrench)
+        return np.asarray(block_diagonal(model.R_WT, np.eye(3)) @ force)
 
     def wrench(self, tau: np.ndarray) -> np.ndarray:
         """Returns τ_v (6,) in the declared axes of the body, for the wrench (6,) [N, N m]."""
-        C_B = BODIES[self.body].T
-        return np.concatenate([C_B @ tau[:3], C_B @ tau[3:6]])
-
-    def joint_torque(self, torque: np.ndarray) -> np.ndarray:
-        """Returns torques or rates (n,) in the declared senses of the joints."""
-        out: np.ndarray = self.joint_signs * torque
-        return out
+        return np.ravel(tau[:6].reshape(2, 3) @ BODIES[self.body])
 
 
 def load_conventions(path: str | Path) -> Conventions:
@@ -143,24 +130,19 @@ def check_frames(conventions: Conventions, time: np.ndarray, attitude: np.ndarra
     up = np.mean(R @ C_B @ np.asarray(specific_force)[..., None], axis=0)[:, 0]
     size = float(np.linalg.norm(up))
     tilt = float(np.arccos(np.clip(-up[2] / max(size, 1e-9), -1.0, 1.0)))
-    _require_axes(bool(R[0, 2, 2] > 0.0), declared, "the vehicle would be upside down")
-    _require_axes(tilt < TILT and 0.5 < size / STANDARD_GRAVITY < 1.5, declared,
-                  f"at rest the accelerometer has {size:.3g} m/s2, {np.rad2deg(tilt):.0f} degrees "
-                  "off up")
     # The turn by the gyro, and that of the attitude, in axes of the body at the first sample.
-    rates = (C_B @ np.asarray(turning)[..., None])[..., 0]
+    rates = np.asarray(turning) @ C_B.T
     sensed = np.sum(0.5 * (rates[1:] + rates[:-1]) * np.diff(time)[:, None], axis=0)
-    rpy = np.array([euler_angles(each) for each in R])
-    seen = np.linalg.solve(rate_matrix(rpy[0]), wrap_angle(rpy[-1] - rpy[0]))
-    largest, shown = np.maximum(np.abs(seen), np.abs(sensed)), []
-    for axis, name in enumerate(("roll", "pitch", "yaw")):
-        if largest[axis] > TURNED:
-            _require_axes(bool(abs(seen[axis] - sensed[axis]) < 0.5 * largest[axis]), declared,
-                          f"the attitude turns by {seen[axis]:.2g} rad in {name} where the gyro "
-                          f"turns by {sensed[axis]:.2g} rad")
-            shown.append(name)
-    return ", ".join(shown) or "none but up"
-
-
-def _require_axes(condition: bool, declared: str, why: str) -> None:
-    require(condition, "signals.yaml", declared, f"other axes: {why}")
+    turn = RotationMatrix(R[0].T @ R[-1]).ToAngleAxis()
+    seen = turn.angle() * turn.axis()
+    largest = np.maximum(np.abs(seen), np.abs(sensed))
+    for holds, why in (
+            (R[0, 2, 2] > 0.0, "the vehicle would be upside down"),
+            (tilt < TILT and 0.5 < size / STANDARD_GRAVITY < 1.5, f"at rest the accelerometer has "
+             f"{size:.3g} m/s2, {np.rad2deg(tilt):.0f} degrees off up"),
+            *((most <= TURNED or abs(by_attitude - by_gyro) < 0.5 * most, f"the attitude turns by "
+               f"{by_attitude:.2g} rad in {axis} where the gyro turns by {by_gyro:.2g} rad")
+              for axis, by_attitude, by_gyro, most in zip(TURNS, seen, sensed, largest,
+                                                          strict=True))):
+        require(bool(holds), "signals.yaml", declared, f"other axes: {why}")
+    return ", ".join(np.array(TURNS)[largest > TURNED]) or "none but up"

@@ -129,21 +129,17 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None, *,
 
     # True signals come from outside; the pose of the end-effector follows from the state. Only a
     # payload's is zero if unconnected, as of a `PassThrough`; a `Gain` wants its input.
-    sources: dict[str, System] = {"state": Gain(1.0, 2 * model.size)}
-    if measured:
-        sources |= {name: Gain(1.0, size) for name, size, needed in (
-            (MEASURED_FORCE, 6, known_reading(scenario) is not None), (TICK, 1, True)) if needed}
-        if controller.HasInputPort("fix_age"):
-            sources["fix_age"] = PassThrough(1)
-    else:
-        sources["force"] = Gain(1.0, 6)
-        if scenario.model_error.payload.present:
-            sources |= {name: PassThrough(6) for name in (PAYLOAD, PAYLOAD_AT_REST)}
-    given = Signals()
-    for name, source in sources.items():
-        builder.AddNamedSystem(name, source)
-        builder.ExportInput(source.get_input_port(), name)
-        given[name] = source.get_output_port()
+    given, holds = Signals(), scenario.model_error.payload.present and not measured
+    for name, source, needed in (
+            ("state", Gain(1.0, 2 * model.size), True), ("force", Gain(1.0, 6), not measured),
+            (PAYLOAD, PassThrough(6), holds), (PAYLOAD_AT_REST, PassThrough(6), holds),
+            (MEASURED_FORCE, Gain(1.0, 6), measured and known_reading(scenario) is not None),
+            (TICK, Gain(1.0, 1), measured),
+            ("fix_age", PassThrough(1), measured and controller.HasInputPort("fix_age"))):
+        if needed:
+            builder.AddNamedSystem(name, source)
+            builder.ExportInput(source.get_input_port(), name)
+            given[name] = source.get_output_port()
     if measured:  # Thrusters hover at the start, where nothing is touched.
         given["force"] = builder.AddNamedSystem(
             "no_force", ConstantVectorSource(np.zeros(6))).get_output_port()

@@ -10,7 +10,7 @@ from support.scripts import Script
 
 from uvms_drake.actuation import IdealWrench, SampledCommand, Thrusters
 from uvms_drake.model.signals.command_path import IDEAL_PATH, CommandPath
-from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
+from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector, TickedVector
 
 TIMES = np.sqrt(np.linspace(2e-4, 0.98, 171))
 """Instants between events."""
@@ -120,6 +120,33 @@ def test_what_is_read_at_a_sample_is_what_was_held_before_it():
     np.testing.assert_array_equal(hold(simulator, system), moving(0.25))
     simulator.AdvancePendingEvents()
     np.testing.assert_array_equal(hold(simulator, system), moving(0.5))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.007, 0.05])
+def test_ticks_at_any_time_are_samples_and_held_from_the_first_step_after_their_delay(delay):
+    builder = DiagramBuilder()
+    script = builder.AddSystem(Script(vector=moving))
+    system = TickedVector.AddToBuilder(
+        builder, 3, [Clock(range(3), 0.02, delay)], vector=script.get_output_port())
+    builder.ExportInput(system.GetInputPort("tick"), "tick")
+    simulator = Simulator(builder.Build())
+    tick = simulator.get_system().GetInputPort("tick")
+    tick.FixValue(simulator.get_mutable_context(), [0.0])
+    simulator.Initialize()
+    np.testing.assert_array_equal(hold(simulator, system), moving(0.0))  # As yet no sample.
+    rng, now, ticks = np.random.default_rng(0), 0.3, []
+    for count in range(1, 200):
+        now += rng.uniform(0.002, 0.06)
+        simulator.AdvanceTo(now)
+        if count == 1 or rng.random() < 0.7:  # Else it is no tick.
+            tick.FixValue(simulator.get_mutable_context(), [float(count)])
+            ticks.append(now)
+        simulator.AdvancePendingEvents()
+        due = [t for t in ticks if t + delay <= now] or ticks[:1]
+        np.testing.assert_array_equal(hold(simulator, system), moving(due[-1]))
+        newest = system.GetOutputPort("newest").Eval(
+            system.GetMyContextFromRoot(simulator.get_context()))
+        np.testing.assert_array_equal(newest, moving(ticks[-1]))
 
 
 def test_a_cloned_context_goes_on_alike():

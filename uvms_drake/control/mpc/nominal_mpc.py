@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, EventStatus, InputPort, State
 
+from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.mpc.planner import (
@@ -94,7 +95,7 @@ class NominalMpc(WiredSystem):
     - `fault` (1): imposed outcome of the sample, `SOLVED` for none; read at every sample
       after the first.
     - `retreat`: mode and reference of a `Supervisor` (1 + 2(6+n)): after a trip no plans are made,
-      and with it an exception of the planner is a failed sample.
+      and with it an exception of the planner is a failed sample, as without `raises`.
     - `nominal_state`: (𝔮̄, ζ̄) at the context's time (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n).
     - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄) (6+n).
@@ -108,6 +109,13 @@ class NominalMpc(WiredSystem):
     The state is one abstract `MpcMemory`. The problems of the latest desired forces, pure functions
     of the force, are cached outside of it. The computation takes no simulated time.
 
+    Attributes:
+        ocp: The problem.
+        planner: Function from memory and sample to the memory after it.
+        computer: Computer of plans `in_advance`, of which a late one times out; None: they are
+            computed here.
+        raises: Whether an exception of the planner is raised; else it is a failed sample.
+
     Args:
         solver: Solves the problem; its `ocp` is the problem.
         targets: Problems of other desired forces; None: the desired force is constant.
@@ -117,14 +125,15 @@ class NominalMpc(WiredSystem):
     def __init__(self, solver: Solver, targets: Targets | None = None,
                  committed: int = 0):
         super().__init__()
-        self._planner = Planner(solver, targets, committed)
-        self._computer: Computer | None = None
-        self._ocp = solver.ocp
-        size = self._ocp.model.size
+        self.planner = Planner(solver, targets, committed)
+        self.computer: Computer | None = None
+        self.raises = True
+        self.ocp = solver.ocp
+        size = self.ocp.model.size
         # State and inputs; those of the problem have its names.
-        self._memory = self.DeclareAbstractState(Value(self._planner.initial))
+        self._memory = self.DeclareAbstractState(Value(self.planner.initial))
         remembered = {self.abstract_state_ticket(self._memory)}
-        self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
+        self._state_port = self.DeclareVectorInputPort("state", self.ocp.state_size)
         self._fault_port = self.DeclareVectorInputPort("fault", 1)
         self._retreat_port = self.DeclareVectorInputPort("retreat", 1 + 2 * size)
         self._force_port = None
@@ -132,10 +141,10 @@ class NominalMpc(WiredSystem):
             self._force_port = self.DeclareVectorInputPort("desired_force", 6)
             output_of(self, "accepted_force", 6, lambda c: self._recall(c).force, remembered)
         self._given_ports = {name: self.DeclareVectorInputPort(name, size)
-                             for name, size in self._ocp.inputs_given.items()}
+                             for name, size in self.ocp.inputs_given.items()}
         # Events, and the nominal trajectory as a cache entry.
         self.DeclareInitializationUnrestrictedUpdateEvent(self._plan_first)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._ocp.time_step, 0.0, self._plan_again)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self.ocp.time_step, 0.0, self._plan_again)
         nominal = cached(self, "the nominal trajectory now", self._evaluate_plan,
                          remembered | {self.time_ticket()})
         # Outputs of the plan at this instant, and of the last sample.
@@ -144,7 +153,7 @@ class NominalMpc(WiredSystem):
                   lambda c: np.concatenate(nominal.Eval(c)[:2]), now)
         output_of(self, "nominal_acceleration", size, lambda c: nominal.Eval(c)[2], now)
         output_of(self, "nominal_input", size,
-                  lambda c: self._ocp.nominal_input(nominal.Eval(c)), now)
+                  lambda c: self.ocp.nominal_input(nominal.Eval(c)), now)
         self.DeclareAbstractOutputPort(
             "plan", lambda: Value(object()), self._calc_plan, remembered)
         output_of(self, "report", len(MPC_REPORT), lambda c: self._recall(c).report, remembered)
@@ -153,21 +162,7 @@ class NominalMpc(WiredSystem):
 
     def time_by(self, clock: Callable[[], float]) -> None:
         """Sets the clock of `solve_seconds` and of the deadline [s], in place of wall time."""
-        self._planner.clock = clock
-
-    def compute_by(self, computer: Computer) -> None:
-        """Has plans `in_advance` computed by a `Computer`; one that is late times out."""
-        self._computer = computer
-
-    def computed(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
-        """Returns the memory after a sample, with the time that it took here, for a `Computer`."""
-        began = self._planner.clock()
-        memory = self._planner.again(sample._replace(started=began), memory)
-        return replace(memory, solve_seconds=self._planner.clock() - began)
-
-    def prepare(self, force: np.ndarray) -> None:
-        """Makes the problem of a desired force (6,) [N, N m] in advance, if it will need one."""
-        self._planner.prepare(force)
+        self.planner.clock = clock
 
     def _recall(self, context: Context) -> MpcMemory:
         return context.get_abstract_state(int(self._memory)).get_value()
@@ -182,7 +177,7 @@ class NominalMpc(WiredSystem):
         if self._goes_on(self._recall(context), context.get_time()):
             return EventStatus.DidNothing()
         sample = self._sample(context)._replace(measured=self._state_port.Eval(context))
-        return self._remember(state, self._planner.first(sample), sample.started)
+        return self._remember(state, self.planner.first(sample))
 
     def _goes_on(self, memory: MpcMemory, now: float) -> bool:
         """Returns whether an initialized Context continues its plan, as a clone of a run does.
@@ -193,7 +188,7 @@ class NominalMpc(WiredSystem):
         if memory.plan is None:
             return False
         elapsed = now - memory.report[0]  # Since the last sample, which may have kept the plan.
-        latest = (1.0 + 1e-9) * self._ocp.time_step
+        latest = (1.0 + 1e-9) * self.ocp.time_step
         begun = now > memory.plan.start_time or memory.solves > 1
         return begun and -1e-9 <= elapsed <= latest
 
@@ -204,51 +199,46 @@ class NominalMpc(WiredSystem):
         sample, memory = self._sample(context), self._recall(context)
         supervised = self._retreat_port.HasValue(context)
         if supervised and self._retreat_port.Eval(context)[0] > 0.0:
-            return self._remember(
-                state, self._planner.pass_over(sample, memory, DROPPED), sample.started)
+            return self._remember(state, self.planner.pass_over(sample, memory, DROPPED))
         try:
             return self._step(state, sample, memory)
-        except RunFailed:
-            raise
-        except Exception:  # Whatever a planner raises, the last plan goes on.
-            if not supervised:
+        except Exception as error:  # Whatever a planner raises, the last plan goes on.
+            if isinstance(error, RunFailed) or (self.raises and not supervised):
                 raise
-            return self._remember(
-                state, self._planner.pass_over(sample, memory, FAILED), sample.started)
+            warn(sample.time, f"no plan: {type(error).__name__}: {error}")
+            return self._remember(state, self.planner.pass_over(sample, memory, FAILED))
 
     def _step(self, state: State, sample: Sample, memory: MpcMemory) -> EventStatus:
         """Makes a plan, or takes the one that was computed in advance and begins the next one."""
-        if not self._ocp.in_advance:
-            return self._remember(state, self._planner.again(sample, memory), sample.started)
-        if self._computer is not None:
-            memory = replace(memory, coming=self._computer.result())
-        memory = self._planner.taken(sample, memory)
-        between = self._planner.between(sample, memory)
-        if self._computer is not None:
-            self._computer.start(sample, memory)
+        if not self.ocp.in_advance:
+            return self._remember(state, self.planner.again(sample, memory))
+        if self.computer is not None:
+            memory = replace(memory, coming=self.computer.result())
+        memory = self.planner.taken(sample, memory)
+        between = self.planner.between(sample, memory)
+        if self.computer is not None:
+            self.computer.start(sample, memory)
         else:
-            between = replace(between, coming=self.computed(sample, memory))
-        state.get_mutable_abstract_state(int(self._memory)).set_value(between)
-        return EventStatus.Succeeded()
+            between = replace(between, coming=self.planner.again(sample, memory))
+        return self._remember(state, between)
 
     def _sample(self, context: Context) -> Sample:
         """Returns the inputs now, a measured state only if plans start there."""
         def read(port: InputPort) -> np.ndarray | None:
             return port.Eval(context).copy() if port.HasValue(context) else None
 
-        started = self._planner.clock()
+        started = self.planner.clock()
         given = {name: port.Eval(context) for name, port in self._given_ports.items()
                  if port.HasValue(context)}
         fault = read(self._fault_port)
         return Sample(
             context.get_time(), started, given,
-            measured=self._state_port.Eval(context) if self._ocp.starts_at_measured else None,
+            measured=self._state_port.Eval(context) if self.ocp.starts_at_measured else None,
             asked=None if self._force_port is None else read(self._force_port),
             fault=SOLVED if fault is None else int(fault[0]))
 
-    def _remember(self, state: State, memory: MpcMemory, started: float) -> EventStatus:
-        state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
-            memory, solve_seconds=self._planner.clock() - started))
+    def _remember(self, state: State, memory: MpcMemory) -> EventStatus:
+        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
         return EventStatus.Succeeded()
 
     def _evaluate_plan(self, context: Context) -> tuple[np.ndarray, ...]:

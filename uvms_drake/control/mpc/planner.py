@@ -136,11 +136,6 @@ class Planner:
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
         self.initial = MpcMemory(force=force, asked=force)
 
-    def prepare(self, force: np.ndarray) -> None:
-        """Makes the problem of a desired force (6,) [N, N m], which is remembered."""
-        if self._targets is not None:
-            self._solver_for(np.asarray(force, dtype=float))
-
     def first(self, sample: Sample) -> MpcMemory:
         """Returns the memory with a first plan: the robot coasts over its committed part.
 
@@ -171,7 +166,8 @@ class Planner:
         if hovers:
             report = np.zeros(len(MPC_REPORT))
             report[:2] = sample.time, HOVERED
-            return replace(memory, plan=guess, solves=memory.solves + 1, report=report)
+            return replace(memory, plan=guess, solves=memory.solves + 1, report=report,
+                           solve_seconds=self.clock() - sample.started)
         free = guess.after(self._committed)
         solution = solver.solve(free, FIRST_SOLVE_ITERATIONS)
         slack = REACHED if solver.ocp.strict else np.inf
@@ -224,24 +220,16 @@ class Planner:
     def taken(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
         """Returns the memory with the plan that comes; without it, if it is late or not sound."""
         coming, memory = memory.coming, replace(memory, coming=None)
-        if coming is not None and (coming.report[1] == HOVERED
-                                   or self._is_usable(sample, coming, memory)):
-            return coming
+        if coming is not None:
+            ocp = self._current(sample, coming).ocp
+            new, last = (ocp.evaluate(plan.after(self._committed))
+                         for plan in (coming.plan, memory.plan) if plan is not None)
+            if (coming.report[1] == HOVERED or not sample.given or ocp.is_sound(new)
+                    or not ocp.is_sound(last)):
+                return coming
         if not memory.awaits or memory.report[1] == HOVERED:
             return memory
-        status, report = TIMED_OUT if coming is None else KEPT, memory.report.copy()
-        _say(sample.time, status, memory)
-        report[1] = status
-        return replace(memory, report=report)
-
-    def _is_usable(self, sample: Sample, coming: MpcMemory, memory: MpcMemory) -> bool:
-        """Returns whether a plan is sound with the inputs given now, or the last one is not."""
-        if not sample.given:
-            return True
-        ocp = self._current(sample, coming).ocp
-        new, last = (ocp.evaluate(plan.after(self._committed))
-                     for plan in (coming.plan, memory.plan) if plan is not None)
-        return ocp.is_sound(new) or not ocp.is_sound(last)
+        return self.pass_over(sample, memory, TIMED_OUT if coming is None else KEPT)
 
     def pass_over(self, sample: Sample, memory: MpcMemory, status: int) -> MpcMemory:
         """Returns the memory with the same plan, continued if it ends before the next sample."""
@@ -253,7 +241,8 @@ class Planner:
         report = memory.report.copy()
         report[:2] = now, status
         _say(now, status, memory)
-        return replace(memory, plan=plan, report=report)
+        return replace(memory, plan=plan, report=report, coming=None,
+                       solve_seconds=self.clock() - sample.started)
 
     def _guess(self, sample: Sample, memory: MpcMemory, ocp: Ocp) -> Plan:
         """Returns the last plan continued to now, the start of a new one."""
@@ -294,7 +283,7 @@ class Planner:
         asked = memory.asked
         if self._targets is None or np.array_equal(asked, memory.force):
             return None
-        solver, why = self._solver_for(asked)
+        solver, why = self.solver_for(asked)
         if solver is not None:
             solution = solver.solve(free, FIRST_SOLVE_ITERATIONS)
             if solver.ocp.is_sound(solution.evaluation, REACHED):
@@ -306,13 +295,16 @@ class Planner:
 
     def _current(self, sample: Sample, memory: MpcMemory) -> Solver:
         """Returns the solver of the plan's problem, with the inputs given now."""
-        solver, _ = self._solver_for(memory.force)
+        solver, _ = self.solver_for(memory.force)
         assert solver is not None  # It made the plan.
         return solver.of(solver.ocp.given(sample.given)) if sample.given else solver
 
-    def _solver_for(self, force: np.ndarray) -> tuple[Solver | None, str]:
-        """Returns the solver of the problem of a desired force (6,); without one, the reason."""
-        if np.array_equal(force, self.initial.force):
+    def solver_for(self, force: np.ndarray) -> tuple[Solver | None, str]:
+        """Returns the solver of the problem of a desired force (6,); without one, the reason.
+
+        It is made once, which may take seconds, and remembered.
+        """
+        if self._targets is None or np.array_equal(force, self.initial.force):
             return self._solver, ""
         return self._made(force.tobytes())
 
@@ -330,7 +322,7 @@ class Planner:
             guess.after(self._committed))
         _say(sample.time, status, memory)
         return replace(
-            memory, solves=memory.solves + 1,
+            memory, solves=memory.solves + 1, solve_seconds=self.clock() - sample.started,
             plan=guess if solution.plan is None else solution.plan.preceded(guess, self._committed),
             report=np.array([sample.time, float(status), value.cost, value.terminal_slack,
                              value.violation, solution.iterations,
@@ -343,16 +335,14 @@ def _say(now: float, status: int, old: MpcMemory) -> None:
         warn(now, TROUBLE[status])
 
 
-def committed_intervals(law: AncillaryLaw, command_path: CommandPath, time_step: float,
-                        in_advance: bool = False) -> int:
-    """Returns n; zero for a law without feedforward preview, whose plans come at once.
+def committed_intervals(law: AncillaryLaw, command_path: CommandPath, time_step: float) -> int:
+    """Returns n of plans that come at once; zero for a law without feedforward preview.
 
     Args:
         law: The law.
         command_path: Path of the commands, with ℓ as its `preview`.
         time_step: h [s].
-        in_advance: Whether a plan comes at the sample after its own, one interval later.
     """
     if not law.takes_wrench:
-        return int(in_advance)
-    return int(in_advance) + math.ceil(max(command_path.preview) / time_step - KNOT_TOLERANCE)
+        return 0
+    return math.ceil(max(command_path.preview) / time_step - KNOT_TOLERANCE)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from uvms_drake.common.wiring import WiredSystem
+from uvms_drake.common.wiring import WiredSystem, output_of
 
 SAME = 1e-6
 """Fraction of a period within which two instants are the same."""
@@ -159,8 +159,9 @@ class TickedVector(WiredSystem):
     """Delayed sample and hold of a vector, by the ticks of a clock outside of the Diagram.
 
     There is a sample at the beginning of the first step of the simulation with a new value of
-    `tick`, whatever the value; it is the output from the first step on that begins δ later. At
-    regular ticks it is a `SampledVector` with one clock without error.
+    `tick`, whatever the value; it is held from the first step on that begins δ later, and the first
+    one at once. At regular ticks, with a step that begins whenever a sample is due, it is a
+    `SampledVector` with one clock without error.
 
     .. pydrake_system::
 
@@ -170,59 +171,44 @@ class TickedVector(WiredSystem):
         - tick
         output_ports:
         - hold
+        - newest
 
     - `vector`, `hold` (size).
     - `tick` (1).
+    - `newest`: last sample (size), even if it is not held yet; NaN before it.
 
-    The discrete state is the held vector (size), the last tick (1), NaN before the first, and the
-    last samples, the newest last, each after its time: enough for ticks `FASTEST` times as fast as
-    the period; of faster ones the oldest is lost.
+    The discrete state is the held vector (size); and a row for each of the last samples, the newest
+    last: its tick, the time at which it is due, and the sample. They are enough for ticks `FASTEST`
+    times as fast as the period; of faster ones the oldest is lost.
 
     Args:
         size: Size of the vector.
-        clock: The clock, with the period of regular ticks.
+        clocks: The clock, one, with the period of regular ticks.
     """
 
-    def __init__(self, size: int, clock: Clock):
+    def __init__(self, size: int, clocks: Sequence[Clock]):
         super().__init__()
-        self._size, self._delay, self._close = size, clock.delay, SAME * clock.period
+        self._size, (self._clock,) = size, clocks
         self._vector_port = self.DeclareVectorInputPort("vector", size)
         self._tick_port = self.DeclareVectorInputPort("tick", 1)
         self.DeclareDiscreteState(size)
-        self.DeclareDiscreteState([np.nan])
-        self.DeclareDiscreteState(np.full(FASTEST * clock.kept * (1 + size), np.nan))
+        self.DeclareDiscreteState(np.full(FASTEST * self._clock.kept * (2 + size), np.nan))
         self.DeclarePerStepDiscreteUpdateEvent(self._update)
-        if (event := clock.passing_on) is not None:  # Only ends a step there.
-            self.DeclarePeriodicPublishEvent(*event, lambda context: None)
-        self.DeclareVectorOutputPort(
-            "hold", size, self._calc, {self.xd_ticket(), self._vector_port.ticket()})
+        known = {self.xd_ticket()}
+        output_of(self, "hold", size, lambda context: (
+            self._vector_port.Eval(context) if math.isnan(self._rows(context)[-1, 0])
+            else context.get_discrete_state(0).value()), known | {self._vector_port.ticket()})
+        output_of(self, "newest", size, lambda context: self._rows(context)[-1, 2:], known)
+
+    def _rows(self, context: Context) -> np.ndarray:
+        return context.get_discrete_state(1).value().reshape(-1, 2 + self._size)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        hold, last, old = (context.get_discrete_state(i).value() for i in range(3))
-        tick, now = self._tick_port.Eval(context)[0], context.get_time()
-        samples = old.reshape(-1, 1 + hold.size).copy()
-        if tick != last[0]:
-            vector = self._vector_port.Eval(context)
-            if math.isnan(last[0]):
-                samples[:] = np.append(-np.inf, vector)
-            else:
-                samples[:-1] = samples[1:]
-                samples[-1] = np.append(now, vector)
-            state.set_value(1, [tick])
-            state.set_value(2, samples.ravel())
-        elif math.isnan(last[0]):
-            return
-        due = samples[samples[:, 0] + self._delay <= now + self._close]
-        if len(due):
-            state.set_value(0, due[-1, 1:])
-
-    def newest(self, context: Context) -> np.ndarray:
-        """Returns the last sample (size,), even if it is not the output yet; NaN before it."""
-        rows = context.get_discrete_state(2).value().reshape(-1, 1 + self._size)
-        out: np.ndarray = rows[-1, 1:].copy()
-        return out
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        begun = not math.isnan(context.get_discrete_state(1).value()[0])
-        output.SetFromVector(
-            context.get_discrete_state(0).value() if begun else self._vector_port.Eval(context))
+        rows, tick, now = self._rows(context), self._tick_port.Eval(context), context.get_time()
+        if tick[0] != rows[-1, 0]:
+            due = -math.inf if math.isnan(rows[-1, 0]) else now + self._clock.delay
+            rows = np.vstack([rows[1:], [*tick, due, *self._vector_port.Eval(context)]])
+            state.set_value(1, rows.ravel())
+        held = rows[rows[:, 1] <= now + SAME * self._clock.period, 2:]
+        if len(held):
+            state.set_value(0, held[-1])
