@@ -117,7 +117,7 @@ class Fields:
         object.__setattr__(self, name, value)
 
 
-def kind(name: str, **fields) -> type:
+def kind(name: str, /, **fields) -> type:
     return type(name, (Fields,), {"fields": fields})
 
 
@@ -200,6 +200,9 @@ def test_the_node_subscribes_publishes_and_ticks(controller, monkeypatch):
     node = example("ros2_node")
     monkeypatch.setattr(sys, "argv", ["ros2_node.py", "girona500_contact", ",".join(joints)])
     monkeypatch.setattr(node.uv, "Controller", lambda scenario, wait: controller)
+    commands, step = [], controller.step
+    monkeypatch.setattr(controller, "step",
+                        lambda *samples: commands.append(step(*samples)) or commands[-1])
     node.main()
 
     sent = seen["published"]
@@ -211,13 +214,15 @@ def test_the_node_subscribes_publishes_and_ticks(controller, monkeypatch):
     first, last = sent["vehicle_wrench"][0], sent["vehicle_wrench"][-1]
     assert (first.header.stamp.sec, first.header.stamp.nanosec) == (50, 10_000_000)
     assert last.header.stamp.nanosec == 490_000_000
-    model, still = controller.model, np.zeros(10)
-    weight = model.inverse_dynamics(model.kinematics(state[:10]), still, still, np.zeros(6))
-    assert first.wrench.force.z == pytest.approx(-weight[2], abs=30.0)  # FLU: z is up.
-    arm = sent["joint_commands"][0]
-    assert arm.name == joints and len(arm.position) == len(arm.velocity) == len(arm.effort) == 4
-    np.testing.assert_allclose(arm.position, state[6:10], atol=1e-2)
-    assert len(sent["thrusters"][0].data) == 5
+    for command, wrench, arm, thrusters in zip(commands, *(sent[name] for name in (
+            "vehicle_wrench", "joint_commands", "thrusters")), strict=True):
+        for part, axes in ((wrench.wrench.force, command.tau[:3]),
+                           (wrench.wrench.torque, command.tau[3:6])):
+            assert [part.x, -part.y, -part.z] == axes.tolist()  # FLU of FRD.
+        assert arm.name == joints and arm.effort == command.joints.torque.tolist()
+        assert arm.velocity == command.joints.velocity.tolist()
+        assert arm.position == command.joints.position.tolist()
+        assert thrusters.data == command.thruster_commands.tolist()
     said = [message.data for message in sent["alarms"]]
     assert said and all(": " in text for text in said)
     assert "the state is missing" in said[-1] and "the state is missing" not in said[0]
