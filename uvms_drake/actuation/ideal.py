@@ -69,7 +69,10 @@ class SampledCommand(Actuator):
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
-        """Adds a `SampledVector`, or a `TickedVector` if there are ticks; see `Part`."""
+        """Adds a `SampledVector`, or a `TickedVector` if there are ticks; see `Part`.
+
+        Of the latter `newest_command` is the last sample, even if it does not act yet.
+        """
         clock = Clock(range(port.size()), self.period, self.delay)
         kind = TickedVector if TICK in signals else SampledVector
         sampled = kind.AddToBuilder(builder, port.size(), [clock], name="sampled_command",

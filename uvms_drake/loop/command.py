@@ -91,11 +91,10 @@ class Outputs:
 
     def __init__(self, scenario: Scenario, model: ContactModel, period: float):
         self._model, self._period = model, period
-        known = next((part.known(model) for part in scenario.actuation
-                      if isinstance(part, Thrusters)), None)
-        if known is None and model.thrusters is not None:
-            known = ThrusterModel.of(model.thrusters)
-        self._allocation = None if known is None else Allocation.to(known)
+        known = [part.known(model) for part in scenario.actuation if isinstance(part, Thrusters)]
+        if not known and model.thrusters is not None:
+            known = [ThrusterModel.of(model.thrusters)]
+        self._allocation = Allocation.to(known[0]) if known else None
 
     def of(self, time: float, tau: np.ndarray, state: np.ndarray, contact: np.ndarray | None,
            wrench: np.ndarray | None = None, **others: Any) -> LoopCommand:
