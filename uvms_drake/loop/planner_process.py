@@ -40,7 +40,7 @@ class PlannerProcess:
     """
 
     def __init__(self, scenario: Scenario, wait: float):
-        self.trouble, self._at_work, self._is_late = "", False, False
+        self.trouble, self._at_work, self._is_overdue = "", False, False
         self._wait = min(wait, 1e6)  # s, for a poll has no infinity.
         self._pipe, theirs = Pipe()
         with theirs:
@@ -64,7 +64,7 @@ class PlannerProcess:
         """Begins to compute the plan of a sample, unless the last one is not finished."""
         if self._at_work and self._pipe.poll():
             self._receive()
-        self._is_late = self._at_work
+        self._is_overdue = self._at_work
         if not self._at_work:
             self._send((sample, memory))
 
@@ -74,8 +74,8 @@ class PlannerProcess:
         Raises:
             RunFailed: There is no plan, and none to go on with.
         """
-        self._is_late = self._is_late or not (self._at_work and self._pipe.poll(self._wait))
-        return None if self._is_late else self._receive()
+        self._is_overdue = self._is_overdue or not (self._at_work and self._pipe.poll(self._wait))
+        return None if self._is_overdue else self._receive()
 
     def _send(self, message: object) -> None:
         try:

@@ -209,6 +209,6 @@ class TickedVector(WiredSystem):
             due = -math.inf if math.isnan(rows[-1, 0]) else now + self._clock.delay
             rows = np.vstack([rows[1:], [*tick, due, *self._vector_port.Eval(context)]])
             state.set_value(1, rows.ravel())
-        held = rows[rows[:, 1] <= now + SAME * self._clock.period, 2:]
-        if len(held):
-            state.set_value(0, held[-1])
+        ready = rows[rows[:, 1] <= now + SAME * self._clock.period, 2:]
+        if len(ready):
+            state.set_value(0, ready[-1])
