@@ -36,7 +36,7 @@ def test_a_run_leaves_neither_its_context_nor_its_solver_behind(monkeypatch):
     def watched(station):
         simulator = Simulator(station)
         mpc = station.GetSubsystemByName("tube_mpc").GetSubsystemByName("nominal_mpc")
-        left.extend(map(weakref.ref, (simulator, simulator.get_mutable_context(), mpc._ocp)))
+        left.extend(map(weakref.ref, (simulator, simulator.get_mutable_context(), mpc.ocp)))
         return simulator
 
     monkeypatch.setattr("uvms_drake.station.simulation.Simulator", watched)
