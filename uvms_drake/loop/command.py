@@ -29,8 +29,8 @@ ALARMS: tuple[tuple[str, int, Callable[[np.ndarray], str]], ...] = (
     ("force_lost", 0, lambda now: "no force for so long that the tip retreats"),
     ("force_status", 0, lambda now: f"the force is {ForceStatus(int(now[0])).name.lower()}"))
 """Signals, their entries that are not zero at an alarm, and the alarm; none if it is empty."""
-READ = {VEHICLE_WRENCH, *(name for name, _, _ in ALARMS)}
-"""Signals of which commands are made, as far as a controller has them."""
+READ = {VEHICLE_WRENCH, *(name for name, _, _ in ALARMS)} - {"input_limited"}
+"""Signals of which commands are made, as far as a controller has them, after a tick's events."""
 
 
 class Mode(StrEnum):

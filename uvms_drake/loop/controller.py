@@ -163,7 +163,6 @@ class Controller(AbstractContextManager["Controller"]):
         Raises:
             InvalidParameter: A value has no meaning, or the scenario does not take it.
         """
-        self._begun()
         for name, value, size in (("desired_force", force, 6), ("place", place, 3)):
             if value is not None:
                 require(self._diagram.HasInputPort(name), name, value, "left out: the scenario "
@@ -243,6 +242,7 @@ class Controller(AbstractContextManager["Controller"]):
         self._due = [due for due in (*self._due, now + self._delay) if due > now]
         self._ticks, self._unused = self._ticks + 1, 0
         self._put(measured, read, np.nan_to_num(sample_of([fix_age], 1), nan=math.inf)[0])
+        limited = self.signal("input_limited")  # After the events the law would be evaluated again.
         simulator.AdvancePendingEvents()
         signals = {name: self.signal(name) for name in READ if self._diagram.HasOutputPort(name)}
         trouble = self._computer.trouble if self._computer is not None else ""
@@ -255,7 +255,8 @@ class Controller(AbstractContextManager["Controller"]):
         self._command = self._outputs.of(
             time, self.signal("newest_command"), self._state, read if is_finite(read) else None,
             signals.get(VEHICLE_WRENCH), mode=mode_of(signals),
-            alarms=(*alarms, *alarms_of(signals)), plan=self.signal("plan"))
+            alarms=(*alarms, *alarms_of({**signals, "input_limited": limited})),
+            plan=self.signal("plan"))
         return self._command
 
     def _passed_over(self, time: float) -> LoopCommand:

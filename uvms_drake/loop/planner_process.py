@@ -40,8 +40,8 @@ class PlannerProcess:
     """
 
     def __init__(self, scenario: Scenario, wait: float):
-        self.trouble, self._at_work, self._is_overdue = "", False, False
-        self._wait = min(wait, 1e6)  # s, for a poll has no infinity.
+        # A poll has no infinity.
+        self.trouble, self._at_work, self._is_overdue, self._wait = "", False, False, min(wait, 1e6)
         self._pipe, theirs = Pipe()
         with theirs:
             self._process = subprocess.Popen(
