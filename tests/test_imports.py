@@ -145,6 +145,7 @@ def test_what_the_package_offers_is_there():
     assert list(uvms_drake.__all__) == sorted(uvms_drake.__all__, key=str.lower)
     for name in uvms_drake.__all__:
         assert getattr(uvms_drake, name) is not None
+    assert {name for name in dir(uvms_drake) if not name.startswith("__")} == {*uvms_drake.__all__}
     with pytest.raises(AttributeError, match="has no attribute 'make_otter'"):
         uvms_drake.make_otter  # noqa: B018
 

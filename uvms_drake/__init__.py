@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from uvms_drake.model import surface as surfaces  # noqa: F401  a namespace
     from uvms_drake.model.contact_model import ContactModel as ContactModel
     from uvms_drake.model.frames.euler import pose_difference as pose_difference
+    from uvms_drake.model.propulsion.thrusters import ThrusterModel as ThrusterModel
     from uvms_drake.model.robot import Robot as Robot
     from uvms_drake.model.signals.command_path import CommandPath as CommandPath
     from uvms_drake.model.signals.sensor_actuator import Part as Part
@@ -114,4 +115,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Returns the names that the package offers."""
-    return sorted([*globals(), *__all__])
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])

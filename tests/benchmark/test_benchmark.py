@@ -19,7 +19,13 @@ from uvms_drake.benchmark.benchmark import (
     write_record,
 )
 from uvms_drake.benchmark.controllers import CONTROLLERS, controller_named
-from uvms_drake.benchmark.figures import draw_overview, relative_errors
+from uvms_drake.benchmark.figures import (
+    LINES,
+    draw_forces,
+    draw_overview,
+    relative_errors,
+    title_of,
+)
 from uvms_drake.benchmark.table import format_benchmark, summarise
 from uvms_drake.campaign.harness import runs, stored
 from uvms_drake.campaign.pool import Pool
@@ -94,6 +100,19 @@ def result(controller: str, index: int, rms: float | None, **other) -> dict:
             "force_rms": rms, "peak": 21.0, "settling": rms, "touch": 4.0, "lateral": 0.001,
             "lost": 0, "limits": {"q": 0.1 * index}, "saturated": 0.0, "chatter": 1.0,
             "energy": 5.0, "step_ms": 0.2, "worst_step_ms": 0.3, **other}
+
+
+def test_a_law_of_ones_own_has_a_line_and_a_name_of_its_own_in_the_figure():
+    own = "/home/me/laws/my_law.py:make_controller"
+    assert title_of(own) == "my law.py" and title_of("laws.py:make_pid") == "laws.py:make pid"
+    names = [*CONTROLLERS, own, "other.py"]
+    results = [result(name, 0, 1.0, case="ideal", desired=20.0, curve={
+        "time": [0.0, 1.0], "force": [0.0, 20.0]}) for name in names]
+    curves = [line for line in draw_forces(results).axes[0].get_lines()
+              if line.get_label() in map(title_of, names)]
+    styles = {(line.get_color(), str(line.get_linestyle()), str(line._dash_pattern))
+              for line in curves}
+    assert len(styles) == len(curves) == len(names) <= len(LINES) + 1
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from uvms_drake.certificate.text import (
     HELP,
     format_overview,
     format_probability,
+    format_probability_overview,
     help_for,
     largest_force,
     tightest_limit,
@@ -225,6 +226,9 @@ def test_the_texts_of_certificates_are_as_they_were_read(contact):
     check_snapshot("certificate_in_probability", "\n\n".join(map(format_probability, (
         made(**named), made((2, 7, 9), p=0.123, mission="approach, slide", **named),
         made((0, 1), runs=2, p=1.0, **named)))))
+    check_snapshot("certificate_in_probability_short", "\n\n".join([
+        format_probability_overview(made((2, 7, 9), p=0.123, **named), 12.3),
+        format_probability_overview(made((0, 1), runs=2, p=1.0, **named), None)]))
 
 
 def test_the_numbers_of_the_short_text_are_those_of_the_certificate(contact):
@@ -259,7 +263,7 @@ def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
         "certified: all 5 conditions hold; of the 3 numbers that tighten limits 1 are proven, 2 "
         "estimated (a second search found 50% to 90% of the claims)")
     felt = replace(HOLDS, estimates=(Estimate(JERK, 1.0, 0.9),))
-    assert " 1 are proven, given the jerk of the tip, 2 estimated" in felt.verdict
+    assert " 1 are proven, given the estimated jerk of the tip, 2 estimated" in felt.verdict
     assert failing().verdict.startswith(
         "not certified: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
     assert str(failing()).count("DOES NOT HOLD") == 4

@@ -63,7 +63,7 @@ def committed(certified, tmp_path, capsys):
 def test_a_certified_run_writes_its_certificate_and_uses_its_tube(certified):
     output, said = certified
     assert written(output) == DATA | {"certificate.json"}
-    assert "certified     yes" in said
+    assert "certified tube used" in said and said.count("\n") < 30
     certificate = certificate_of(output)
     assert (certificate.certified, certificate.made_by) == (True, "run")
     record = load_record(output)
@@ -167,6 +167,19 @@ def test_a_stale_certificate_is_refused(committed, capsys):
         f"duration=0.1 --set disturbance.bound=0.09 --output {committed}\n")
     assert written(committed) == {"certificate.json"}
     assert path.read_text(encoding="utf-8") == text
+
+
+def test_in_the_default_folder_a_new_certificate_takes_the_place_of_a_stale_one(
+        certified, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["certify", "girona500_ideal"]) == 0
+    capsys.readouterr()
+    assert main(["run", "girona500_ideal", "--duration", "0.1", "--set", "disturbance.bound=0.09",
+                 *DATA_ONLY]) == 0
+    assert "the scenario has changed since 'certify' made it, a new one replaces it" in (
+        capsys.readouterr().err)
+    certificate = certificate_of(tmp_path / "out" / "girona500_ideal")
+    assert (certificate.d_bound, certificate.made_by) == (0.09, "run")
 
 
 def test_the_command_that_the_refusal_names_makes_the_certificate_again(

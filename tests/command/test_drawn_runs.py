@@ -12,6 +12,7 @@ from support.robots import copied
 import uvms_drake as uv
 from uvms_drake.certificate.attempts import ledger_path
 from uvms_drake.certificate.certificate import fingerprint, read_certificate, write_certificate
+from uvms_drake.certificate.in_probability import failure_bound, spent
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
 
@@ -45,6 +46,14 @@ def kept(made, tmp_path, capsys, monkeypatch):
     return shutil.copytree(made, tmp_path / "out")
 
 
+def test_the_help_says_what_60_and_300_runs_give(capsys):
+    with pytest.raises(SystemExit):
+        main(["certify", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    few, many = (100.0 * failure_bound(runs, 0, spent(0.95, 1)) for runs in (60, 300))
+    assert f"60 runs bound it by {few:.1f} % at the first attempt, 300 by {many:.1f} %" in said
+
+
 @pytest.mark.slow
 def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
     assert written(made) == {"certificate.json", "runs"}
@@ -75,7 +84,8 @@ def test_an_interrupted_one_goes_on_to_the_same_certificate(kept, made, capsys):
     out, err = capsys.readouterr()
     assert "1 of 2 runs are there already" in err
     assert "attempt 1 at: girona500_arm5e, KnownSurface, press; in " in err
-    assert out.startswith(f"girona500_bilateral: {VERDICT}\n\nruns          0 of 2 failed\n")
+    assert out.startswith(f"girona500_bilateral: {VERDICT}\n\nruns    2, attempt 1\n")
+    assert out.count("\n") < 12 and "\nfailed  0\n" in out and " s a run of one core, " in out
     assert (kept / "certificate.json").read_bytes() == (made / "certificate.json").read_bytes()
     # Runs that are there cannot be left out by asking for fewer, nor added to by their outcome.
     for number in ("1", "3"):
@@ -199,7 +209,7 @@ def test_a_run_that_fails_is_counted(radius, tmp_path, capsys):
     narrow = ["--set", radius, "--confidence", "0.9"]
     assert main([*CERTIFY, *narrow, "--quiet", "--output", str(tmp_path)]) == 3
     out = capsys.readouterr().out
-    assert "2 of 2 failed (0, 1): 2 left the declared tube in any of its radii" in out
+    assert "\n  left the declared tube in any of its radii  2\n" in out
     assert out.startswith("girona500_bilateral: not certified in probability: every run failed\n")
     certificate = read_certificate(tmp_path / "certificate.json")
     assert (certificate.failures, certificate.probability) == (2, 1.0)

@@ -1,9 +1,12 @@
 """`certify --largest`: bisection against a known threshold, and the command on a real key."""
 
+import csv
+from pathlib import Path
+
 import pytest
 
 from uvms_drake.certificate import certify
-from uvms_drake.command.largest import FINE, largest, number_at
+from uvms_drake.command.largest import FINE, LARGEST_FILE, largest, number_at, steps_left
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -82,10 +85,39 @@ def test_every_value_is_a_line_and_the_last_line_has_the_largest(quick, capsys, 
         "no disturbance.bound from 0.3 on certifies")
     assert run("--within", "0", "0.1") == 0
     assert capsys.readouterr().out.splitlines()[-1].endswith("0.1, the end of the range")
-    assert list(tmp_path.iterdir()) == []
+    with (tmp_path / "out/girona500_ideal" / LARGEST_FILE).open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["value"], row["certified"]) for row in rows[:2]] == [("0.1", "1"), ("0.8", "0")]
+    assert rows[1]["verdict"] == "not certified: no"
+    assert {row["key"] for row in rows} == {"disturbance.bound"}
+    assert [row["value"] for row in rows[-2:]] == ["0.0", "0.1"]  # All three commands are there.
 
 
-def test_an_interrupt_keeps_what_was_found(monkeypatch, capsys):
+@pytest.mark.parametrize(("threshold", "low", "high"), [
+    (0.37, 0.0, 10.0), (1e-4, 0.0, 10.0), (9.9, 0.0, 10.0), (1.7, 1.0, 8.0), (7.9, 1.0, 8.0),
+    (1e3, 1.0, 1e9)])
+def test_the_count_of_values_to_go_is_never_too_small(threshold, low, high):
+    kept, failed = [], []
+
+    def certifies(value):
+        (kept if value <= threshold else failed).append(value)
+        return value <= threshold
+
+    largest(certifies, low, high)
+    assert 2 + steps_left(low, high) >= len(kept) + len(failed)
+    assert steps_left(1.0, FINE) == 0 and steps_left(1.0, FINE**4) == 2
+
+
+def test_the_count_comes_down_with_the_time_left(quick, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["certify", "girona500_ideal", "--set", "disturbance.bound=0.1",
+                 "--largest", "disturbance.bound"]) == 0
+    assert "added to out/girona500_ideal/largest.csv" in capsys.readouterr().err
+
+
+def test_an_interrupt_keeps_what_was_found(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
     def interrupted(scenario, *_):
         if scenario.disturbance.bound > 0.25:
             raise KeyboardInterrupt
@@ -94,5 +126,8 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch, capsys):
     monkeypatch.setattr(certify, "certified_once", interrupted)
     with pytest.raises(KeyboardInterrupt) as caught:
         run()
-    assert caught.value.__notes__ == ["largest disturbance.bound so far: 0.1"]
+    file = Path("out/girona500_ideal") / LARGEST_FILE
+    assert caught.value.__notes__ == [
+        f"largest disturbance.bound so far: 0.1; {file} has the 1 values tried"]
+    assert file.read_text(encoding="utf-8").splitlines()[1].startswith("disturbance.bound,0.1,1,")
     assert capsys.readouterr().out == "disturbance.bound = 0.1: certified\n"

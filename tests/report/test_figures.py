@@ -1,5 +1,6 @@
 """Tests of the figures of a run: how a drawing is drawn, and what each figure shows."""
 
+import re
 from dataclasses import replace
 
 import matplotlib
@@ -19,6 +20,7 @@ from uvms_drake.report.drawing import Drawing, Instant, Panel, band, draw, line
 from uvms_drake.report.figure_style import COLUMN_WIDTH, ORANGE, STYLE, tube_label
 from uvms_drake.report.figures import FIGURES, figures_of, make_figures
 from uvms_drake.report.html import format_report
+from uvms_drake.report.signals import real_limits
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.contact.bounds import safe_depth_margin
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
@@ -116,6 +118,18 @@ def test_limits_are_tightened_by_their_own_radii_channel_by_channel(record):
     np.testing.assert_allclose(
         [levels(panel, "tightened")[1] for panel in panels("inputs.png", record)],
         record.scenario.limits.u - record.scenario.tube.u)
+
+
+def test_the_title_of_the_joints_has_what_their_limits_are_tightened_by():
+    """With `joints_between`: the number in the title is the distance of the lines."""
+    record = synthetic_sensed_record(2.0)
+    tube = replace(record.scenario.tube, joints=0.004, joints_between=0.006)
+    first = panels("joints.png", replace(
+        record, scenario=replace(record.scenario, tube=tube)))[0]
+    said = [float(each) for each in re.findall(r"([\d.]+) mrad", first.title)]
+    assert said == pytest.approx([4.0, 6.0, 10.0])
+    apart = levels(first, "tightened")[0] - real_limits(record)["q"].lower[0]
+    assert 1e3 * apart == pytest.approx(10.0)
 
 
 def test_a_radius_that_is_left_out_is_the_total_and_an_infinite_limit_no_line(record):
@@ -262,7 +276,8 @@ def test_its_panels_show_the_logs(sensed):
     assert bands(found[2], "") == [(pytest.approx(210.0), pytest.approx(1200.0))]
     for panel in (found[1], found[4]):
         for label, name in (("tip", "tip"), ("planned tip", "planned"), ("wall", "wall"),
-                            ("explored up to", "explored"), ("estimated wall", "estimated")):
+                            ("end of the safe region", "explored"),
+                            ("estimated wall", "estimated")):
             np.testing.assert_array_equal(value(panel, label), depths_of(sensed)[name])
 
 

@@ -136,7 +136,7 @@ def test_an_inspector_is_told_how_far_the_tool_is_off_the_normal():
     rows = inspection_table(replace(record, chi=chi))
     held = rows[rows[:, COLUMNS.index("slid")] == 0.0]
     assert len(held) > 10
-    assert held[:, COLUMNS.index("aslant_rad")] == pytest.approx(
+    assert held[:, COLUMNS.index("tool_angle_rad")] == pytest.approx(
         np.arccos(np.cos(0.06) * np.cos(0.08)), abs=1e-9)
 
 

@@ -9,17 +9,24 @@ import pytest
 from support.missions import mission_record
 from support.probability import made
 from support.snapshot import check_snapshot
-from support.synthetic import desiring, synthetic_record
+from support.synthetic import desiring, synthetic_record, synthetic_sensed_record
 
 import uvms_drake as uv
 from uvms_drake.actuation import Thrusters
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.mpc.planner import KEPT
+from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report import signals
-from uvms_drake.report.summary import format_summary, headline, summarise_claim
+from uvms_drake.report.metrics import relative_margins
+from uvms_drake.report.summary import (
+    format_overview,
+    format_summary,
+    headline,
+    summarise_claim,
+)
 
 
 def reporting(**values):
@@ -305,8 +312,42 @@ def test_the_table_of_each_kind_of_run_is_the_stored_one():
     for name, record in runs().items():
         summary = uv.summarise(record)
         verdict = summary["verdict"]
-        lines += [f"=== {name}", format_summary(summary), f"{verdict['status']}: {verdict['text']}"]
+        lines += [f"=== {name}", format_summary(summary), "--- in short", format_overview(summary),
+                  f"{verdict['status']}: {verdict['text']}"]
     check_snapshot("summary", "\n".join(lines))
+
+
+def test_the_overview_is_a_screen_and_has_the_tightest_limits_those_broken_first():
+    records = runs()
+    for record in records.values():
+        summary = uv.summarise(record)
+        text = format_overview(summary)
+        assert text.startswith(f"{summary['scenario']}: {summary['verdict']['text']}\n")
+        lines = text.splitlines()
+        assert len(lines) <= 40 and "\n\n\n" not in text
+        (head,) = (i for i, line in enumerate(lines) if line.startswith("tightest"))
+        names = [line.split()[0] for line in lines[head + 1: head + 6]]
+        margins = relative_margins(summary["constraints"])
+        assert [margins[name] for name in names] == sorted(margins.values())[:5]
+        assert any(line.startswith("events") for line in lines)
+    violated = uv.summarise(records["tangential force, a violated limit"])
+    assert re.search(r"^tightest .*\nu_surge .* VIOLATED$", format_overview(violated), re.M)
+
+
+def test_the_size_of_a_limit_is_its_range_or_its_bound():
+    rows = {name: {"limit": limit, "margin": 0.1} for name, limit in (
+        ("q1_min", -0.5), ("q1_max", 1.5), ("q2_min", -0.4), ("nu1", 0.2), ("contact.force", 45.0))}
+    assert relative_margins(rows) == pytest.approx({
+        "q1_min": 0.05, "q1_max": 0.05, "q2_min": 0.25, "nu1": 0.5, "contact.force": 0.1 / 45.0})
+
+
+def test_the_angle_of_the_tool_is_an_angle():
+    record = synthetic_sensed_record(2.0)
+    row = uv.summarise(record)["constraints"]["tool_angle"]
+    x_E = rotation_matrix(record.chi[:, 3:])[..., 0]
+    direction = record.scenario.contact.direction
+    assert row["worst"] == pytest.approx(np.max(np.arccos(np.clip(x_E @ direction, -1.0, 1.0))))
+    assert (row["limit"], row["unit"]) == (pytest.approx(record.scenario.contact.tool_angle), "rad")
 
 
 def test_the_table_has_the_numbers_of_the_summary_and_begins_with_its_headline():

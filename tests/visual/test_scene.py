@@ -18,7 +18,7 @@ from uvms_drake.station.diagram import setting_of
 from uvms_drake.visual.objects import PLAN, Mark, round_magnification
 from uvms_drake.visual.overlay import ACTIVE, NEAR, TIME, Overlay, Readout
 from uvms_drake.visual.scene import CLOSE, LimitUse, Scene
-from uvms_drake.visual.stage import UNSEEN, UP, VANISHED, Stage, VisualConfig, frame_at
+from uvms_drake.visual.stage import INSTANT, UNSEEN, UP, VANISHED, Stage, VisualConfig, frame_at
 
 
 @pytest.mark.parametrize("many", [12, 15, 20])
@@ -83,6 +83,22 @@ def test_a_readout_shows_the_digits_of_a_number(value, shown, canvas):
     assert canvas.number("number") == shown.replace(".", "")
 
 
+@pytest.mark.parametrize("rate", [5.0, 25.0, 100.0])
+def test_digits_of_a_playing_replay_do_not_overlap(canvas, rate):
+    """A recording interpolates: at nearly every instant exactly one digit has a size."""
+    stage = Stage(canvas)
+    readout = Readout(stage, "time", " s", 999.0, 1.0, tenths=True)
+    times = np.arange(0.0, 2.0, 1.0 / rate)
+    for time in times:
+        stage.begin(time)
+        readout.show(time)
+    at = np.linspace(0.0, times[-1], 3001)
+    last = [np.interp(at, *zip(*((time, scale[0]) for time, scale in canvas.scales[
+        f"time/4/{digit}"]), strict=True)) for digit in range(10)]
+    seen = np.sum(np.array(last) > 2.0 * VANISHED, axis=0)
+    assert np.mean(seen != 1) <= 10.0 * 1.1 * INSTANT
+
+
 def test_the_contact_is_marked_while_there_is_one(canvas):
     mark = Mark(Stage(canvas), "mark", PLAN, 0.1)
     for place in (None, np.ones(3), None):
@@ -122,24 +138,31 @@ def test_a_close_look_is_from_the_same_side(record, monkeypatch):
     assert (camera - target) @ (scene.camera - scene.target) > 0.0
 
 
-def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
+def test_the_use_of_a_limit_is_told_of_the_real_and_of_the_nominal_motion(model, canvas):
     scenario = uv.load_scenario("girona500_ideal")
     limits = make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface)
     use = LimitUse(model, limits, tighten(limits, scenario.tube))
     rest, u = np.concatenate([scenario.start.eta, scenario.start.q, np.zeros(10)]), np.zeros(10)
-    used = dict(zip(use.names, use(rest, u, rest, u), strict=True))
-    assert used["vehicle speed  ≤ 0.25 m/s"] == 0.0
-    assert used["vehicle roll  ≤ 0.15 rad"] == pytest.approx(0.03 / (0.15 - scenario.tube.roll))
+    real, planned = (dict(zip(use.names, each, strict=True)) for each in use(rest, u, rest, u))
+    assert real["vehicle speed  ≤ 0.25 m/s"] == planned["vehicle speed  ≤ 0.25 m/s"] == 0.0
+    assert real["vehicle roll  ≤ 0.15 rad"] == pytest.approx(0.03 / 0.15)
+    assert planned["vehicle roll  ≤ 0.15 rad"] == pytest.approx(0.03 / (0.15 - scenario.tube.roll))
     fast = rest.copy()
     fast[10] = 0.24
-    for real, nominal, speed in ((fast, rest, 0.24 / 0.25), (rest, fast, 0.24 / 0.24)):
-        assert use(real, u, nominal, u)[0] == pytest.approx(speed)
-    assert use(rest, u, fast, u)[0] >= ACTIVE > use(fast, u, rest, u)[0]
-    assert use(rest, scenario.limits.u, rest, u)[use.names.index("input u, worst of 10")] == 1.0
+    assert use(fast, u, rest, u)[:, 0] == pytest.approx([0.24 / 0.25, 0.0])
+    assert use(rest, u, fast, u)[:, 0] == pytest.approx([0.0, 0.24 / 0.24])
+    assert use(rest, scenario.limits.u, rest, u)[0, use.names.index("input u, worst of 10")] == 1.0
     pressing = np.concatenate([model.configuration(uv.make_ocp(scenario).y_des), np.zeros(10)])
-    for real, nominal, room in ((rest, rest, np.inf), (pressing, rest, 45.0), (rest, pressing, 43)):
-        used = use(real, u, nominal, u)[use.names.index("force, at rest  ≤ 45 N")]
-        assert used == pytest.approx(20.0 / room)
+    force = use(pressing, u, pressing, u)[:, use.names.index("force, at rest  ≤ 45 N")]
+    assert force == pytest.approx([20.0 / 45.0, 20.0 / 43.0])
+    # A plan at its tightened limit is a mark at the end of the bar, and no alarm.
+    overlay = Overlay(
+        Stage(canvas), np.array([0.0, -4.0, 0.0]), np.zeros(3), 1.0, use.names, "")
+    overlay.show(0.0, *use(rest, u, fast, u))
+    assert canvas.scales["hud/limits/0/active"][-1][1] == [VANISHED] * 3
+    assert canvas.places["hud/limits/0/plan"][-1][1].translation()[0] >= ACTIVE * Overlay.LENGTH
+    overlay.show(1.0, *use(1.05 * fast, u, rest, u))
+    assert canvas.scales["hud/limits/0/active"][-1][1] == [1.0] * 3
 
 
 @pytest.mark.parametrize("heading", [0.5 * np.pi, np.pi, -1.2])

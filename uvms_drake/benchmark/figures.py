@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 
 from uvms_drake.benchmark.benchmark import SAMPLED
 from uvms_drake.benchmark.cases import CASES
-from uvms_drake.benchmark.controllers import CONTROLLERS, TUBE
+from uvms_drake.benchmark.controllers import CONTROLLERS, FACTORY, TUBE
 from uvms_drake.report import figure_style as style
 
 OVERVIEW = "benchmark.png"
@@ -24,12 +24,17 @@ DARK = 8.0
 """Error from which on a cell's text is white [%]."""
 COLUMNS = 3
 GREY = "#777777"
-LINES = [(color, dash) for dash in ("-", (0, (2, 1)))
+LINES = [(color, dash) for dash in ("-", (0, (2, 1)), (0, (4, 1, 1, 1)))
          for color in (style.ORANGE, style.GREEN, style.VERMILION, GREY)]
 """Colours and line styles of the controllers but the tube MPC, which is blue and in front; those
 of this package have the same in every figure."""
 
 Results = Sequence[dict[str, Any]]
+
+
+def title_of(name: str) -> str:
+    """Returns the name of a controller in a figure: without the folder of a file of one's own."""
+    return Path(name).name.removesuffix(f":{FACTORY}").replace("_", " ")
 
 
 def figure_name(robot: str) -> str:
@@ -73,15 +78,15 @@ def draw_overview(summary: dict[str, Any]) -> Figure:
         for (row, column), error in np.ndenumerate(errors):
             cell = summary["cells"][robot][cases[column]][names[row]]
             _mark(axis, row, column, error, bool(cell.get("limits")))
-        axis.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+        axis.set_yticks(range(len(names)), [title_of(name) for name in names])
         axis.get_yticklabels()[0].set_fontweight("bold")
         axis.set_title(robot, loc="left", fontsize=8)
         axis.tick_params(length=0)
         axis.grid(visible=False)
     axes[-1].set_xticks(range(len(cases)), [case.replace("_", " ") for case in cases],
                         rotation=40, ha="right")
-    figure.colorbar(drawn, ax=list(axes), shrink=0.6, pad=0.01, extend="both",
-                    label="rms error of the force after settling [%]")
+    figure.colorbar(drawn, ax=list(axes), pad=0.01, extend="both",
+                    label="rms error of the force\nafter settling [%]")
     figure.supxlabel("framed: a limit is broken;  –: a run failed or never touched", fontsize=7)
     return figure
 
@@ -117,7 +122,7 @@ def draw_forces(results: Results) -> Figure:
             color, dash = lines[name]
             axis.plot(np.array(curve["time"]) - (first[name]["touch"] or 0.0), curve["force"],
                       color=color, linestyle=dash, linewidth=1.3 if is_tube else 0.8,
-                      zorder=3 if is_tube else 2, label=name.replace("_", " "))
+                      zorder=3 if is_tube else 2, label=title_of(name))
         axis.set_title(CASES[case].text.split(":")[0], fontsize=6.5)
         axis.set(ylim=(0.0, 2.0 * desired), xlim=(-1.0, 14.0), xticks=[0.0, 5.0, 10.0])
     for axis in axes[len(cases):]:

@@ -18,7 +18,7 @@ from uvms_drake.mission.law import DONE
 from uvms_drake.mission.steps import Hold
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.report.contact_check import desired_force, force_error
-from uvms_drake.report.metrics import WALL_SECONDS, metrics
+from uvms_drake.report.metrics import WALL_SECONDS, metrics, relative_margins
 from uvms_drake.report.mission import OUTCOMES
 from uvms_drake.report.signals import DONE_STEP, attempts_of
 from uvms_drake.report.tube_use import tube_use
@@ -164,18 +164,3 @@ def is_finite(record: Record) -> bool:
     return all(bool(np.all(np.isfinite(signal))) for signal in (
         record.state, record.nominal_state, record.u, record.tau, record.force,
         record.effective_disturbance, record.tube_deviation))
-
-
-def relative_margins(constraints: dict[str, Any]) -> dict[str, float]:
-    """Returns the margin of each constraint over its size; negative if violated.
-
-    The size of one with a limit on either side, such as a joint's, is the range between them.
-    """
-    out = {}
-    for name, row in constraints.items():
-        size = abs(row["limit"])
-        if name.endswith(("_min", "_max")):
-            lower, upper = (constraints[name[:-4] + end]["limit"] for end in ("_min", "_max"))
-            size = upper - lower
-        out[name] = float(row["margin"] / size)
-    return out

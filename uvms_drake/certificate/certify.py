@@ -391,7 +391,7 @@ def tightening_margins(found: LawTube, limits: Mapping[str, Limit]) -> list[Cond
 def budget_margins(budget: Iterable[str], limits: Mapping[str, Limit], model: UvmsModel
                    ) -> dict[str, float]:
     """Returns the smallest limit of each radius of a budget that has one."""
-    labels = {"attitude": ("roll", "pitch"), "depth_speed": ("contact_speed[0]",),
+    labels = {"attitude": ("roll", "pitch"), "depth_speed": ("contact_speed_n",),
               "joints": tuple(f"q{j + 1}" for j in range(model.num_joints))}
     none = resolved_radii(TubeRadii(u=np.zeros(model.size), tau=np.zeros(model.size)))
     margin = {label: size for limit in limits.values() for label, _, size in limit.margins(none)}

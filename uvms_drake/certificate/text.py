@@ -127,12 +127,13 @@ def _proven(claims: Claims) -> str:
     if not numbers:
         return ""
     proven = sum(each.proven for each in numbers)
-    jerk = proven and any(each.name == JERK for each in claims.estimates)
+    jerk = any(each.name == JERK for each in claims.estimates)
+    given = f", given the estimated {JERK}" if proven and jerk else ""
     ratios = [each.ratio for each in claims.estimates]
     again = (f" (a second search found {min(ratios):.0%} to {max(ratios):.0%} of the claims)"
              if ratios and proven < len(numbers) else "")
-    return (f"; of the {len(numbers)} numbers that tighten limits {proven} are proven"
-            f"{f', given the {JERK}' if jerk else ''}, {len(numbers) - proven} estimated{again}")
+    return (f"; of the {len(numbers)} numbers that tighten limits {proven} are proven{given}, "
+            f"{len(numbers) - proven} estimated{again}")
 
 
 # In short -----------------------------------------------------------------------------------------
@@ -352,6 +353,27 @@ def _leg_rows(claims: Claims) -> list[str]:
 
 
 # In probability -----------------------------------------------------------------------------------
+
+
+def format_probability_overview(certificate: ProbabilityCertificate, seconds: float | None
+                                ) -> str:
+    """Returns the verdict, and runs, bound, failures by kind and time as a table.
+
+    Args:
+        certificate: The certificate.
+        seconds: Median time of a run on one core [s]; None if there is none.
+    """
+    rows = {"runs": f"{certificate.runs}, attempt {certificate.attempt}",
+            "bound": f"{percent_above(certificate.probability)} per run",
+            "failed": str(certificate.failures)}
+    rows |= {f"  {FAILURES[kind]}": str(number) for kind, number in certificate.kinds.items()
+             if number}
+    if seconds is not None:
+        rows["time"] = (f"{seconds:.3g} s a run of one core, "
+                        f"{certificate.runs * seconds:.3g} s in all")
+    width = max(map(len, rows)) + 2
+    return "\n".join([f"{certificate.scenario}: {certificate.verdict}", "",
+                      *(f"{name:<{width}}{text}" for name, text in rows.items())])
 
 
 def format_probability(certificate: ProbabilityCertificate) -> str:

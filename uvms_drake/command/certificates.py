@@ -29,13 +29,13 @@ from uvms_drake.station.true_wall import in_words, outside
 AnyCert = TypeVar("AnyCert", Certificate, AnyCertificate)
 
 
-def kept_certificate(path: Path, scenario: Scenario, source: str, again: list[str]
-                     ) -> AnyCertificate | None:
+def kept_certificate(path: Path, scenario: Scenario, source: str, again: list[str], *,
+                     named: bool = True) -> AnyCertificate | None:
     """Returns the certificate in a run's folder if it fits, or None if a new one is needed.
 
     One that `certify` has written is a commitment: if it no longer fits, the run is refused, with
     the words `again` of the command that computes it for this scenario. One of a former run is
-    replaced.
+    replaced, and so is one for the worst case in a folder that was not `named` on the command line.
     """
     if not path.is_file():
         return None
@@ -44,6 +44,10 @@ def kept_certificate(path: Path, scenario: Scenario, source: str, again: list[st
     if not changed:
         return sound(certificate, source)
     if certificate.made_by != "certify":
+        return None
+    if not named and isinstance(certificate, Certificate):
+        print(f"{path}: {changed} has changed since 'certify' made it, a new one replaces it",
+              file=sys.stderr)
         return None
     command = shlex.join([PROGRAM, *again])
     if isinstance(certificate, ProbabilityCertificate):  # Its runs are of another campaign.

@@ -22,7 +22,7 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.set_defaults(command=certify_scenario, parser=certify)
     take_scenario(certify)
     certify.add_argument("--output", type=folder, metavar="DIR",
-                         help="folder of certificate.json (default: out/<scenario>)")
+                         help="folder of the files (default: out/<scenario>)")
     certify.add_argument("--full", action="store_true",
                          help="print everything: constants, conditions, tube, budget, estimates")
     take_largest(certify)
@@ -33,7 +33,10 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
                            "contact; no worst-case certificate is computed. The seed follows from "
                            "scenario, program and N, and each attempt at a task is counted. The "
                            "runs are kept in the folder runs inside of DIR: the same command "
-                           "continues them")
+                           "continues them. If none fails, 60 runs bound it by 6.0 %% at the first "
+                           "attempt, 300 by 1.2 %%. A run of a "
+                           "press takes 10 to 20 s of a core: 60 runs take 5 to 10 minutes on two "
+                           "cores, 300 half an hour to an hour")
     runs.add_argument("--confidence", type=float, default=0.95, metavar="C",
                       help="confidence of that bound (default: %(default)s)")
     take_workers(certify)
@@ -52,7 +55,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
         return certify_by_runs(args, names)
     left_out(args, ("confidence", "workers", "scheduler"), "without --runs")
     if args.largest is not None:
-        left_out(args, ("output", "full"), "with --largest")
+        left_out(args, ("full",), "with --largest")
         return find_largest(args)
     left_out(args, ("within",), "without --largest")
     from uvms_drake.certificate.certify import certified_once

@@ -43,7 +43,7 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.certificate.run_verdict import BROKEN
-from uvms_drake.certificate.text import format_probability
+from uvms_drake.certificate.text import format_probability, format_probability_overview
 from uvms_drake.command.certificates import note, sound
 from uvms_drake.command.files import (
     DATA_FILES,
@@ -60,7 +60,7 @@ from uvms_drake.common.cache import store
 from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
-from uvms_drake.report.summary import format_summary
+from uvms_drake.report.summary import format_overview
 from uvms_drake.setup.calibrate import PilotsFailed, calibrate
 from uvms_drake.setup.calibrated_file import calibrated_text
 from uvms_drake.station.contact.bounds import largest_force
@@ -100,7 +100,7 @@ def run_campaign(args: argparse.Namespace) -> int:
                 certified_once(scenario, progress), source)
         campaign = make_campaign(scenario, args.seed, certificate)
         vary(campaign, 0)
-    summary, text, written = complete(args, campaign, args.runs, output, pool, certificate)
+    summary, _, text, written = complete(args, campaign, args.runs, output, pool, certificate)
     print(f"{text}\n\nwritten to {output}: "
           f"{', '.join(sorted((SETUP_FILE, RUNS_FILE, *written)))}")
     well, never = all_well(summary), summary["counts"]["never_settled"]
@@ -135,15 +135,16 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         vary(campaign, 0)
     attempts = begun(attempt)
     print(f"attempt {len(attempts)} at: {attempt.task}; in {ledger_path()}", file=sys.stderr)
-    summary, text, _ = complete(args, campaign, args.runs, folder, pool, None)
+    summary, times, text, _ = complete(args, campaign, args.runs, folder, pool, None)
     # The certificate: in the folder, and in the cache for a run elsewhere.
     certificate = certificate_in_probability(
         campaign, attempts, scenario, summary["results"], args.confidence)
     with output_folder(path, replaced, replaces=True) as output:
         write_certificate(certificate, output.folder)
     store(cache_key(scenario), to_data(certificate))
-    print(format_probability(certificate))
-    print(f"\n{text}" if args.full else "\nall results of the runs: --full")
+    print(f"{format_probability(certificate)}\n\n{text}" if args.full else
+          f"{format_probability_overview(certificate, (times['seconds'] or {}).get('median'))}\n\n"
+          "statement, distribution and all results of the runs: --full")
     print(f"written to {path}: {CERTIFICATE_FILE}, {STORE}", file=sys.stderr)
     return BROKEN if certificate.failures else 0
 
@@ -219,10 +220,11 @@ def drawable(scenario: Scenario) -> Scenario:
 
 
 def complete(args: argparse.Namespace, campaign: Campaign, number: int, output: Path, pool: Pool,
-             certificate: Certificate | None) -> tuple[dict[str, Any], str, list[str]]:
+             certificate: Certificate | None
+             ) -> tuple[dict[str, Any], dict[str, Any], str, list[str]]:
     """Computes the missing runs, and writes all results together.
 
-    Returns the summary, its table, and the names of the files.
+    Returns the summary, the times, the table of both, and the names of the files.
     """
     keep_setup(output, campaign)
     with bar(args, "running") as progress:
@@ -235,7 +237,7 @@ def complete(args: argparse.Namespace, campaign: Campaign, number: int, output: 
         if certificate is not None:
             write_certificate(certificate, own.folder)
         make_campaign_figures(summary, own.folder)
-    return summary, format_campaign(summary, times, str(output)), own.kept
+    return summary, times, format_campaign(summary, times, str(output)), own.kept
 
 
 def replay_run(args: argparse.Namespace) -> int:
@@ -249,7 +251,7 @@ def replay_run(args: argparse.Namespace) -> int:
         summary = write_data(record, output.folder)
         output.keep()
         write_pictures(record, None, output.folder, summary, figures=True, replay=False)
-    print(f"{format_summary(summary)}\n\nthe tube is the campaign's; a run of it has no "
+    print(f"{format_overview(summary)}\n\nthe tube is the campaign's; a run of it has no "
           f"certificate of its own\nwritten to {path}: {', '.join(sorted(output.kept))}")
     return 0
 

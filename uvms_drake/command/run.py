@@ -88,6 +88,8 @@ def add_run(commands: argparse._SubParsersAction) -> None:
                      help="with --meshcat: do not wait, neither before nor after the run")
     run.add_argument("--uncertified", action="store_true",
                      help="run without a certificate, with the tube that the scenario declares")
+    run.add_argument("--full", action="store_true",
+                     help="print the whole summary, with every limit, and not a screen of it")
     run.add_argument("--no-figures", action="store_true",
                      help=f"write no PNG files and no {REPORT_FILE}")
     run.add_argument("--no-replay", action="store_true", help=f"write no {REPLAY_FILE}")
@@ -119,7 +121,8 @@ def run_scenario(args: argparse.Namespace) -> int:
             compare_class(scenario, model)
     kept = None if args.uncertified else kept_certificate(
         path / CERTIFICATE_FILE, scenario, source,
-        ["certify", args.scenario, *set_options(args.overrides), "--output", str(path)])
+        ["certify", args.scenario, *set_options(args.overrides), "--output", str(path)],
+        named=args.output is not None)
     own = (*DATA_FILES, *picture_files(), *([] if kept else [CERTIFICATE_FILE]))
     with output_folder(path, own, replaces=True) as output:
         certificate = kept
@@ -142,7 +145,7 @@ def run_scenario(args: argparse.Namespace) -> int:
             output.keep(replaces=True)
         write_pictures(record, certificate, output.folder, summary, figures=not args.no_figures,
                        replay=not args.no_replay)
-    status = print_outcome(summary, path, output.kept)
+    status = print_outcome(summary, path, output.kept, full=args.full)
     if meshcat is not None and not args.no_wait:
         from uvms_drake.visual.controls import wait_for_end
 
@@ -152,13 +155,15 @@ def run_scenario(args: argparse.Namespace) -> int:
     return status
 
 
-def print_outcome(summary: dict[str, Any], path: Path, names: Sequence[str]) -> int:
+def print_outcome(summary: dict[str, Any], path: Path, names: Sequence[str], *,
+                  full: bool = False) -> int:
     """Prints the summary of a run, its files and the verdict; returns the exit status."""
-    from uvms_drake.report.summary import format_summary
+    from uvms_drake.report.summary import format_overview, format_summary
 
     verdict = summary["verdict"]
-    print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}\n"
-          f"{verdict['text']}")
+    print(f"{format_summary(summary) if full else format_overview(summary)}\n\n"
+          f"{'' if full else 'everything: --full, summary.json; '}"
+          f"written to {path}: {', '.join(sorted(names))}\n{verdict['text']}")
     return int(verdict["status"])
 
 

@@ -229,12 +229,12 @@ def _bands(record: Record, goal: np.ndarray) -> list[Series]:
 
 def _depths(depths: dict[str, np.ndarray]) -> list[Series]:
     """Returns depths; the unexplored region is grey."""
-    return [line(depths["explored"], color=style.GREEN, label="explored up to"),
+    return [line(depths["explored"], color=style.GREEN, label="end of the safe region"),
             line(depths["wall"], WALL), line(depths["estimated"], ESTIMATED),
             line(depths["tip"], label="tip"),
             line(depths["planned"], style.NOMINAL, label="planned tip"),
             band(depths["explored"], 1e4, extends=False, color="0.93", zorder=0.5,
-                 label="unexplored")]
+                 label="outside the safe region")]
 
 
 def _stiffness(record: Record) -> list[Series]:

@@ -132,7 +132,10 @@ def velocities_drawing(record: Record) -> Drawing:
 def joints_drawing(record: Record) -> Drawing:
     """Returns the joint angles with their limits, full and tightened."""
     nominal = nominal_limits(record)["q"]
-    by = f", by {1e3 * (resolved_radii(record.scenario.tube).joints or 0.0):.2g} mrad"
+    whole, between = (1e3 * float(np.max(each)) for each in (
+        nominal.margin, nominal.between_knots_margin))
+    by = (f", by {whole - between:.3g} mrad" + f", and {between:.3g} mrad between the knots of a "
+          f"plan: {whole:.3g} mrad" * (between > 0.0))
     return Drawing([[Panel(
         f"$q_{{{i + 1}}}$ [{'m' if record.model.slides[i] else 'rad'}]", record.time, [
             *pair(record.config[:, 6 + i], record.nominal_config[:, 6 + i]),

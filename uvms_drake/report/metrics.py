@@ -190,6 +190,18 @@ def summarise_constraints(record: Record) -> dict[str, object]:
             for name, each in constraints(record).items()}
 
 
+def relative_margins(rows: dict[str, Any]) -> dict[str, float]:
+    """Returns the margin of each of `summarise_constraints` over its size; negative if violated.
+
+    The size of one with a limit on either side, such as a joint's, is the range between them.
+    """
+    out = {}
+    for name, row in rows.items():
+        other = rows.get(name[:-4] + ("_max" if name.endswith("_min") else "_min"), {"limit": 0.0})
+        out[name] = float(row["margin"]) / (abs(row["limit"] - other["limit"]) or 1.0)
+    return out
+
+
 def summarise_thrusters(record: Record) -> dict[str, object]:
     """Returns by name the forces [N], the limits, and the share of the time at a limit.
 

@@ -36,10 +36,10 @@ WINDOW = 2.0
 SHORTEST_PATH = 0.02
 """Shortest path in that time that counts as sliding [m]."""
 COLUMNS = ("time_s", "step", "x_m", "y_m", "z_m", "normal_x", "normal_y", "normal_z", "slid",
-           "force_N", "desired_N", "aslant_rad")
+           "force_N", "desired_N", "tool_angle_rad")
 """Columns of the table; `slid` is 1 for a normal from force and path, 0 for the declared direction.
-`force_N` is the measured force along the normal, `aslant_rad` the angle between it and the tool's
-axis."""
+`force_N` is the measured force along the normal, `tool_angle_rad` the angle between the normal and
+the tool's axis."""
 
 
 def lateral_errors(record: Record, step: Step, when: slice) -> tuple[np.ndarray, np.ndarray]:

@@ -11,15 +11,15 @@ from uvms_drake.station.diagram import setting_of
 from uvms_drake.station.record import Record
 from uvms_drake.visual.contact import KNOWN
 from uvms_drake.visual.scene import Moment, Scene
-from uvms_drake.visual.stage import open_meshcat
+from uvms_drake.visual.stage import INSTANT, open_meshcat
 
 MOST_FRAMES = 1800
 """Largest number of pictures in a replay, of 4 kB each; the browser interpolates."""
 
 
-BANNER = ('<body><div style="position: fixed; z-index: 1; left: 1em; bottom: 1em; max-width: 60%; '
-          'font: 14px sans-serif; color: #333; pointer-events: none">{}</div>')
-"""Verdict of the run, over the picture."""
+BANNER = ('<body><div style="position: fixed; z-index: 1; left: 1em; top: 4px; max-width: 75%; '
+          'font: 13px sans-serif; color: #fff; pointer-events: none">{}</div>')
+"""Verdict of the run, above the bars of the picture."""
 
 
 def write_replay(record: Record, path: Path, verdict: str | None = None) -> None:
@@ -34,7 +34,8 @@ def write_replay(record: Record, path: Path, verdict: str | None = None) -> None
     rate = min(record.scenario.visual.rate, MOST_FRAMES / max(float(record.time[-1]), 1e-9))
     meshcat = open_meshcat()
     scene = scene_of(record, meshcat)
-    meshcat.StartRecording(frames_per_second=rate, set_visualizations_while_recording=False)
+    meshcat.StartRecording(frames_per_second=1.0 / INSTANT,
+                           set_visualizations_while_recording=False)
     for i in frame_indices(record.time, rate):
         scene.show(moment_of(record, i), record.time[i] + 1e-6)
     meshcat.StopRecording()

@@ -15,23 +15,26 @@ from uvms_drake.certificate.run_verdict import BANDS, verdict_of
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
-from uvms_drake.report.metrics import LAST_SECONDS, metrics
+from uvms_drake.report.metrics import LAST_SECONDS, metrics, relative_margins
 from uvms_drake.report.signals import wrench_unit
 from uvms_drake.station.record import Record
 from uvms_drake.station.safety import summarise_safety
 
 COUNTERS = ("solves", "failures", "late", "fallbacks", "dropped", "kept", "refused_targets")
 """Counters of the MPC; but for the first they are of exceptional samples, and usually zero."""
-EVENT_LINES = 12
-"""Largest number of lines for events in the table for a terminal."""
+EVENT_LINES, TIGHTEST = 12, 5
+"""Largest number of lines for events in the table for a terminal, and of limits in short."""
 MISSION_COLUMNS = (
-    ("begin_s", "from", "s", 1.0, ".1f"), ("seconds", "for", "s", 1.0, ".1f"),
-    ("mean_force", "mean", "N", 1.0, ".2f"), ("force_rms", "rms", "N", 1.0, ".2f"),
-    ("force_worst", "worst", "N", 1.0, ".2f"), ("certified", "cert.", "N", 1.0, ".2f"),
-    ("held", "held", "N", 1.0, ".2f"), ("certified_hold", "cert.", "N", 1.0, ".2f"),
-    ("within", "within", "%", 100.0, ".1f"), ("off_rms", "off rms", "mm", 1e3, ".2f"),
-    ("off_worst", "worst", "mm", 1e3, ".2f"), ("behind", "behind", "mm", 1e3, ".1f"))
-"""Columns of the table of a mission: key, name, unit, unit's factor, and format."""
+    ("begin_s", "", "from", "s", 1.0, ".1f"), ("seconds", "", "for", "s", 1.0, ".1f"),
+    ("mean_force", "force", "mean", "N", 1.0, ".2f"),
+    ("force_rms", "error", "rms", "N", 1.0, ".2f"),
+    ("force_worst", "error", "worst", "N", 1.0, ".2f"),
+    ("certified", "error", "bound", "N", 1.0, ".2f"),
+    ("held", "in hold", "worst", "N", 1.0, ".2f"),
+    ("certified_hold", "in hold", "bound", "N", 1.0, ".2f"),
+    ("within", "in its", "band", "%", 100.0, ".1f"), ("off_rms", "place", "rms", "mm", 1e3, ".2f"),
+    ("off_worst", "place", "worst", "mm", 1e3, ".2f"), ("behind", "line", "lag", "mm", 1e3, ".1f"))
+"""Columns of the table of a mission: key, both lines of its head, unit, factor, and format."""
 
 
 def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict[str, Any]:
@@ -110,9 +113,7 @@ def _task(summary: dict[str, Any]) -> str:
         return _mission(mission)
     magnitude = float(np.linalg.norm(force["desired"][:3]))
     if not np.any(force["desired"]):
-        error = np.asarray(summary["task_error"]["final"])
-        return (f"no force desired, end-effector off by {1e3 * np.linalg.norm(error[:3]):.3g} mm "
-                f"and {1e3 * np.linalg.norm(error[3:]):.3g} mrad at the end")
+        return f"no force desired, end-effector off by {_pose_error(summary, 'final')} at the end"
     if magnitude == 0.0:
         return f"torque desired, off by {force['final_error_norm']:.3g} N m at the end"
     if contact["first_touch_s"] is None:
@@ -138,6 +139,27 @@ def _mission(mission: dict[str, Any]) -> str:
     return text
 
 
+def format_overview(summary: dict[str, Any]) -> str:
+    """Returns verdict, five numbers, the tightest limits, mission and events: one screen."""
+    contact, mpc, step = summary["contact"], summary["mpc"], summary["mpc"]["step_ms"]
+    touch, margins = contact["first_touch_s"], relative_margins(summary["constraints"])
+    tightest = sorted(margins, key=lambda name: margins[name])[:TIGHTEST]
+    return "\n".join([
+        f"{summary['scenario']}: {summary['verdict']['text']}", "", *_block("task", [
+            _task(summary)]), *_block("contact", [
+                "never" if touch is None else f"from {touch:.2f} s on, at most "
+                f"{contact['largest_force']:.3g} N"
+                + f", lost {contact['losses']} times" * bool(contact["losses"])]),
+        *_block("end-effector", [f"off by {_pose_error(summary, 'final')} at the end"]),
+        *_block("tube", [used(summary["tube"], summary["in_probability"] is not None)]),
+        *_block("MPC", [f"{_counts(mpc)}; step {_number(step['p50'], '.1f')} ms median, "
+                        f"{_number(step['max'], '.1f')} ms at most"]),
+        *_format_mission(summary["mission"]), "",
+        *_format_constraints({name: summary["constraints"][name] for name in tightest},
+                             "tightest"), "",
+        *_block("events", _format_events(summary["events"], EVENT_LINES))])
+
+
 def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
     """Returns the summary as a table, with at most so many lines of events; None is no limit."""
     return "\n".join([
@@ -158,22 +180,29 @@ def _block(label: str, lines: Iterable[str]) -> list[str]:
 
 
 def _format_run(summary: dict) -> list[str]:
-    mpc, step, task = summary["mpc"], summary["mpc"]["step_ms"], summary["task_error"]
-    ends = [" and ".join(f"{1e3 * np.linalg.norm(task[end][part]):.3g} {unit}" for part, unit in (
-        (slice(0, 3), "mm"), (slice(3, 6), "mrad"))) for end in ("initial", "final")]
+    mpc, step = summary["mpc"], summary["mpc"]["step_ms"]
     return [
         *_block("scenario", [
             f"{summary['scenario']}, seed {summary['seed']}: {summary['duration_s']:g} s in "
             f"{summary['wall_time_s']:.1f} s ({_number(summary['real_time_factor'], '.2f')} times "
             "real time)"]),
         *_block("MPC", [
-            ", ".join(f"{mpc[key]} {key.replace('_', ' ')}" for key in COUNTERS
-                      if mpc[key] or key == "solves"),
+            _counts(mpc),
             f"step {_number(step['p50'], '.1f')} ms median, {_number(step['p99'], '.1f')} ms p99, "
-            f"{_number(step['max'], '.1f')} ms max",
-            f"plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the terminal "
-            f"set by {_number(mpc['worst_terminal_slack'], '.2g')} at most"]),
-        *_block("task error", [f"{ends[0]} at the start, {ends[1]} at the end"])]
+            f"{_number(step['max'], '.1f')} ms max"]),
+        *_block("task error", [f"{_pose_error(summary, 'initial')} at the start, "
+                               f"{_pose_error(summary, 'final')} at the end"])]
+
+
+def _counts(mpc: dict) -> str:
+    return ", ".join(f"{mpc[key]} {key.replace('_', ' ')}" for key in COUNTERS
+                     if mpc[key] or key == "solves")
+
+
+def _pose_error(summary: dict, end: str) -> str:
+    """Returns the size of χ − χ_des at the `initial` or `final` instant."""
+    error = 1e3 * np.asarray(summary["task_error"][end])
+    return f"{np.linalg.norm(error[:3]):.3g} mm and {np.linalg.norm(error[3:]):.3g} mrad"
 
 
 def _format_force(summary: dict) -> list[str]:
@@ -218,12 +247,13 @@ def _format_contact(contact: dict) -> list[str]:
             f"first touch at {contact['first_touch_s']:.2f} s{lost}", *bands, *departed]
 
 
-def _format_constraints(constraints: dict) -> list[str]:
-    rows = [f"{'constraint':<14}{'limit':>11}{'worst':>11}{'margin':>11}"]
+def _format_constraints(constraints: dict, title: str = "constraint") -> list[str]:
+    width = max(14, *(len(name) + 1 for name in constraints)) if constraints else 14
+    rows = [f"{title:<{width}}{'limit':>11}{'worst':>11}{'margin':>11}"]
     for name, row in constraints.items():
         mark = "" if row["margin"] >= 0.0 else "  VIOLATED"
         numbers = "".join(f"{row[key]:>11.4g}" for key in ("limit", "worst", "margin"))
-        rows.append(f"{name:<14}{numbers}  {row['unit']}{mark}".rstrip())
+        rows.append(f"{name:<{width}}{numbers}  {row['unit']}{mark}".rstrip())
     return rows
 
 
@@ -239,13 +269,13 @@ def _format_mission(mission: dict[str, Any]) -> list[str]:
         return []
     when = "" if mission["over_s"] is None else f" after {mission['over_s']:.1f} s"
     left = f", {mission['not_begun']} steps not begun" if mission["not_begun"] else ""
-    head, units = ("".join(f"{cell:>8}" for cell in row) for row in zip(
-        *((name, unit) for _, name, unit, _, _ in MISSION_COLUMNS), strict=True))
+    heads = ("".join(f"{cell:>8}" for cell in row) for row in zip(
+        *(column[1:4] for column in MISSION_COLUMNS), strict=True))
     lines = [f"{mission['outcome']}{when}, {mission['failures']} steps failed{left}",
-             f"{'':<11}{head}", f"{'':<11}{units}"]
+             *(f"{'':<11}{head}" for head in heads)]
     for row in mission["steps"]:
         cells = [f"{'-' if row[key] is None else format(factor * row[key], spec):>8}"
-                 for key, _, _, factor, spec in MISSION_COLUMNS if key in row]
+                 for key, _, _, _, factor, spec in MISSION_COLUMNS if key in row]
         lines.append(f"{row['step']:>2} {row['kind']:<8}{''.join(cells):<96}  {row['ended']}")
     return ["", *_block("mission", lines)]
 

@@ -165,8 +165,8 @@ class DrawnEstimate:
                            Rgba(*color), frame_at(end + 0.5 * along, along))
         self._numbers = {}
         for i, (name, unit, color) in enumerate((
-                ("measured", " N measured", ESTIMATED), ("stiffness", " N/m", ESTIMATED),
-                ("explored", " mm explored", EXPLORED))):
+                ("measured", " N read", ESTIMATED), ("stiffness", " N/m", ESTIMATED),
+                ("explored", " mm safe", EXPLORED))):
             stage.meshcat.SetTransform(f"{board}/{name}", frame_at([0.0, 0.0, -1.3 * LINE * i]))
             self._numbers[name] = Readout(
                 stage, f"{board}/{name}/number", unit, 9999.0, LINE, color)
@@ -209,7 +209,7 @@ class Coverage:
         for c, color in enumerate(palette()):
             stage.make(f"{legend}/{c}", rectangle(width, 0.035, (*color, 1.0)), None,
                        frame_at([(c + 0.5) * width, 0.0, 0.0]))
-        stage.make(f"{legend}/text", label(f" to {scale:g} N, painted", 0.045, align="left"), None,
+        stage.make(f"{legend}/text", label(f" read, up to {scale:g} N", 0.045, align="left"), None,
                    frame_at([(COLORS + 0.5) * width, 0.0, 0.0]))
         self.clear()
 

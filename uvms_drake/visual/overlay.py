@@ -102,14 +102,14 @@ class Overlay:
         rows = -(-len(limits) // self.COLUMNS)
         self._draw_bars(limits, rows)
         self.below = TOP - rows * self.LINE
-        self.inset = self._placed("inset", 1.22, self.below - 0.09)
+        self.inset = self._placed("inset", 1.15, self.below - 0.09)
         self._time = Readout(stage, "hud/time", " s", 999.0, TIME, tenths=True)
         stage.meshcat.SetTransform("hud/time", frame_at([-1.3, 0.0, self.below - 0.13]))
-        stage.meshcat.SetTransform(self.board, frame_at([0.93, 0.0, -0.42]))
+        stage.meshcat.SetTransform(self.board, frame_at([0.84, 0.0, -0.42]))
         more = legend.count("\n") - 1  # lines beyond two
         stage.make("hud/legend", label(legend, 0.05), None,
                    frame_at([0.0, 0.0, -0.87 + 0.02 * more]))
-        self._draw_axes(self._placed("axes", -1.45, -0.58), 0.13 * unit)
+        self._draw_axes(self._placed("axes", -1.2, -0.55), 0.13 * unit)
 
     def _placed(self, path: str, x: float, z: float) -> str:
         """Places `path` at (x, z) in the plane, to scale and in Meshcat's own axes."""
@@ -132,7 +132,8 @@ class Overlay:
                     ("half", 0.005, 0.8, MARK, middle, -0.004),
                     ("full", 0.005, 1.2, MARK, self.LENGTH, -0.004),
                     ("used/bar", 1.0, 0.7, USED, 0.5, 0.002),
-                    ("active/bar", self.LENGTH, 1.1, ALARM, middle, -0.002)):
+                    ("active/bar", self.LENGTH, 1.1, ALARM, middle, -0.002),
+                    ("plan/mark", 0.012, 1.3, MARK, 0.0, -0.006)):
                 self._stage.make(f"{bar}/{part}", rectangle(length, height * thick, color), None,
                                  frame_at([x, y, 0.0]))
             self._stage.make(f"{bar}/name", label(name, 0.8 * self.LINE, align="right"), None,
@@ -146,12 +147,14 @@ class Overlay:
             self._stage.make(f"{path}/{name[0]}_name", label(name, 0.42 * length, color=color),
                              None, RigidTransform(self.facing, 1.35 * length * axis))
 
-    def show(self, time: float, used: np.ndarray) -> None:
-        """Shows the time [s] and the used parts of the limits (L,)."""
+    def show(self, time: float, used: np.ndarray, planned: np.ndarray) -> None:
+        """Shows the time [s] and the parts of the limits (L,) that robot and plan use."""
         self._time.show(time)
-        for bar, part in zip(self._bars, used, strict=True):
+        for bar, part, plan in zip(self._bars, used, planned, strict=True):
             self._stage.stretch(f"{bar}/used", self.LENGTH * min(float(part), 1.05), 1.0, 1.0)
             self._stage.show(f"{bar}/active", bool(part >= ACTIVE))
+            self._stage.move(f"{bar}/plan", frame_at(
+                [self.LENGTH * min(float(plan), 1.05), 0.0, 0.0]))
 
 
 def facing(direction: np.ndarray) -> RotationMatrix:

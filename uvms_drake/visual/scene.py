@@ -66,11 +66,10 @@ class Moment:
 
 
 class LimitUse:
-    """Fraction of each limit that a motion uses, from 0 to 1.
+    """Fractions of each limit that the real and the nominal motion use, from 0 to 1.
 
-    It is the larger of two fractions: the real motion's of the limits, and the nominal motion's of
-    the limits tightened by the tube. So a limit that is active in the plan counts as active, even
-    though the real robot keeps a distance from it.
+    That of the nominal motion is of the limits tightened by the tube: a plan may be at its limit
+    while the real robot keeps a distance from its own.
 
     Args:
         model: The controller's model.
@@ -84,7 +83,7 @@ class LimitUse:
 
     def __call__(self, state: np.ndarray, u: np.ndarray, nominal_state: np.ndarray,
                  nominal_input: np.ndarray) -> np.ndarray:
-        """Returns the parts (L,) in the order of `names`.
+        """Returns the real and the nominal fractions (2, L) in the order of `names`.
 
         Args:
             state: (𝔮, ζ) (2(6+n),).
@@ -92,8 +91,8 @@ class LimitUse:
             nominal_state: (𝔮̄, ζ̄) (2(6+n),).
             nominal_input: ū (6+n,).
         """
-        return np.maximum(self._lengths(self._limits, state, u),
-                          self._lengths(self._nominal, nominal_state, nominal_input))
+        return np.stack([self._lengths(self._limits, state, u),
+                         self._lengths(self._nominal, nominal_state, nominal_input)])
 
     def _lengths(self, limits: dict[str, Limit], state: np.ndarray, u: np.ndarray) -> np.ndarray:
         config, zeta = np.split(state, 2)
@@ -228,11 +227,12 @@ class Scene:
         is_wall = self._law.patch(self._goal, 1.0, 2) is not None
         walls = ", 0.1 m on the wall" if is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
-        estimate = ("green: end of the safe region     yellow frame: estimated surface\n"
+        estimate = ("     green: end of the safe region     yellow frame: estimated surface"
                     if setting.direction is not None else "")
-        return (f"{estimate}red: real force and path     yellow: contact     "
+        return (f"yellow: contact{estimate}\nred: real force and path     "
                 f"white: desired force, planned path, outline of the nominal robot{size}\n"
-                "bars: part of a limit that real or planned motion uses, red at the limit     "
+                "bars: part of a limit that the real motion uses, red at the limit     "
+                "white mark: the plan, of its tightened limit\n"
                 f"level grid at z = {level:g} m, lines every {CELL:g} m{walls}")
 
     def show(self, moment: Moment, time: float) -> None:
@@ -257,7 +257,7 @@ class Scene:
             self._estimate.show(moment.estimate, tip)
         if self._coverage is not None and moment.estimate:
             self._coverage.show(chi, moment.estimate["force_last_valid"], self._law)
-        self._overlay.show(time, self._use(
+        self._overlay.show(time, *self._use(
             moment.state, moment.u, moment.nominal_state, moment.nominal_input))
 
 

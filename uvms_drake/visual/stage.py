@@ -23,6 +23,8 @@ UP = np.array([1.0, -1.0, -1.0])
 """Signs of the axes of Σ_I in Meshcat, whose z points up."""
 VANISHED = 1e-5
 """Scale of an object that is hidden; zero has no inverse, which shading needs."""
+INSTANT = 1e-3
+"""Time in a recording from one value to the next one of an object that appears at once [s]."""
 UNSEEN = 5e-4
 """Invisible change of a position [m], a direction or a scale: a quarter of a pixel."""
 
@@ -106,16 +108,16 @@ class Stage:
         for time, value in self._changes(path, pose.GetAsMatrix34()):
             self.meshcat.SetTransform(path, RigidTransform(value), time_in_recording=time)
 
-    def stretch(self, path: str, x: float, y: float, z: float) -> None:
-        """Scales `path` along its axes."""
+    def stretch(self, path: str, x: float, y: float, z: float, *, at_once: bool = False) -> None:
+        """Scales `path` along its axes; `at_once` without the interpolation of a recording."""
         scale = np.maximum(np.array([x, y, z]), VANISHED)
-        for time, value in self._changes(path, scale):
+        for time, value in self._changes(path, scale, at_once):
             self.meshcat.SetProperty(path, "scale", value.tolist(), time_in_recording=time)
 
     def show(self, path: str, shown: bool) -> None:
-        """Shows or hides `path`."""
+        """Shows or hides `path`, at once: no two digits are seen together."""
         size = 1.0 if shown else VANISHED
-        self.stretch(path, size, size, size)
+        self.stretch(path, size, size, size, at_once=True)
 
     def appear(self, path: str) -> None:
         """Shows an object that was made in the midst of a recording, and not before."""
@@ -124,7 +126,8 @@ class Stage:
         self._sampled[path] = 0.0, nothing
         self.show(path, True)
 
-    def _changes(self, path: str, value: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    def _changes(self, path: str, value: np.ndarray, at_once: bool = False
+                 ) -> list[tuple[float, np.ndarray]]:
         """Returns the samples (time, value) after which `value` holds now, and not before."""
         sampled = self._sampled.get(path)
         if sampled is None:
@@ -134,8 +137,8 @@ class Stage:
         if np.max(np.abs(value - old)) < UNSEEN:
             return []
         self._sampled[path] = self._now, value
-        unchanged = [(self._before, old)] if time < self._before else []
-        return [*unchanged, (self._now, value)]
+        last = max(self._now - INSTANT, self._before) if at_once else self._before
+        return [*([(last, old)] if time < last else []), (self._now, value)]
 
 
 def frame_at(origin: Sequence[float] | np.ndarray, axis: np.ndarray | None = None

@@ -151,7 +151,8 @@ def test_a_run_with_them_has_their_signals_and_their_bars(scenario):
     names = limit_use.names
     assert [name.split("  ")[0] for name in names[-7:-4]] == ["tip x", "tip y", "tip z"]
     assert names[-4] == "tip speed x  ≤ 0.1 m/s"
-    used = limit_use(record.state[0], record.u[0], record.nominal_state[0], record.nominal_input[0])
+    used, _ = limit_use(
+        record.state[0], record.u[0], record.nominal_state[0], record.nominal_input[0])
     assert used[-1] == pytest.approx(values[0] / 3.0, abs=0.05)
 
 

@@ -187,6 +187,19 @@ class ToolAngle(Limit):
         """Returns sin(bound) times the end-effector's turn between knots [rad]."""
         return float(np.sin(self.bound)) * (tube.tool_between or 0.0)
 
+    def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
+        """Returns the angle and its bound, not their cosines."""
+        return {self.name: (_angle(self.values(at))[..., 0], float(_angle(self.lower)[0]))}
+
+    def unit_of(self, signal: str) -> str:
+        """Returns the unit of the angle."""
+        return "rad"
+
+    def complaint(self, at: Points) -> str:
+        """Returns the requirement that a pose breaks, for a message."""
+        return (f"such that the tool's angle from n, {_angle(self.values(at))[0]:.3g} rad, is at "
+                f"most {_angle(self.lower)[0]:.3g} rad")
+
     @property
     def bars(self) -> list[str]:
         """Angle and its bound."""

@@ -95,6 +95,11 @@ class ContactSpeed(Limit):
     def __post_init__(self) -> None:
         self.titles = ["tip along n", *(f"tip {name}" for name in axis_names(self.axes[0]))]
 
+    @property
+    def labels(self) -> list[str]:
+        """Labels by axis: n, t1 (down a wall), t2 (to port)."""
+        return [f"{self.name}_{axis}" for axis in ("n", "t1", "t2")]
+
     def values(self, at: Points) -> np.ndarray:
         """Returns n·𝔭̇ and the tᵢ·𝔭̇."""
         return (self.axes @ (at.tip_jacobian @ at.zeta[..., None]))[..., 0]

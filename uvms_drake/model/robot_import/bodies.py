@@ -176,7 +176,7 @@ def _add_water(body: Body, link: Link, water: Water, notes: Notes) -> None:
     if water.linear is not None and water.quadratic is not None:
         squares = np.kron(np.eye(2), R**2)
         if not np.allclose(np.max(R**2, axis=0), 1.0, atol=1e-6):
-            notes.changed.append(f"{link.name}: its drag is by axes that are aslant in "
+            notes.changed.append(f"{link.name}: its drag is by axes at an angle to those of "
                                  f"'{body.name}': weighted by the squares of the cosines")
         body.drag.append(Drag(squares @ water.linear, squares @ water.quadratic, origin))
 

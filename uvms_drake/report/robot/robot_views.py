@@ -1,4 +1,4 @@
-"""A robot by itself: from starboard, from ahead and aslant, with its frames and its centres."""
+"""A robot by itself: from starboard, ahead and a corner, with its frames and its centres."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,7 @@ from uvms_drake.report.figure_style import BLACK, BLUE, COLUMN_WIDTH, VERMILION,
 from uvms_drake.report.robot.render import RobotScene, picture_axes
 
 VIEWS = {"from starboard": (0.0, 1.0, 0.0), "from ahead": (1.0, 0.0, 0.0),
-         "aslant": (0.55, 0.65, -0.5)}
+         "from a corner": (0.55, 0.65, -0.5)}
 """Directions to the eye in axes of the vehicle, whose z points down."""
 PIXELS = 600
 """Width of a picture."""
@@ -51,7 +51,7 @@ def draw_views(uvms: Uvms, model: str, posture: np.ndarray) -> Figure:
                     extent=(low[0], high[0], low[1], high[1]))
         for origin, axes in frames:
             _draw_frame(axis, R, origin, axes, ARM * size)
-        names = [joint.name() if name == "aslant" else "" for joint in uvms.joints]
+        names = [joint.name() if name == "from a corner" else "" for joint in uvms.joints]
         _draw_joints(axis, R, names, chain.anchor, chain.axis, 0.5 * ARM * size)
         _draw_centers(axis, R, trim)
         axis.set_title(name, fontsize=7.5)

@@ -43,9 +43,9 @@ def cells_of(row: str) -> list[str]:
     return [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
 
 
-def test_the_table_of_the_readme_is_the_output(errata):
+def test_the_table_of_the_page_is_the_output(errata):
     """Word for word, and number for number but for rounding."""
-    path = Path(__file__).parents[4] / "uvms_drake/papers/nikou2018/errata/README.md"
+    path = Path(__file__).parents[4] / "uvms_drake/papers/nikou2018/errata/errata.md"
     readme = path.read_text(encoding="utf-8")
     written = [line for line in readme.splitlines() if re.match(r"\| E\d+ \|", line)]
     computed = errata_markdown(errata).splitlines()[2:]

@@ -86,7 +86,7 @@ def errata_table(errata: list[Erratum], width: int = 100) -> str:
 
 
 def errata_markdown(errata: list[Erratum]) -> str:
-    """Returns the errata as a table for the README."""
+    """Returns the errata as a table for its page."""
     rows = [("", "erratum", "printed", "computed", "consequence", ""), ("---",) * 6]
     for item in errata:
         labels = ", ".join(f"`{label}`" for label in item.where.split(", "))
