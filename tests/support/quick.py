@@ -2,6 +2,7 @@
 
 import pytest
 
+from uvms_drake.certificate import certify  # noqa: F401  it has its constants before a patch
 from uvms_drake.common.schema import read_yaml
 from uvms_drake.station.scenario import scenario
 
