@@ -25,6 +25,7 @@ from uvms_drake.setup.calibrate import (
     with_totals,
 )
 from uvms_drake.setup.calibrated_file import calibrated_text
+from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.station.scenario.scenario_file import scenario_path
 
 REAL = "girona500_real_loop"
@@ -176,4 +177,67 @@ def test_bad_options_are_one_line(options, said, capsys, tmp_path, monkeypatch):
     assert main(["calibrate", REAL, *options]) == 2
     err = capsys.readouterr().err
     assert said in err and err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+class Drawn:
+    """Results of pilot runs that are not simulated: a share of each limit, off by a tenth."""
+
+    def __init__(self, monkeypatch, shares: dict[str, float], **failed):
+        self.rounds, self.shares, self.failed = list[uv.Scenario](), shares, failed
+        monkeypatch.setattr(module._Pilots, "results", lambda _, *args: self.results(*args))
+
+    def results(self, scenario, number, progress):
+        """Returns the results, of which the last has the failures."""
+        self.rounds.append(scenario)
+        fine = {"error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
+                "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "touched": True,
+                "off_line": 0.4, "starts": 2}
+        available = available_radii(scenario, uv.load_model(scenario))
+        largest = {name: self.shares.get(name, 0.02) * min(most, 10.0)
+                   for name, most in available.items()}
+        return [fine | {"index": i, "use": {
+            name: (0.9 + 0.1 * (i == 1)) * largest[name] / radius
+            for name, radius in radii_by_row(scenario.tube).items()}}
+            | (self.failed if i == number - 1 else {}) for i in range(number)]
+
+
+@pytest.mark.long
+def test_the_command_writes_a_scenario_that_a_certificate_in_probability_takes(
+        monkeypatch, tmp_path, capsys):
+    """Of nu1 0.12 of its limit, so that 0.3 of the limit is between twice and thrice that."""
+    pilots = Drawn(monkeypatch, {"depth": 0.3, "u[3]": 0.2, "nu1": 0.12})
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", REAL, "--runs", "3", "--quiet"]) == 0
+    out = capsys.readouterr().out
+    found = uv.load_scenario(str(tmp_path / f"{REAL}_calibrated.yaml"))
+    assert len(pilots.rounds) == 2
+    assert dump_scenario(replace(pilots.rounds[1], name="")) == dump_scenario(
+        replace(found, name=""))
+    assert found.tube.nu1 == pytest.approx(0.3 * 0.25, rel=0.01)
+    assert found.contact.speed == pytest.approx(0.065 + found.tube.depth_speed, rel=0.01)
+    assert found.mpc.hover == 5.0  # Five time constants of 1 s.
+    assert "50% of the starts had no first plan" in out and re.search(r"u\[3\] +0\.14 ", out)
+    # Again: the file is not overwritten.
+    assert main(["calibrate", REAL, "--runs", "3", "--quiet"]) == 2
+    assert "not there yet" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_a_pilot_run_that_fails_by_more_than_a_radius_ends_it_with_a_line(
+        monkeypatch, tmp_path, capsys):
+    Drawn(monkeypatch, {}, off_line=1.29)
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", REAL, "--runs", "3", "--quiet"]) == 1
+    first, *_ = capsys.readouterr().err.splitlines()
+    assert first.startswith("run 2 pressed off the desired force") and "(1.29 of it)" in first
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.long
+def test_deviations_that_leave_no_tube_are_named_with_their_limit(monkeypatch, tmp_path, capsys):
+    Drawn(monkeypatch, {"qdot": 0.7})
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", REAL, "--runs", "3", "--quiet"]) == 1
+    assert "qdot takes 105% of its limit" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
