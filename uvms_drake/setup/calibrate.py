@@ -51,6 +51,7 @@ from uvms_drake.station.contact.bounds import (
     largest_force,
     largest_margin,
     largest_reading_error,
+    pressing_force,
     sensed_contact,
 )
 from uvms_drake.station.contact.tube_in_contact import force_bounds
@@ -219,7 +220,7 @@ def check_strength(scenario: Scenario, model: ContactModel) -> None:
 
     At rest at the task's posture, in the declared current from any of four headings.
     """
-    wanted = force_to_admit(scenario)
+    wanted = strongest(scenario)
     y_des = np.concatenate([np.asarray(scenario.task.pose), np.asarray(scenario.task.posture)])
     config = model.configuration(y_des)
     at, rest = model.kinematics(config), np.zeros(model.size)
@@ -234,6 +235,11 @@ def check_strength(scenario: Scenario, model: ContactModel) -> None:
     require(short[i] < 0.0, "draws.force", wanted,
             f"less: along {coordinate(i)} a press in the current takes {needed[i]:.3g} "
             f"{unit_of(i)} at rest, {short[i]:.3g} {unit_of(i)} more than there is")
+
+
+def strongest(scenario: Scenario) -> float:
+    """Returns the largest desired force of a drawn run, or of the scenario's own [N]."""
+    return max(force_to_admit(scenario), pressing_force(scenario))
 
 
 def radii_by_row(tube: TubeRadii) -> dict[str, float]:
@@ -272,8 +278,8 @@ def available_radii(scenario: Scenario, model: ContactModel) -> dict[str, float]
         out[name] = min((half / radius for limit in limits.values()
                          for _, radius, half in limit.margins(unit) if 0.0 < radius < np.inf),
                         default=np.inf)
-    depth = largest_margin(scenario, force_to_admit(scenario))
-    require(depth > 0.0, "draws.force", force_to_admit(scenario),
+    depth = largest_margin(scenario, strongest(scenario))
+    require(depth > 0.0, "draws.force", strongest(scenario),
             "less: contact.force and contact.force_error leave no room for a tube")
     return out | {
         "depth": depth, "position": depth / (2.0 * np.sqrt(2.0) * contact.walls.tilt),
@@ -316,7 +322,7 @@ def with_plan(scenario: Scenario, model: ContactModel) -> Scenario:
     Raises:
         InvalidParameter: There is none, no first plan, or no room for the largest force.
     """
-    wanted, most = force_to_admit(scenario), largest_force(scenario)
+    wanted, most = strongest(scenario), largest_force(scenario)
     require(wanted < most, "draws.force", wanted, f"below {most:.3g} N, which depth and position "
             "of the tube leave of contact.force")
     ocp = make_ocp(scenario, model)
