@@ -89,6 +89,25 @@ def test_unknowns_are_drawn_up_to_their_size_where_they_are_declared():
     assert isinstance(more[0].waves[0], Wave) and drawn[0].waves == []
 
 
+def test_errors_by_axis_are_drawn_one_by_one_and_leave_every_other_draw_as_it_is():
+    plain, by_axis = (uv.load_scenario(REAL, more).unknowns for more in ([], [
+        "model_error.vehicle.added_mass=[1.2, 1, 1, 1.5, 1, 1]",
+        "model_error.arm.linear_drag=[1.3]", "model_error.buoyancy_shift=[0.01, 0.02, 0]"]))
+    drawn = [[drawn_unknowns(each, np.random.default_rng(seed)) for seed in range(100)]
+             for each in (plain, by_axis)]
+    assert all(one.error.mass == other.error.mass and np.array_equal(one.current, other.current)
+               for one, other in zip(*drawn, strict=True))
+    factors = np.array([each.error.vehicle.added_mass for each in drawn[1]]) - 1.0
+    assert np.all(np.abs(factors) <= [0.2 + 1e-12, 0, 0, 0.5 + 1e-12, 0, 0])
+    assert abs(np.corrcoef(factors[:, 0], factors[:, 3])[0, 1]) < 0.3
+    corners = [drawn_unknowns(by_axis, np.random.default_rng(seed), 1.0).error for seed in range(9)]
+    assert all(np.allclose(np.abs(each.arm.linear_drag - 1.0), 0.3) for each in corners)
+    shifts = np.array([each.buoyancy_shift for each in corners])
+    np.testing.assert_allclose(np.abs(shifts), np.tile([0.01, 0.02, 0.0], (9, 1)))
+    assert len({tuple(each) for each in np.sign(shifts)}) > 2
+    assert drawn[0][0].error.vehicle is None
+
+
 def test_errors_of_thrusters_are_drawn_one_by_one_and_leave_every_other_draw_as_it_is():
     plain, wrong = ([vary(make_campaign(uv.load_scenario(REAL, more), 1, None), index)
                      for index in range(2)] for more in ([], ["actuation.1.error=[0.1]"]))

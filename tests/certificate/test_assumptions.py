@@ -106,7 +106,9 @@ TOGETHER = ["model_error.mass=1.05", "model_error.drag=0.8", "current=[0.05, -0.
 CASES = {name: [override] for name, override in (
     ("mass", TOGETHER[0]), ("drag", TOGETHER[1]), ("current", TOGETHER[2]),
     ("friction", TOGETHER[3]), ("waves", TOGETHER[4]),
-    ("buoyancy", "model_error.buoyancy_shift=[0.01, 0, 0.005]"))} | {"all": TOGETHER}
+    ("buoyancy", "model_error.buoyancy_shift=[0.01, 0, 0.005]"))} | {
+    "by axis": ["model_error.vehicle.added_mass=[1.1, 1, 1, 1.2, 1, 1]",
+                "model_error.arm.quadratic_drag=[1.5]"], "all": TOGETHER}
 
 
 @pytest.fixture(scope="module")

@@ -12,13 +12,20 @@ from support.runs import simulated
 from support.true_model import model_with_error
 
 import uvms_drake as uv
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.signals.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
+from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.joint_friction import STRIBECK, JointFriction, friction_torque
-from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
+from uvms_drake.plant.model_error import (
+    AxisFactors,
+    ModelError,
+    add_simulated_uvms,
+    scaled_added_mass,
+)
 from uvms_drake.plant.payload import Payload, holding_wrench
 from uvms_drake.station.step_size import friction_rate
 
@@ -76,6 +83,35 @@ def test_drag_is_all_that_changes_with_the_drag(load):
     off = ModelError(drag=1.3)
     np.testing.assert_allclose(force(off, 0.0 * zeta), force(None, 0.0 * zeta), atol=1e-9)
     assert force(off, zeta)[0] > force(None, zeta)[0] + 1.0
+
+
+def test_factors_by_axis_multiply_what_is_of_that_axis_and_one_number_is_all_of_them(load):
+    """In the vehicle's own axes, of one whose arm has no water; the rest stays as it is."""
+    known = load()
+    whole, rows = mass_matrix(known), known.links.drag_linear
+    factors = np.array([1.5, 1.0, 1.0, 2.0, 1.0, 0.5])
+    off = mass_matrix(load(ModelError(vehicle=AxisFactors(added_mass=factors)))) - whole
+    M = np.diag([110.0, 110.0, 110.0, 22.0, 38.0, 32.0])  # Entrained water, and the hull's.
+    hull = read_uvms(ROBOT).hydrodynamics.bodies["vehicle"].added_mass[0].matrix
+    assert off[0, 0] == pytest.approx(0.5 * (M[0, 0] + hull[0, 0]))
+    assert off[0, 1] == pytest.approx(0.25 * hull[0, 1])  # The mean of both factors.
+    assert np.all(off[6:] == 0.0)
+    drag = AxisFactors(linear_drag=np.array([2.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
+    np.testing.assert_allclose(
+        load(ModelError(vehicle=drag)).links.drag_linear[:6], rows[:6] * [2, 1, 1, 1, 1, 1])
+    every = AxisFactors(*np.full((3, 1), 1.2))
+    both = load(ModelError(vehicle=every, arm=every))
+    shorthand = load(ModelError(added_mass=1.2, drag=1.2))
+    np.testing.assert_allclose(mass_matrix(both), mass_matrix(shorthand), atol=1e-9)
+    np.testing.assert_allclose(both.links.drag_quadratic, shorthand.links.drag_quadratic)
+
+
+def test_no_factors_make_an_added_mass_that_no_body_can_have():
+    coupled = np.array([[4.0, 1.99], [1.99, 1.0]])
+    M = np.eye(6)
+    M[:2, :2] = coupled
+    with pytest.raises(InvalidParameter, match="added_mass = .*: must be factors by which"):
+        scaled_added_mass(M, np.array([3.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
 
 
 BALL = Payload(mass=0.7, displaced=0.3, centre=np.array([0.02, -0.03, 0.1]))

@@ -12,7 +12,7 @@ from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.joint_friction import JointFriction
-from uvms_drake.plant.model_error import ModelError
+from uvms_drake.plant.model_error import AxisFactors, ModelError
 from uvms_drake.plant.payload import Payload
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.plant.waves import Wave, water_motion
@@ -27,6 +27,7 @@ from uvms_drake.tube.unmodelled_dynamics import (
     by_robot,
     by_water,
     commanded_rate,
+    family,
     sizes,
     sizes_of,
     tip_acceleration,
@@ -50,9 +51,23 @@ def rate_at(at):
 
 def robot(error: ModelError):
     def load(known) -> UnmodelledTerm:
-        return by_robot(known, model_with_error(GIRONA, UnilateralPlane(), error), rate_at)
+        return by_robot(family(known, []), family(
+            model_with_error(GIRONA, UnilateralPlane(), error), []), rate_at)
 
     return load
+
+
+def by_axis(*errors: ModelError):
+    """Returns the term of errors at their sizes, each of which is an error of its own."""
+    def load(known) -> UnmodelledTerm:
+        ends = [model_with_error(GIRONA, UnilateralPlane(), error) for error in errors]
+        return by_robot(family(known, []), family(known, ends), rate_at)
+
+    return load
+
+
+def axes(**factors) -> ModelError:
+    return ModelError(vehicle=AxisFactors(**{name: np.array(f) for name, f in factors.items()}))
 
 
 class Motion(NamedTuple):
@@ -71,6 +86,8 @@ class Case(NamedTuple):
     error: ModelError | None = None
     water: object = None
     """Of heading and phase: v_c and v̇_c."""
+    errors: int = 0
+    """Number of errors by axis."""
 
 
 def current(heading, phase):
@@ -88,11 +105,15 @@ CASES = {
     "trim": Case(robot(ModelError(buoyancy=0.98)), ModelError(buoyancy=0.98)),
     "payload": Case(robot(ModelError(payload=Payload(mass=0.5))),
                     ModelError(payload=Payload(mass=0.5))),
-    "friction": Case(lambda known: by_forces(known, np.repeat([0.0, 0.5], [6, 4])), ModelError(
+    "by axis": Case(
+        by_axis(axes(added_mass=[1.3, 1, 1, 1, 1, 1]), axes(added_mass=[1, 1, 1, 1.4, 1, 1]),
+                axes(quadratic_drag=[1, 2, 1, 1, 1, 1])),
+        axes(added_mass=[1.3, 1, 1, 1.4, 1, 1], quadratic_drag=[1, 2, 1, 1, 1, 1]), errors=3),
+    "friction": Case(lambda known: by_forces(family(known, []), np.repeat([0.0, 0.5], [6, 4])), ModelError(
         joint_friction=JointFriction(coulomb=np.array([0.5]), creep=1e-6))),
-    "current": Case(lambda known: by_water(known, (0.25, 0.0)), water=current),
+    "current": Case(lambda known: by_water(family(known, []), (0.25, 0.0)), water=current),
     "wave": Case(lambda known: by_water(
-        known, (0.0, 0.0), [(WAVE.speed, WAVE.speed, WAVE.frequency)]), water=wave)}
+        family(known, []), (0.0, 0.0), [(WAVE.speed, WAVE.speed, WAVE.frequency)]), water=wave)}
 
 
 def plant_acceleration(case: Case, known, at, i: int, rate: np.ndarray) -> np.ndarray:
@@ -110,12 +131,12 @@ def plant_acceleration(case: Case, known, at, i: int, rate: np.ndarray) -> np.nd
     return plant.GetOutputPort("acceleration").Eval(context)
 
 
-def some(count: int, model, seed: int, near: np.ndarray | None = None):
+def some(count: int, model, seed: int, near: np.ndarray | None = None, errors: int = 0):
     """Returns random motions, many of them on faces and edges of the set, and their points.
 
     Some of their coordinates are those of a point, if it is given.
     """
-    motions = MotionSet(model, DECLARED)
+    motions = MotionSet(model, DECLARED, [-1.0] * errors)
     rng, (lower, upper) = np.random.default_rng(seed), motions.box
     unit = np.clip(rng.uniform(-0.3, 1.3, (count, len(lower))), 0.0, 1.0)
     points = lower + unit * (upper - lower)
@@ -127,7 +148,9 @@ def some(count: int, model, seed: int, near: np.ndarray | None = None):
 @pytest.mark.parametrize("name", CASES)
 def test_the_plant_does_what_is_said(name, model):
     """Its d is c + As to rounding, whatever s is: ζ̇_c over its bound, or the sign of friction."""
-    case, (at, _) = CASES[name], some(2, model, 1)
+    case = CASES[name]
+    at, _ = some(2, model, 1, errors=case.errors)
+    at = replace(at, errors=np.ones_like(at.errors))
     c, A = case.load(model)(at)
     for i, share in enumerate(np.random.default_rng(2).uniform(-1.0, 1.0, (2, 10))):
         s = -np.sign(at.zeta[i]) if name == "friction" else share[: A.shape[-1]]
@@ -139,15 +162,15 @@ def test_the_plant_does_what_is_said(name, model):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_no_motion_is_beyond_the_claim_and_some_come_close(name, model):
-    load = CASES[name].load(model)
-    motions = MotionSet(model, DECLARED)
+    load, errors = CASES[name].load(model), CASES[name].errors
+    motions = MotionSet(model, DECLARED, [-1.0] * errors)
     function = sizes_of([load], motions, WEIGHTS)
     claim, near = FACTOR * supremum_over_joints(function, *motions.box), None
     again = second_over_joints(function, *motions.box)
     assert np.all(again <= claim)
     assert again[-1] > LEAST_SHARE * claim[-1]
     for seed in range(3, 6):  # Each about the worst of the last one.
-        at, points = some(4000, model, seed, near)
+        at, points = some(4000, model, seed, near, errors)
         found = sizes(load(at), WEIGHTS)
         assert np.all(found <= claim)
         near = points[np.argmax(found[:, -1])]
@@ -174,7 +197,7 @@ def test_the_motion_that_refuted_a_claim_is_in_a_set_only_with_its_tip_pitch(mod
         at = motions.at(point)
         off.append(plant_acceleration(case, model, at, 0, rate))
         # Neither set has a claim below what the plant does in one of its motions.
-        function = sizes_of([by_water(model, (0.1, 0.0))], motions, weights)
+        function = sizes_of([by_water(family(model, []), (0.1, 0.0))], motions, weights)
         claim = FACTOR * supremum_over_joints(function, *motions.box)
         assert np.all(np.abs(off[-1]) <= claim[:-1])
         assert np.linalg.norm(off[-1] / weights) <= claim[-1]

@@ -28,7 +28,7 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.plant.model_error import FACTORS, Unknowns
+from uvms_drake.plant.model_error import BODIES, COEFFICIENTS, FACTORS, AxisFactors, Unknowns
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.problem import first_problem, limits_of, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
@@ -137,7 +137,7 @@ def drawn_unknowns(declared: Unknowns, rng: np.random.Generator, likely: float =
 
     known, current = declared.error, declared.current
     relative = {name: 1.0 + (getattr(known, name) - 1.0) * part() for name in FACTORS}
-    shift, carried = part() * np.asarray(known.buoyancy_shift, dtype=float), abs(part())
+    first, carried = part(), abs(part())
     payload = replace(known.payload, mass=carried * known.payload.mass,
                       displaced=carried * known.payload.displaced)
     toward, along = heading(), part() * float(np.hypot(*current[:2]))
@@ -150,7 +150,14 @@ def drawn_unknowns(declared: Unknowns, rng: np.random.Generator, likely: float =
                            static=stiff * np.asarray(friction.static, dtype=float))
     waves = [replace(wave, amplitude=abs(part()) * wave.amplitude, direction=heading(),
                      phase=heading()) for wave in declared.waves]
-    error = replace(known, **relative, buoyancy_shift=shift, payload=payload,
+    shift = np.asarray(known.buoyancy_shift, dtype=float)
+    if np.any(shift):
+        shift = shift * np.append(first, _parts(rng, likely, 2))
+    by_axis = {body: AxisFactors(**{
+        name: 1.0 + (size - 1.0) * _parts(rng, likely, 6) for name in COEFFICIENTS
+        if np.any((size := known.by_axis(body, name)) != 1.0)})
+        for body in BODIES if getattr(known, body) is not None}
+    error = replace(known, **relative, **by_axis, buoyancy_shift=shift, payload=payload,
                     joint_friction=friction)
     return Unknowns(error, water, waves)
 
@@ -223,6 +230,9 @@ def _sizes(unknowns: Unknowns, of_thrusters: float) -> list[str]:
     error, current = unknowns.error, unknowns.current
     sizes = [f"{name.replace('_', ' ')} {abs(getattr(error, name) - 1.0):.3g}" for name in FACTORS
              if getattr(error, name) != 1.0]
+    sizes += [f"{name.replace('_', ' ')} of the {body} by axis {np.max(size):.3g}"
+              for body in BODIES for name in COEFFICIENTS
+              if np.any(size := np.abs(error.by_axis(body, name) - 1.0))]
     if np.any(error.buoyancy_shift):
         sizes.append(f"centre of buoyancy {np.linalg.norm(error.buoyancy_shift):.3g} m")
     if error.payload.present:

@@ -16,7 +16,7 @@ from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
 from uvms_drake.control.mpc.solver_faults import solver_fault
 from uvms_drake.mission.law import DONE
 from uvms_drake.mission.steps import Hold
-from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.plant.model_error import BODIES, COEFFICIENTS, FACTORS
 from uvms_drake.report.contact_check import desired_force, force_error
 from uvms_drake.report.metrics import WALL_SECONDS, metrics, relative_margins
 from uvms_drake.report.mission import OUTCOMES
@@ -72,6 +72,8 @@ def drawn(scenario: Scenario) -> dict[str, Any]:
         "surface": asdict(scenario.surface),  # type: ignore[call-overload]  # It is a dataclass.
         "eta": scenario.start.eta, "q": scenario.start.q,
         "unknown": {**{name: getattr(error, name) - 1.0 for name in FACTORS},
+                    **{f"{body}.{name}": off for body in BODIES for name in COEFFICIENTS
+                       if np.any(off := error.by_axis(body, name) - 1.0)},
                     "current": float(np.linalg.norm(scenario.current)),
                     "payload": error.payload.mass}}
 

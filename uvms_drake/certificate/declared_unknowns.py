@@ -6,10 +6,11 @@ the sum of these has to fit into the part of `disturbance.bound` that `model_err
 Theorem: tube/theory.md#declared-unknowns.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -17,7 +18,16 @@ from pydrake.multibody.plant import MultibodyPlant
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.plant.model_error import FACTORS, ModelError, Unknowns, add_simulated_uvms
+from uvms_drake.plant.model_error import (
+    BODIES,
+    COEFFICIENTS,
+    FACTORS,
+    LEAST_FACTOR,
+    AxisFactors,
+    ModelError,
+    Unknowns,
+    add_simulated_uvms,
+)
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, rounded_up, setting
 from uvms_drake.tube.estimates import Check, together
@@ -34,6 +44,7 @@ from uvms_drake.tube.unmodelled_dynamics import (
     by_water,
     commanded_rate,
     drift_change,
+    family,
     sizes_of,
     tip_acceleration,
 )
@@ -42,8 +53,6 @@ READING = "sensing/theory.md#reading-of-a-payload"
 THEOREM = "tube/theory.md#declared-unknowns"
 DRIFT, HAND = "change of the drift", "acceleration of the payload"
 """Names of estimates."""
-LEAST_FACTOR = 0.1
-"""Smallest factor of a `ModelError`."""
 RESERVED = 0.95
 """Advised `model_error.share`."""
 LEAST_WEIGHT = 0.01
@@ -101,11 +110,12 @@ class UnmodelledBounds:
         plant.Finalize()
         return UvmsModel(uvms)
 
-    def largest(self, name: str, terms: Sequence[UnmodelledTerm], weights: np.ndarray
-                ) -> UnknownEffect:
+    def largest(self, source: "Source", weights: np.ndarray) -> UnknownEffect:
         """Returns bounds of |dᵢ| and of ‖Ŵ⁻¹d‖₂, estimated, for the diagonal of Ŵ."""
+        name, terms, errors = source
+        motions = MotionSet(self.model, self.basis.declared, errors)
         *each, norm = self._claimed(
-            f"d by {name}", sizes_of(terms, self._motions, weights), self._motions.box)
+            f"d by {name}", sizes_of(terms, motions, weights), motions.box)
         return UnknownEffect(name, tuple(map(float, each)), float(norm))
 
     def _claimed(self, name: str, function: Function, box: tuple[np.ndarray, np.ndarray]
@@ -162,8 +172,8 @@ def unknown_effects(unknowns: Unknowns, bounds: UnmodelledBounds, weights: np.nd
         weights: w (6+n,), see `weights_of`.
     """
     effects = list[UnknownEffect]()
-    for name, terms in declared_sources(unknowns, bounds, effects):
-        effects.append(bounds.largest(name, terms, weights))
+    for source in declared_sources(unknowns, bounds, effects):
+        effects.append(bounds.largest(source, weights))
     return tuple(effects)
 
 
@@ -241,8 +251,19 @@ def payload_condition(declared: float, found: float) -> Condition:
         theorem=READING, topic="model_error")
 
 
+class Source(NamedTuple):
+    """A declared unknown, or several of one kind."""
+
+    name: str
+    """Its name, with its size."""
+    terms: list[UnmodelledTerm]
+    """Its accelerations, for each sign of the errors before it."""
+    errors: list[float]
+    """Smallest errors by axis over their sizes, as of `MotionSet`."""
+
+
 def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[UnknownEffect]
-                     ) -> Iterator[tuple[str, list[UnmodelledTerm]]]:
+                     ) -> Iterator[Source]:
     """Yields the declared unknowns and their terms, for each sign of the robot's errors so far.
 
     Args:
@@ -251,33 +272,43 @@ def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[
         before: Effects of the unknowns so far, to which the caller adds each.
     """
     error = unknowns.error
-    robots: list[tuple[dict[str, Any], UvmsModel]] = [({}, bounds.model)]
+    corners: list[tuple[dict[str, Any], UvmsModel]] = [({}, bounds.model)]
 
     def rate(at: Motions) -> np.ndarray:
         found: np.ndarray = bounds.rate(at) + sum(np.array(each.each) for each in before)
         return found
 
-    # The robot, by one error after the other.
+    # The robot, by one error after the other; an error of each axis of its own.
     for name, changes in _robot_errors(error):
-        pairs = [(base, settings | change) for settings, base in robots for change in changes]
-        robots = [(settings, bounds.true(**settings)) for _, settings in pairs]
-        yield name, [by_robot(base, true, rate)
-                     for (base, _), (_, true) in zip(pairs, robots, strict=True)]
+        pairs = [(base, settings | change) for settings, base in corners for change in changes]
+        corners = [(settings, bounds.true(**settings)) for _, settings in pairs]
+        yield Source(name, [by_robot(family(base, []), family(true, []), rate)
+                            for (base, _), (_, true) in zip(pairs, corners, strict=True)], [])
+    ends, errors = [list[UvmsModel]() for _ in corners], list[float]()
+    robots = [family(model, []) for _, model in corners]
+    for name, axes in _errors_by_axis(error):
+        for i, (settings, _) in enumerate(corners):
+            ends[i] = [*ends[i], *(bounds.true(**settings, **change) for change, _ in axes)]
+        errors = [*errors, *(least for _, least in axes)]
+        known, robots = robots, [family(model, end) for (_, model), end in zip(
+            corners, ends, strict=True)]
+        yield Source(name, [by_robot(base, true, rate)
+                            for base, true in zip(known, robots, strict=True)], errors)
     # Friction and water act on the robot as it is.
     if error.joint_friction.largest > 0.0:
         n = bounds.model.num_joints
         forces = np.concatenate([np.zeros(6), error.joint_friction.torques(n)[1]])
-        yield (f"joint friction of {np.max(forces):g} N m",
-               [by_forces(true, forces) for _, true in robots])
+        yield Source(f"joint friction of {np.max(forces):g} N m",
+                     [by_forces(true, forces) for true in robots], errors)
     current, waves = unknowns.current, unknowns.waves
     if np.any(current) or waves:
         along, down = float(np.hypot(*current[:2])), abs(float(current[2]))
         parts = [f"a current of {np.linalg.norm(current):.3g} m/s"] * bool(np.any(current)) + [
             f"a wave of {wave.amplitude:g} m in {wave.period:g} s" for wave in waves]
         orbits = [(wave.speed, wave.speed, wave.frequency) for wave in waves]
-        yield " and ".join(parts), [
+        yield Source(" and ".join(parts), [
             by_water(true, (along, sign * down), orbits)
-            for _, true in robots for sign in ((1.0, -1.0) if down else (1.0,))]
+            for true in robots for sign in ((1.0, -1.0) if down else (1.0,))], errors)
 
 
 def _robot_errors(error: ModelError) -> Iterator[tuple[str, list[dict[str, Any]]]]:
@@ -287,9 +318,22 @@ def _robot_errors(error: ModelError) -> Iterator[tuple[str, list[dict[str, Any]]
         if size > 0.0:
             yield (f"{name.replace('_', ' ')} off by {size:.3g}",
                    [{name: 1.0 + size}, {name: max(1.0 - size, LEAST_FACTOR)}])
+    if error.payload.present:
+        yield f"payload of {error.payload.mass:g} kg", [{"payload": error.payload}]
+
+
+def _errors_by_axis(error: ModelError) -> Iterator[tuple[str, list[tuple[dict[str, Any], float]]]]:
+    """Yields each kind of error by axis, and by axis its change of a `ModelError` at its size, and
+    its smallest value over that size.
+    """
     shift = np.asarray(error.buoyancy_shift, dtype=float)
     if np.any(shift):
         yield (f"centre of buoyancy off by {1e3 * np.linalg.norm(shift):.3g} mm",
-               [{"buoyancy_shift": shift}, {"buoyancy_shift": -shift}])
-    if error.payload.present:
-        yield f"payload of {error.payload.mass:g} kg", [{"payload": error.payload}]
+               [({"buoyancy_shift": part}, -1.0) for part in np.diag(np.abs(shift)) if part.any()])
+    for body, name in itertools.product(BODIES, COEFFICIENTS):
+        sizes = np.abs(error.by_axis(body, name) - 1.0)
+        if np.any(sizes):
+            yield (f"{name.replace('_', ' ')} of the {body} off by {np.max(sizes):.3g} by axis", [
+                ({body: AxisFactors(**{name: 1.0 + part})},
+                 max(-1.0, (LEAST_FACTOR - 1.0) / float(np.max(part))))
+                for part in np.diag(sizes) if part.any()])

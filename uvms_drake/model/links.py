@@ -9,7 +9,8 @@ frame; both in axes of the frame and in Fossen's order. Everything here is about
 `UvmsModel` joins them to a chain.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -89,6 +90,24 @@ class Links:
         slow on a busy machine.
         """
         return V.reshape(*V.shape[:-2], 1, -1) @ self.drag_points
+
+
+def links_between(base: Links, ends: Sequence[Links], shares: np.ndarray) -> Links:
+    """Returns base + Σ δₖ (endₖ − base) of links that differ in inertia, weight and drag.
+
+    Args:
+        base: Links of a robot.
+        ends: Those of robots of the same geometry (k).
+        shares: δ (..., k); with leading dimensions the result is for stacks of motions.
+    """
+    def mixed(name: str) -> np.ndarray:
+        first: np.ndarray = getattr(base, name)
+        steps = [getattr(end, name) - first for end in ends]
+        return first + np.tensordot(shares, np.array(steps), 1)
+
+    return replace(base, inertia=mixed("inertia"), weight=mixed("weight"),
+                   drag_linear=mixed("drag_linear")[..., None, :],
+                   drag_quadratic=mixed("drag_quadratic")[..., None, :])
 
 
 def read_links(uvms: Uvms) -> Links:

@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
-from uvms_drake.common.constraints import Below, Between, Vector
-from uvms_drake.common.errors import require
+from uvms_drake.common.constraints import Below, Between, Constraint, Vector
+from uvms_drake.common.errors import require, within
 from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
@@ -29,24 +29,54 @@ URDF_INERTIAL = re.compile(r"<(?:mass|inertia)\s[^>]*>")
 URDF_NUMBER = re.compile(r"\b(value|i[xyz][xyz])(\s*=\s*)([\"'])\s*([^\"']*?)\s*\3")
 """Such an attribute."""
 FACTORS = ("mass", "added_mass", "drag", "buoyancy_lever", "buoyancy")
+COEFFICIENTS = ("added_mass", "linear_drag", "quadratic_drag")
+"""Fields of `AxisFactors`."""
+BODIES = ("vehicle", "arm")
+"""Fields of a `ModelError` that are `AxisFactors`."""
+ROUNDED = 1e-6
+"""Negative eigenvalue of an added mass over its largest entry that is taken as rounding."""
+LEAST_FACTOR, LARGEST_FACTOR = 0.1, 10.0
+"""Bounds of factors."""
+Factor = Annotated[float, Between(LEAST_FACTOR, LARGEST_FACTOR)]
+BY_AXIS = Constraint(
+    f"1 number, or 6 of x, y, z, roll, pitch, yaw, from {LEAST_FACTOR} to {LARGEST_FACTOR}",
+    lambda x: np.shape(x) in ((1,), (6,)) and np.all((x >= LEAST_FACTOR) & (x <= LARGEST_FACTOR)))
+ByAxis = Annotated[np.ndarray, BY_AXIS]
+
+
+@dataclass
+class AxisFactors:
+    """Factors of the water's coefficients by axis of a body, (6,) or (1,) for all axes."""
+
+    added_mass: ByAxis = field(default_factory=lambda: np.ones(1))
+    """Factors of added masses; an entry between two axes has the mean of theirs."""
+    linear_drag: ByAxis = field(default_factory=lambda: np.ones(1))
+    """Factors of the coefficients of linear drag."""
+    quadratic_drag: ByAxis = field(default_factory=lambda: np.ones(1))
+    """Factors of the coefficients of quadratic drag."""
 
 
 @dataclass
 class ModelError:
     """Difference of the simulated robot from the controller's model; factors are 1 without."""
 
-    mass: Annotated[float, Between(0.1, 10)] = 1.0
+    mass: Factor = 1.0
     """Factor of masses, inertias and displaced volumes: a robot is trimmed before it dives."""
-    added_mass: Annotated[float, Between(0.1, 10)] = 1.0
+    added_mass: Factor = 1.0
     """Factor of the added masses."""
-    drag: Annotated[float, Between(0.1, 10)] = 1.0
+    drag: Factor = 1.0
     """Factor of the drag coefficients."""
-    buoyancy_lever: Annotated[float, Between(0.1, 10)] = 1.0
+    buoyancy_lever: Factor = 1.0
     """Factor of each body's distance from the centre of mass to that of buoyancy."""
-    buoyancy: Annotated[float, Between(0.1, 10)] = 1.0
+    buoyancy: Factor = 1.0
     """Factor of the displaced volumes alone: a robot that is not trimmed."""
     buoyancy_shift: Annotated[np.ndarray, Vector(3)] = field(default_factory=lambda: np.zeros(3))
-    """Displacement of the vehicle's centre of buoyancy, in its axes [m]."""
+    """Displacement of the vehicle's centre of buoyancy, in its axes [m]; as an unknown, each
+    component is of either sign."""
+    vehicle: AxisFactors | None = None
+    """Factors by axis of the body `vehicle`, in addition to those of all bodies."""
+    arm: AxisFactors | None = None
+    """The same of all other bodies, each in its own axes."""
     payload: Payload = field(default_factory=Payload)
     """Payload in the hand."""
     joint_friction: JointFriction = field(default_factory=JointFriction)
@@ -55,10 +85,17 @@ class ModelError:
     """Fraction of d̃ reserved for the effect of the error, of a current and of waves, not for the
     disturbance."""
 
+    def by_axis(self, body: str, name: str) -> np.ndarray:
+        """Returns the factors (6,) of one of `BODIES` and one of `COEFFICIENTS`."""
+        factors = getattr(self, body) or AxisFactors()
+        return np.broadcast_to(np.asarray(getattr(factors, name), dtype=float), 6)
+
     @property
     def size(self) -> float:
         """Largest error, relative or in its own unit; zero if there is none."""
         return max(*(abs(getattr(self, name) - 1.0) for name in FACTORS),
+                   *(float(np.max(np.abs(self.by_axis(body, name) - 1.0)))
+                     for body in BODIES for name in COEFFICIENTS),
                    float(np.max(np.abs(self.buoyancy_shift))), self.payload.mass,
                    self.payload.displaced, self.joint_friction.largest)
 
@@ -125,10 +162,12 @@ def scaled_urdf(urdf: str, factor: float) -> str:
 
 def scaled_hydrodynamics(uvms: Uvms, error: ModelError) -> HydrodynamicParameters:
     """Returns the true parameters of the water; `uvms` has the controller's."""
-    plant, parameters = uvms.plant, uvms.hydrodynamics
-    bodies = {name: _scaled(body, error,
-                            plant.GetBodyByName(name, uvms.model_instance).default_com())
-              for name, body in parameters.bodies.items()}
+    plant, parameters, bodies = uvms.plant, uvms.hydrodynamics, {}
+    for name, body in parameters.bodies.items():
+        part = "vehicle" if name == uvms.vehicle.name() else "arm"
+        com = plant.GetBodyByName(name, uvms.model_instance).default_com()
+        with within(f"model_error.{part}"):
+            bodies[name] = _scaled(body, error, part, com)
     vehicle = uvms.vehicle.name()
     if vehicle in bodies:
         bodies[vehicle] = replace(bodies[vehicle], center_of_buoyancy=(
@@ -136,16 +175,35 @@ def scaled_hydrodynamics(uvms: Uvms, error: ModelError) -> HydrodynamicParameter
     return replace(parameters, bodies=bodies)
 
 
-def _scaled(body: BodyHydrodynamics, error: ModelError, com: np.ndarray) -> BodyHydrodynamics:
+def _scaled(body: BodyHydrodynamics, error: ModelError, part: str, com: np.ndarray
+            ) -> BodyHydrodynamics:
     lever = np.asarray(body.center_of_buoyancy, dtype=float) - com
+    added, linear, quadratic = (error.by_axis(part, name) for name in COEFFICIENTS)
     return replace(
         body, displaced_volume=error.buoyancy * error.mass * body.displaced_volume,
         center_of_buoyancy=com + error.buoyancy_lever * lever,
-        added_mass=[replace(item, matrix=error.added_mass * np.asarray(item.matrix, dtype=float))
-                    for item in body.added_mass],
-        drag=[replace(item, linear=error.drag * np.asarray(item.linear, dtype=float),
-                      quadratic=error.drag * np.asarray(item.quadratic, dtype=float))
+        added_mass=[replace(item, matrix=error.added_mass * scaled_added_mass(
+            item.matrix, added)) for item in body.added_mass],
+        drag=[replace(item, linear=error.drag * linear * np.asarray(item.linear, dtype=float),
+                      quadratic=error.drag * quadratic * np.asarray(item.quadratic, dtype=float))
               for item in body.drag])
+
+
+def scaled_added_mass(matrix: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """Returns ½(FM + MF), F = diag(factors), for M (6, 6) or its diagonal (6,).
+
+    It is linear in the factors, and its diagonal is F times that of M.
+
+    Raises:
+        InvalidParameter: No body has such an added mass, by entries between axes.
+    """
+    M = np.asarray(matrix, dtype=float)
+    if M.ndim == 1:
+        return factors * M
+    out: np.ndarray = 0.5 * (factors[:, None] + factors) * M
+    require(bool(np.linalg.eigvalsh(out)[0] >= -ROUNDED * np.max(np.abs(M))), "added_mass",
+            factors, "factors by which the matrix stays positive semidefinite: nearer to another")
+    return out
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.frames.spatial import cross, times
+from uvms_drake.model.links import links_between
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 from uvms_drake.tube.search.constraint_set import BISECTIONS, ConstraintSet, pulled
 from uvms_drake.tube.search.joint_search import Function
@@ -49,12 +50,14 @@ class Motions:
     """Direction of the water's motion, from x of Σ_I about z (m,) [rad]."""
     phase: np.ndarray
     """Phase of a wave (m,) [rad]."""
+    errors: np.ndarray
+    """Errors of the robot over their sizes (m, k), at most 1."""
     kinematics: Kinematics
     """Kinematics at 𝔮."""
 
 
 class MotionSet:
-    """Motions of a declared set, as points of a box: (φ, θ, ψ, q), ζ, heading, phase (11+2n,).
+    """Motions of a declared set, as points of a box: (φ, θ, ψ, q), ζ, heading, phase, errors.
 
     Poses that are off in tip pitch or tool angle are moved towards one that is far from these
     limits, ζ is projected on its balls: every point is a motion of the set, and every motion of the
@@ -63,21 +66,23 @@ class MotionSet:
     Args:
         model: The robot.
         declared: The set.
+        errors: Smallest errors of the robot over their sizes (k,), which are at most 1.
 
     Attributes:
         model: The robot.
         declared: The set.
-        box: Bounds of the points.
+        box: Bounds of the points (11+2n+k,).
     """
 
-    def __init__(self, model: UvmsModel, declared: ConstraintSet):
+    def __init__(self, model: UvmsModel, declared: ConstraintSet, errors: Sequence[float] = ()):
         self.model, self.declared = model, declared
         self._centre, (lower, upper) = declared.centre(model), declared.box
         free = np.concatenate([np.ones(model.size), [np.pi, np.pi]])
-        self.box = np.concatenate([lower, -free]), np.concatenate([upper, free])
+        self.box = (np.concatenate([lower, -free, errors]),
+                    np.concatenate([upper, free, np.ones(len(errors))]))
 
     def at(self, points: np.ndarray) -> Motions:
-        """Returns the motions of points (m, 11+2n)."""
+        """Returns the motions of points (m, 11+2n+k)."""
         model, declared, pose = self.model, self.declared, self.model.size - 3
         config = np.zeros((len(points), model.size))
         config[:, 3:] = pulled(lambda x: declared.keeps_attitude(model, x), points[:, :pose],
@@ -87,7 +92,9 @@ class MotionSet:
             radius * block / np.maximum(np.linalg.norm(block, axis=1, keepdims=True), 1.0)
             for block, radius in zip(
                 blocks, (declared.nu1, declared.nu2, declared.qdot), strict=True)], axis=1)
-        return Motions(config, zeta, points[:, -2], points[:, -1], model.kinematics(config))
+        heading, phase, *_ = points[:, pose + model.size:].T
+        return Motions(config, zeta, heading, phase, points[:, pose + model.size + 2:],
+                       model.kinematics(config))
 
 
 Affine = tuple[np.ndarray, np.ndarray]
@@ -96,6 +103,8 @@ UnmodelledTerm = Callable[[Motions], Affine]
 """Unmodelled acceleration as a function of motions."""
 Rate = Callable[[Motions], np.ndarray]
 """Bounds of |ζ̇₀| (m, 6+n) as a function of motions."""
+Family = Callable[[Motions], UvmsModel]
+"""Robot for each of the motions, by their errors."""
 
 
 class ForceChange(NamedTuple):
@@ -167,11 +176,24 @@ def drift_change(motions: MotionSet, radii: np.ndarray
     return values, (np.append(lower, -one), np.append(upper, one))
 
 
-def by_robot(known: UvmsModel, true: UvmsModel, rate: Rate) -> UnmodelledTerm:
+def family(base: UvmsModel, ends: Sequence[UvmsModel]) -> Family:
+    """Returns the robots between one and those with each error at its size, see `links_between`."""
+    links = [end.links for end in ends]
+
+    def robots(at: Motions) -> UvmsModel:
+        out = copy.copy(base)
+        out.links = links_between(base.links, links, at.errors[:, :len(links)])
+        return out
+
+    return robots if ends else lambda at: base
+
+
+def by_robot(known: Family, true: Family, rate: Rate) -> UnmodelledTerm:
     """Returns (1) of a true robot that differs from the model."""
     def error(at: Motions) -> Affine:
-        M, M_true = (model.mass_matrix(at.kinematics) for model in (known, true))
-        b, b_true = (_bias(model, at.kinematics, at.zeta) for model in (known, true))
+        robots = known(at), true(at)
+        M, M_true = (model.mass_matrix(at.kinematics) for model in robots)
+        b, b_true = (_bias(model, at.kinematics, at.zeta) for model in robots)
         inverse = np.linalg.inv(M_true)
         return (times(inverse, b - b_true),
                 inverse @ (M - M_true) * rate(at)[..., None, :])
@@ -179,26 +201,26 @@ def by_robot(known: UvmsModel, true: UvmsModel, rate: Rate) -> UnmodelledTerm:
     return error
 
 
-def by_forces(model: UvmsModel, forces: np.ndarray) -> UnmodelledTerm:
+def by_forces(robots: Family, forces: np.ndarray) -> UnmodelledTerm:
     """Returns M⁻¹τ_f of generalised forces of either sign, |τ_f| ≤ `forces` (6+n,)."""
     def error(at: Motions) -> Affine:
-        return np.zeros_like(at.zeta), np.linalg.inv(model.mass_matrix(at.kinematics)) * forces
+        M = robots(at).mass_matrix(at.kinematics)
+        return np.zeros_like(at.zeta), np.linalg.inv(M) * forces
 
     return error
 
 
-def by_water(model: UvmsModel, current: tuple[float, float],
+def by_water(robots: Family, current: tuple[float, float],
              waves: Sequence[tuple[float, float, float]] = ()) -> UnmodelledTerm:
     """Returns (2) of a current with waves, as of `plant.waves`, along one heading and in phase.
 
     Args:
-        model: The robot.
+        robots: The robot.
         current: Horizontal and vertical speed [m/s].
         waves: Amplitudes of the horizontal and vertical speed [m/s], and ω [rad/s], of each.
     """
-    weights = [_with_gravity(model, axis) for axis in np.eye(3)]
-
     def error(at: Motions) -> Affine:
+        model = robots(at)
         e = np.stack([np.cos(at.heading), np.sin(at.heading), np.zeros_like(at.heading)], axis=1)
         e_z, (c, s) = np.array([0.0, 0.0, 1.0]), (
             f(at.phase)[:, None] for f in (np.cos, np.sin))
@@ -214,8 +236,8 @@ def by_water(model: UvmsModel, current: tuple[float, float],
         b = _bias(model, at.kinematics, at.zeta) - _bias(model, at.kinematics, relative)
         if waves:
             # −τ of weight and buoyancy is linear in g.
-            b += sum(_bias(each, at.kinematics, none) * a[:, None]
-                     for each, a in zip(weights, acceleration.T, strict=True))
+            b += sum(_bias(_with_gravity(model, axis), at.kinematics, none) * a[:, None]
+                     for axis, a in zip(np.eye(3), acceleration.T, strict=True))
         out = np.linalg.solve(model.mass_matrix(at.kinematics), b[..., None])[..., 0]
         out[:, :3] += times(R, acceleration) - cross(at.zeta[:, 3:6], v)
         return out, np.zeros((*out.shape, 1))
