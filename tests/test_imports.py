@@ -23,7 +23,7 @@ ROOMS = (
     ("station",),
     ("certificate",),
     ("report", "loop"),
-    ("campaign",),
+    ("campaign", "identify"),
     ("setup", "benchmark"),
     ("papers",),
     ("command",),

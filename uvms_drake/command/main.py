@@ -20,6 +20,7 @@ from uvms_drake.command.benchmark import add_benchmark
 from uvms_drake.command.campaign import add_calibrate, add_campaign
 from uvms_drake.command.certify import add_certify
 from uvms_drake.command.compare import add_compare
+from uvms_drake.command.identify import add_identify
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.keys import add_keys
 from uvms_drake.command.paper import add_errata
@@ -92,6 +93,6 @@ def make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
     for add in (add_run, add_plot, add_compare, add_certify, add_benchmark,
                 add_calibrate, add_campaign, add_errata,
-                add_scenarios, add_keys, add_robot, add_scenario):
+                add_scenarios, add_keys, add_robot, add_identify, add_scenario):
         add(commands)
     return parser

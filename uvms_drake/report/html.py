@@ -98,7 +98,7 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
     """
     scenario, summary = record.scenario, summary or summarise(record, certificate)
     captions = CAPTIONS | (SENSED_CAPTIONS if ESTIMATE in record.signals else {})
-    drawn = {path.name: _figure(path, captions.get(path.name)) for path in figures}
+    drawn = {path.name: embedded(path, captions.get(path.name)) for path in figures}
     verdict, sound = summary["verdict"], certificate and not summary["verdict"]["status"]
     about = [] if not isinstance(certificate, Certificate) else [
         *scope(certificate), *([certificate.force_sentence] if sound else [])]
@@ -132,7 +132,8 @@ def _certificate(certificate: AnyCertificate | None, scenario: Scenario, verdict
             f"<pre>{html.escape(str(certificate))}</pre></details>")
 
 
-def _figure(path: Path, caption: str | None) -> str:
+def embedded(path: Path, caption: str | None) -> str:
+    """Returns a PNG file as a figure of a page."""
     data = base64.b64encode(path.read_bytes()).decode()
     caption = html.escape(caption or path.stem.replace("_", " "))
     wide = ' class="wide"' if path.name in WIDE else ""

@@ -1,0 +1,1 @@
+"""Identification of a robot's hydrodynamic parameters from its logs."""

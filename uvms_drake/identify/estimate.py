@@ -1,0 +1,255 @@
+"""Parameters by Gauss and Newton's method on windows, and their intervals by windows.
+
+With residual r of the outputs over their noise, A = ∂x/∂θ and B = ∂x/∂(own parameters) of window w,
+the own parameters, of known spread Λ⁻¹, are eliminated:
+
+    H_w = AᵀA − AᵀB(BᵀB + Λ)⁻¹BᵀA,   g_w = Aᵀr − AᵀB(BᵀB + Λ)⁻¹(Bᵀr − Λ(own − its mean)).       (1)
+
+A step solves min ½δᵀHδ − gᵀδ with factors and added masses that a body can have. Errors within a
+window are correlated, those of different windows are taken as independent: with R windows
+
+    cov θ = R/(R − P) H⁻¹ (Σ g_w g_wᵀ) H⁻¹,   θ ± t_{R−1} σ.                                     (2)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.progress import Progress, part_of, silent
+from uvms_drake.identify.log import GRID, STATE, gravity_in_body
+from uvms_drake.identify.output_error import OWN, STEP, simulated
+from uvms_drake.identify.parameters import Parameter
+from uvms_drake.identify.windows import INSTANTS, Windows
+from uvms_drake.model.frames.spatial import times
+
+NOISE = np.array([0.005, 0.005, 0.01, 0.02, 0.02, 0.02, 0.01, 0.01, 0.01])
+"""Errors of x at first [rad, m, m/s, rad/s]; then those that are left, at least `LEAST_NOISE`."""
+LEAST_NOISE = 0.02 * NOISE
+UNSEEN = np.array([1.0, 1.0, 1e-6, 0.03, 0.03, 0.03, 0.05, 0.05, 0.05])
+"""Standard deviation of a part of x₀ about zero that was not measured [rad, m, m/s, rad/s]."""
+INDEPENDENT = 0.5
+"""Time after which an error of the outputs is taken as another one [s]."""
+TILT, PUSH, CLOCK = np.deg2rad(0.5), 0.01, 0.1
+"""Spread of a window's constant wrench: moments that tilt the vehicle so [rad], forces that
+accelerate it so [m/s²]; and of its clock [s]."""
+ITERATIONS, CONVERGED, LARGEST_STEP = 12, 0.01, 0.5
+"""Most steps; step over the standard deviation at which it ends; and largest step over a
+parameter's scale."""
+HALVINGS = 4
+"""Most halvings of a step that does not lessen the cost."""
+
+
+class Own(NamedTuple):
+    """Mean and spread of the windows' own parameters."""
+
+    mean: np.ndarray
+    """(W, 16)."""
+    spread: np.ndarray
+    """Standard deviations (W, 16)."""
+
+
+class Quadratic(NamedTuple):
+    """H and g of each window, and its cost, at the parameters."""
+
+    H: np.ndarray
+    """(W, P, P)."""
+    g: np.ndarray
+    """(W, P)."""
+    cost: np.ndarray
+    """½ Σ r² (W,)."""
+    step: np.ndarray
+    """Step of the own parameters without one of the others (W, 16)."""
+    gain: np.ndarray
+    """Its derivative by a step of the others (W, 16, P)."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated parameters of windows."""
+
+    theta: np.ndarray
+    """Errors θ of the file (P,)."""
+    own: np.ndarray
+    """Own parameters of the windows (W, 16)."""
+    noise: np.ndarray
+    """Errors of x that are left (9,)."""
+    quadratic: Quadratic
+    """At the end."""
+    prior: np.ndarray
+    """Inverse variances of θ before any log (P,)."""
+
+    def covariance(self, which: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Returns (2) of some of the windows (P, P)."""
+        g, inverse = self.quadratic.g[which], np.linalg.inv(self._information(which))
+        g = g - np.mean(g, axis=0)
+        R, P = g.shape
+        out: np.ndarray = R / max(R - P, 1) * inverse @ (g.T @ g) @ inverse
+        return out
+
+    def of(self, which: np.ndarray) -> np.ndarray:
+        """Returns θ (P,) of some of the windows: one step from that of all."""
+        step = np.linalg.solve(self._information(which), np.sum(self.quadratic.g[which], axis=0)
+                               - self.prior * self.theta)
+        return self.theta + step
+
+    def known_by_prior(self) -> np.ndarray:
+        """Returns the standard deviations of θ over those before any log (P,), at most 1."""
+        return np.sqrt(np.diag(np.linalg.inv(self._information(slice(None)))) * self.prior)
+
+    def _information(self, which: np.ndarray | slice) -> np.ndarray:
+        return np.sum(self.quadratic.H[which], axis=0) + np.diag(self.prior)
+
+
+def hydrostatics(windows: Windows, parameters: Sequence[Parameter]) -> np.ndarray:
+    """Returns θ (P,) by the samples at rest: a linear least-squares fit of the static balance.
+
+    Parameters without an effect at rest stay zero, as all do without a rest.
+    """
+    at = np.flatnonzero(windows.resting)
+    theta = np.zeros(len(parameters))
+    if len(at) == 0:
+        return theta
+    dynamics, g_B = windows.dynamics.at(at), gravity_in_body(windows.state[at])
+    still = np.zeros((len(at), 6))
+    Y = dynamics.regressor(still, still, g_B)
+    left = windows.wrench[at] - dynamics.force(still[:, None], g_B[:, None])[:, 0]
+    scale = np.array([each.scale for each in parameters])
+    A = np.moveaxis(Y, 1, 2).reshape(-1, len(parameters)) * scale
+    # One sample in a second counts, with errors as of a tilt; what is not seen stays at zero.
+    size = TILT * _stiffness(windows) / np.sqrt(GRID)
+    normal = A.T @ A + size**2 * np.eye(len(scale))
+    theta = scale * np.linalg.solve(normal, A.T @ left.ravel())
+    return theta
+
+
+def _stiffness(windows: Windows) -> float:
+    """Returns the moment over a small tilt [N m/rad], a mean of roll and pitch."""
+    G = np.mean(windows.dynamics.composite.weight, axis=0)
+    down = gravity_in_body(np.zeros(9))
+    turned = np.column_stack([np.cross(down, axis) for axis in np.eye(3)[:2]])
+    return float(np.mean(np.abs(np.diag(G[3:5] @ turned))))
+
+
+def own_of(windows: Windows, noise: np.ndarray) -> Own:
+    """Returns mean and spread of the windows' own parameters before they are simulated."""
+    first = windows.state[windows.start]
+    mean, seen = np.zeros((len(first), OWN)), np.isfinite(first)
+    mean[:, :len(STATE)] = np.where(seen, first, 0.0)
+    inertia = np.mean(windows.dynamics.composite.inertia, axis=0)
+    force, moment = PUSH * np.mean(np.diag(inertia)[:3]), TILT * _stiffness(windows)
+    spread = np.tile(np.concatenate(
+        [np.zeros(len(STATE)), np.repeat([force, moment], 3), [CLOCK]]), (len(first), 1))
+    spread[:, :len(STATE)] = np.where(seen, 3.0 * noise, UNSEEN)
+    return Own(mean, spread)
+
+
+def residuals(windows: Windows, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Returns r (W, K, 9) of motions x over their noise; zero where nothing was measured."""
+    return np.nan_to_num((windows.measured() - x) / noise) * np.sqrt(STEP * GRID / INDEPENDENT)
+
+
+def quadratic_of(windows: Windows, theta: np.ndarray, own: np.ndarray, about: Own,
+                 noise: np.ndarray, progress: Progress = silent) -> tuple[Quadratic, np.ndarray]:
+    """Returns (1) of each window, and its simulated motion (W, K, 9)."""
+    moved, parts, states = windows.dynamics.with_parameters(theta), [], []
+    blocks = np.array_split(np.arange(len(windows.start)), -(-len(windows.start) // 60))
+    for i, block in enumerate(blocks):
+        progress("simulation of windows", i / len(blocks))
+        some = windows.of(block)
+        motion = simulated(moved, windows.wrench, some.start, INSTANTS, own[block])
+        r = residuals(some, motion.state, noise)
+        S = motion.sensitivity / noise[:, None] * np.sqrt(STEP * GRID / INDEPENDENT)
+        S = np.where(np.isfinite(some.measured())[..., None], S, 0.0).reshape(
+            len(block), -1, S.shape[-1])
+        A, B = S[..., :len(theta)], S[..., len(theta):]
+        weight = 1.0 / about.spread[block] ** 2
+        off, flat = own[block] - about.mean[block], r.reshape(len(block), -1, 1)
+        B_T = B.swapaxes(1, 2)
+        inner = B_T @ B + np.eye(OWN) * weight[:, None]
+        g_own = B_T @ flat - (weight * off)[..., None]
+        solved = np.linalg.solve(inner, np.concatenate([g_own, B_T @ A], axis=-1))
+        A_T, cross = A.swapaxes(1, 2), A.swapaxes(1, 2) @ B
+        parts.append(Quadratic(
+            A_T @ A - cross @ solved[..., 1:],
+            times(A_T, flat[..., 0]) - times(cross, solved[..., 0]),
+            0.5 * np.sum(r**2, axis=(1, 2)) + 0.5 * np.sum(weight * off**2, axis=1),
+            solved[..., 0], -solved[..., 1:]))
+        states.append(motion.state)
+    return Quadratic(*(np.concatenate(each) for each in zip(*parts, strict=True))), (
+        np.concatenate(states))
+
+
+def constrained_step(H: np.ndarray, g: np.ndarray, theta: np.ndarray,
+                     parameters: Sequence[Parameter]) -> np.ndarray:
+    """Returns the δ (P,) of min ½δᵀHδ − gᵀδ with θ + δ within the bounds, and δ not too large."""
+    scale = np.array([each.scale for each in parameters])
+    lower, upper = np.array([each.bounds for each in parameters]).T
+    program = MathematicalProgram()
+    z = program.NewContinuousVariables(len(theta))  # δ over its scale
+    Q = H * np.outer(scale, scale)
+    program.AddQuadraticCost(0.5 * (Q + Q.T), -g * scale, z, is_convex=True)
+    program.AddBoundingBoxConstraint(
+        np.maximum((lower - theta) / scale, -LARGEST_STEP),
+        np.minimum((upper - theta) / scale, LARGEST_STEP), z)
+    result = ClarabelSolver().Solve(program)
+    if not result.is_success():
+        raise RunFailed(f"identify: the least-squares program has no solution "
+                        f"({result.get_solution_result().name})")
+    return scale * result.GetSolution(z)
+
+
+def estimated(windows: Windows, parameters: Sequence[Parameter], theta: np.ndarray,
+              progress: Progress = silent, own: np.ndarray | None = None) -> Estimate:
+    """Returns the parameters of windows, from θ (P,) on.
+
+    Args:
+        windows: The windows, with the effects of the parameters.
+        parameters: The parameters.
+        theta: Their errors at first (P,).
+        progress: Receives the stages.
+        own: Own parameters of the windows at first (W, 16); None: their means.
+    """
+    noise, prior = NOISE, np.array([each.scale for each in parameters]) ** -2.0
+    about = own_of(windows, noise)
+    own = about.mean if own is None else own
+    for iteration in range(ITERATIONS):
+        found, x = quadratic_of(windows, theta, own, about, noise, part_of(
+            progress, iteration / ITERATIONS, (iteration + 1) / ITERATIONS))
+        total = float(np.sum(found.cost) + 0.5 * np.sum(prior * theta**2))
+        H, g = np.sum(found.H, axis=0) + np.diag(prior), np.sum(found.g, axis=0) - prior * theta
+        step = constrained_step(H, g, theta, parameters)
+        if iteration and np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(np.linalg.inv(H)))):
+            break
+        for _ in range(HALVINGS):
+            new, new_own = theta + step, own + found.step + times(found.gain, step)
+            moved = simulated(windows.dynamics.with_parameters(new), windows.wrench,
+                              windows.start, INSTANTS, new_own, sensitive=False).state
+            off = (new_own - about.mean) / about.spread
+            if np.all(np.isfinite(moved)) and 0.5 * (
+                    np.sum(residuals(windows, moved, noise)**2) + np.sum(off**2)
+                    + np.sum(prior * new**2)) < total * (1.0 + 1e-6):
+                break
+            step = 0.5 * step
+            found = found._replace(step=0.5 * found.step)
+        theta, own, x = new, new_own, moved
+        left = (windows.measured() - x).reshape(-1, len(STATE))
+        seen = np.any(np.isfinite(left), axis=0)
+        noise = np.where(seen, np.maximum(np.sqrt(np.nanmean(
+            np.where(seen, left, 0.0)**2, axis=0)), LEAST_NOISE), NOISE)
+        about = own_of(windows, noise)
+    return Estimate(theta, own, noise, found, prior)
+
+
+def student(confidence: float, degrees: int) -> float:
+    """Returns the t of ±t that a variable of Student's distribution is within, with `confidence`.
+
+    By the expansion of Cornish and Fisher, right to 0.3 % from 5 degrees of freedom on.
+    """
+    z, v = NormalDist().inv_cdf(0.5 + 0.5 * confidence), float(degrees)
+    return z + (z**3 + z) / (4 * v) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * v**2) + (
+        3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * v**3)

@@ -1,0 +1,280 @@
+"""From logs to parameters: rest, windows, estimate, refusals, held-out prediction, residual."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.progress import Progress, part_of, silent
+from uvms_drake.identify.checks import LATEST, clock_shift, complaint
+from uvms_drake.identify.estimate import (
+    NOISE,
+    Estimate,
+    estimated,
+    hydrostatics,
+    own_of,
+    quadratic_of,
+    student,
+)
+from uvms_drake.identify.log import GRID, STATE, Log, gravity_in_body
+from uvms_drake.identify.output_error import OWN, STEP, simulated
+from uvms_drake.identify.parameters import Parameter, error_of, parameters_of
+from uvms_drake.identify.windows import INSTANTS, WINDOW, Windows, windows_of
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.links import Links
+from uvms_drake.model.robot import Robot
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.model_error import ModelError
+
+LEAST_WINDOWS = 12
+"""Smallest number of windows."""
+UNINFORMED = 0.5
+"""Ratio of a parameter's standard deviation to that before any log from which on it is unknown."""
+LARGEST_ERROR = 0.5
+"""Largest half-width of an interval over the value; over the scale of a place or volume."""
+BUMPED = 15.0
+"""Ratio of a window's cost to the median from which on it is left out."""
+ROUNDS = 4
+"""Most rounds in which parameters are left out."""
+
+
+class Result(NamedTuple):
+    """A parameter and its interval."""
+
+    parameter: Parameter
+    """The parameter."""
+    theta: float
+    """Error θ of the file; zero if it was not identified."""
+    half: float
+    """Half-width of the interval of θ; inf if it was not identified."""
+    why: str
+    """Reason that it was not identified; empty if it was."""
+
+    @property
+    def value(self) -> float:
+        """Its value, in its unit."""
+        return self.parameter.value_at(self.theta)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the interval, in its unit."""
+        return (self.parameter.value_at(self.theta - self.half),
+                self.parameter.value_at(self.theta + self.half))
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The parameters of a robot by its logs."""
+
+    robot: Robot
+    """The robot by its file."""
+    confidence: float
+    """Of each interval."""
+    results: tuple[Result, ...]
+    """All parameters that the file has."""
+    windows: Windows
+    """The windows that were used."""
+    estimate: Estimate
+    """The last estimate."""
+    fitted: tuple[Parameter, ...]
+    """Its parameters."""
+    held_out: np.ndarray
+    """Error of a prediction of x from its measured value at the beginning of windows, with the
+    parameters of the other half (W, K, 9); nan where nothing was measured."""
+    residual: np.ndarray
+    """d = ν̇ − f (W, K, 6) [m/s², rad/s²]; nan where ν̇ was not measured."""
+    refused: tuple[str, ...]
+    """What was not used, a line each."""
+
+    @property
+    def identified(self) -> tuple[Result, ...]:
+        """The parameters that were identified."""
+        return tuple(each for each in self.results if not each.why)
+
+    @property
+    def error(self) -> ModelError:
+        """The errors of the file that were identified."""
+        return error_of({each.parameter.name: each.theta for each in self.identified})
+
+    @property
+    def unknowns(self) -> ModelError:
+        """The half-widths of the intervals as errors of the identified robot."""
+        return error_of({each.parameter.name: each.half / (
+            1.0 + each.theta if each.parameter.relative else 1.0) for each in self.identified})
+
+    @property
+    def excitation(self) -> dict[str, float]:
+        """The largest ‖ν₁‖, ‖ν₂‖, ‖ν̇₁‖, ‖ν̇₂‖ and ‖q̇‖ of the logs that were used."""
+        def largest(rows: list[np.ndarray]) -> float:
+            sizes = np.linalg.norm(np.concatenate(rows), axis=1)
+            return float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
+
+        logs = self.windows.logs
+        return {"nu1": largest([log.state[log.known, 3:6] for log in logs]),
+                "nu2": largest([log.state[log.known, 6:] for log in logs]),
+                "nu1_dot": largest([log.rate[log.known, 3:6] for log in logs]),
+                "nu2_dot": largest([log.rate[log.known, 6:] for log in logs]),
+                "qdot": largest([log.q_dot[log.known] for log in logs])}
+
+
+def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
+             progress: Progress = silent) -> Identification:
+    """Returns the hydrodynamic parameters of a robot by its logs, with intervals.
+
+    Args:
+        model: Name or folder of a robot.
+        logs: The logs, as of `readers.read_log`.
+        confidence: Of each interval.
+        progress: Receives the stages.
+
+    Raises:
+        InvalidParameter: No log can be used, or they have too few windows.
+    """
+    require(0.5 <= confidence < 1.0, "--confidence", confidence, "at least 0.5, and less than 1")
+    robot = Robot.load(model) if isinstance(model, str) else model
+    base, parameters = parameters_of(robot)
+    complaints = {log.name: complaint(log) for log in logs}
+    refused = [f"{name}: {why}" for name, why in complaints.items() if why]
+    sound = [log for log in logs if not complaints[log.name]]
+    windows = _enough(sound, UvmsModel(robot.uvms), base, parameters, refused)
+    if not np.any(windows.resting):
+        refused.append("no rest: the hydrostatics are from motion alone")
+    theta = hydrostatics(windows, parameters)
+
+    # Logs whose clock is off.
+    late = {log.name: shift for i, log in enumerate(sound) if (
+        shift := _clock(windows.of(windows.log_of == i), theta)) is not None
+        and abs(shift) > LATEST}
+    if late:
+        refused += [f"{name}: clock: its attitude is {shift:.2g} s later than arm and wrench "
+                    f"ask for, and must be within {LATEST:g} s" for name, shift in late.items()]
+        sound = [log for log in sound if log.name not in late]
+        windows = _enough(sound, UvmsModel(robot.uvms), base, parameters, refused)
+
+    # All parameters that the windows say something about; then those that prove to be known.
+    why, kept = dict[str, str](), np.arange(len(parameters))
+    about = own_of(windows, NOISE)
+    first, _ = quadratic_of(windows, theta, about.mean, about, NOISE, part_of(progress, 0.0, 0.1))
+    bumps = first.cost > BUMPED * np.median(first.cost)
+    for i in np.unique(windows.log_of[bumps]):
+        refused.append(f"{windows.logs[i].name}: {np.sum(bumps & (windows.log_of == i))} windows "
+                       "with bumps: no motion of the model is like it")
+    windows, own = windows.of(~bumps), None
+    require(len(windows.start) >= LEAST_WINDOWS, "LOG", len(windows.start),
+            f"at least {LEAST_WINDOWS} windows without bumps")
+    informed = _informed(first.H[~bumps], parameters)
+    for round in range(ROUNDS):
+        for i in kept[~informed]:
+            why[parameters[i].name] = why.get(parameters[i].name, "the logs do not excite it")
+        kept = kept[informed]
+        used, some = [parameters[i] for i in kept], windows._replace(
+            dynamics=windows.dynamics.only(kept))
+        require(bool(used), "LOG", len(sound), "logs that excite a parameter")
+        estimate = estimated(some, used, theta[kept], part_of(
+            progress, 0.1 + 0.8 * round / ROUNDS, 0.1 + 0.8 * (round + 1) / ROUNDS), own)
+        theta[kept], own = estimate.theta, estimate.own
+        half = student(confidence, len(some.start) - 1) * np.sqrt(np.diag(estimate.covariance()))
+        reasons = _reasons(estimate, some, used, half, confidence)
+        why |= {each.name: reason for each, reason in zip(used, reasons, strict=True) if reason}
+        informed = np.array([not reason for reason in reasons])
+        if np.all(informed):
+            break
+    halves = dict(zip([each.name for each in used], half, strict=True))
+    results = tuple(Result(each, float(theta[i]), float(halves[each.name]), "")
+                    if each.name not in why else Result(each, 0.0, np.inf, why[each.name])
+                    for i, each in enumerate(parameters))
+    progress("held-out prediction", 0.95)
+    return Identification(robot, confidence, results, some, estimate, tuple(used),
+                          _held_out(some, estimate), _residual(some, estimate), tuple(refused))
+
+
+def _enough(logs: list[Log], model: UvmsModel, base: Links, parameters: list[Parameter],
+            refused: list[str]) -> Windows:
+    """Returns the windows of logs, or raises if they are too few, with the reasons."""
+    windows = windows_of(logs, model, base, parameters) if logs else None
+    count = 0 if windows is None else len(windows.start)
+    if windows is None or count < LEAST_WINDOWS:
+        raise InvalidParameter("LOG", f"{count} windows", "; ".join(
+            [f"logs with at least {LEAST_WINDOWS} windows of {WINDOW:g} s", *refused]))
+    return windows
+
+
+def _informed(H: np.ndarray, parameters: list[Parameter]) -> np.ndarray:
+    """Returns whether the windows lessen what is not known of each parameter."""
+    prior = np.array([each.scale for each in parameters]) ** -2.0
+    spread = np.sqrt(np.diag(np.linalg.inv(np.sum(H, axis=0) + np.diag(prior))) * prior)
+    out: np.ndarray = spread < UNINFORMED
+    return out
+
+
+def _half(windows: Windows) -> np.ndarray:
+    """Returns whether a window is of the first half (W,): every other log, or half of one."""
+    each = np.unique(windows.log_of, return_inverse=True)[1]
+    count = len(each)
+    out: np.ndarray = each % 2 == 0 if each[-1] else np.arange(count) < count // 2
+    return out
+
+
+def _reasons(estimate: Estimate, windows: Windows, parameters: list[Parameter], half: np.ndarray,
+             confidence: float) -> list[str]:
+    """Returns why each parameter is not known well enough; empty if it is."""
+    first = _half(windows)
+    pair = [(estimate.of(which), np.sqrt(np.diag(estimate.covariance(which))), np.sum(which))
+            for which in (first, ~first)]
+    each = 1.0 - (1.0 - confidence) / len(parameters)
+    t = student(each, max(int(min(count for *_, count in pair)) - 1, 1))
+    apart = np.abs(pair[0][0] - pair[1][0]) > t * np.hypot(pair[0][1], pair[1][1])
+    shares, out = estimate.known_by_prior(), list[str]()
+    for i, parameter in enumerate(parameters):
+        size = 1.0 + estimate.theta[i] if parameter.relative and parameter.scale == 1.0 else (
+            parameter.scale)
+        halves = " and ".join(f"{parameter.value_at(float(p[0][i])):.3g}" for p in pair)
+        out.append(
+            "the logs do not excite it" if shares[i] > UNINFORMED else
+            f"known to {half[i] / size:.0%} only" if half[i] > LARGEST_ERROR * size else
+            f"the halves of the logs disagree: {halves} {parameter.unit}" if apart[i] else "")
+    return out
+
+
+def _clock(windows: Windows, theta: np.ndarray) -> float | None:
+    """Returns the time by which the attitude of a log's windows is late [s]."""
+    if len(windows.start) == 0:
+        return None
+    return clock_shift(*(x[:, :, :2].reshape(-1, 2)
+                         for x in (windows.measured(), _predicted(windows, theta))), STEP * GRID)
+
+
+def _predicted(windows: Windows, theta: np.ndarray) -> np.ndarray:
+    """Returns x (W, K, 9) from its measured value at the beginning of each window."""
+    own = np.zeros((len(windows.start), OWN))
+    own[:, :len(STATE)] = np.nan_to_num(windows.state[windows.start])
+    return simulated(windows.dynamics.with_parameters(theta), windows.wrench, windows.start,
+                     INSTANTS, own, sensitive=False).state
+
+
+def _held_out(windows: Windows, estimate: Estimate) -> np.ndarray:
+    """Returns the errors (W, K, 9) of each half, predicted with the parameters of the other."""
+    first = _half(windows)
+    out = np.empty((len(first), INSTANTS, len(STATE)))
+    for which in (first, ~first):
+        some = windows.of(which)
+        out[which] = some.measured() - _predicted(some, estimate.of(~which))
+    return out
+
+
+def _residual(windows: Windows, estimate: Estimate) -> np.ndarray:
+    """Returns d = ν̇ − f (W, K, 6), with the simulated ν where none was measured."""
+    moved, d = windows.dynamics.with_parameters(estimate.theta), []
+    x = simulated(moved, windows.wrench, windows.start, INSTANTS, estimate.own,
+                  sensitive=False).state
+    rate = np.concatenate([log.rate for log in windows.logs])
+    for k in range(INSTANTS):
+        at = windows.start + STEP * k
+        measured, dynamics = windows.state[at], moved.at(at)
+        state = np.where(np.isfinite(measured), measured, x[:, k])
+        force = dynamics.force(state[:, None, 3:], gravity_in_body(state)[:, None])[:, 0]
+        inverse = np.linalg.inv(dynamics.composite.inertia)
+        d.append(rate[at, 3:] - times(inverse, windows.wrench[at] - force))
+    return np.stack(d, axis=1)

@@ -1,0 +1,115 @@
+"""Readers of logs: each returns samples of the signals, which `log.on_grid` puts on one grid."""
+
+import csv
+import hashlib
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.identify.log import Log, Samples, on_grid
+from uvms_drake.identify.signals_file import TIMES, UNITS, LogSignals
+
+OWN_FILE = "log.npz"
+"""Log of a run of this program."""
+EXERTED = ("exerted", "tau")
+"""Its generalised forces, the best first."""
+
+
+def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
+    """Returns a log, by the kind of its file.
+
+    Args:
+        path: Folder or `log.npz` of a run of this program, `.BIN` or `.tlog` of ArduSub, `.mcap`,
+            or CSV; for the last ones the path, to which `signals` adds the ends.
+        joints: Number of joints of the robot.
+        signals: Where the signals are; of a run of this program nothing.
+
+    Raises:
+        InvalidParameter: Not such a file, or without the signals that are needed.
+    """
+    own = path / OWN_FILE if path.is_dir() else path
+    if own.suffix == ".npz":
+        return on_grid(path.name if path.is_dir() else path.stem, read_own(own, joints), joints)
+    require(signals is not None, "--signals", None,
+            f"the file that says where the signals of {path} are")
+    assert signals is not None
+    kinds: dict[str, Callable[[Path, LogSignals], dict[str, Samples]]] = {}
+    found = kinds.get(path.suffix.lower(), read_csv)(path, signals)
+    for needed in ["attitude"] + ["joints"] * bool(joints):
+        require(needed in found, f"{path}: signals", ", ".join(found) or "none",
+                f"{needed} among them")
+    require(not joints or found["joints"][1].shape[1] == joints, f"{path}: joints",
+            found.get("joints", (0, np.zeros((0, 0))))[1].shape[1], f"{joints} columns")
+    armed = found.pop("armed", None)
+    require(armed is None or "wrench" in found or not np.any(armed[1]), f"{path}: armed", 1,
+            "0, or with the wrench of the thrusters: they are armed without commands")
+    return on_grid(path.name, signals.in_model_axes(found), joints)
+
+
+def read_own(path: Path, joints: int) -> dict[str, Samples]:
+    """Returns the signals of a run of this program, in the model's axes."""
+    try:
+        with np.load(path) as log:
+            arrays = {name: log[name] for name in ("time", "state", "force", *EXERTED)
+                      if name in log.files}
+            time, x = arrays["time"], arrays["state"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        raise InvalidParameter("LOG", str(path), "a log of a run") from None
+    size = 6 + joints
+    require(x.ndim == 2 and x.shape[1] == 2 * size, "LOG", str(path),
+            f"a log of a robot with {joints} joints")
+    wrench = next(arrays[name] for name in EXERTED if name in arrays)
+    return {"joints": (time, x[:, 6:size]), "attitude": (time, x[:, 3:6]), "depth": (
+        time, x[:, 2:3]), "velocity": (time, x[:, size:size + 3]), "angular_velocity": (
+        time, x[:, size + 3:size + 6]), "wrench": (time, wrench[:, :6]),
+        "force": (time, arrays["force"][:, :3])}
+
+
+def read_csv(path: Path, signals: LogSignals) -> dict[str, Samples]:
+    """Returns the signals of CSV files, in SI units and the declared axes."""
+    tables: dict[str, dict[str, np.ndarray]] = {}
+    found = dict[str, Samples]()
+    for each in signals.signals:
+        file = f"{path}{each.file}"
+        table = tables.setdefault(file, _table(Path(file)))
+        for column in (each.time, *each.columns):
+            require(column in table, f"{file}: column", column,
+                    f"one of {', '.join(table)}")
+        time = table[each.time] * TIMES[each.time_unit] - each.delay
+        values = np.column_stack([table[column] for column in each.columns]) * UNITS[each.unit]
+        found[each.signal] = _increasing(time, values, f"{file}: {each.time}")
+    return found
+
+
+def _table(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            header, *rows = csv.reader(file)
+        values = np.array([[float(cell or "nan") for cell in row] for row in rows if row])
+        require(values.ndim == 2 and values.shape[1] == len(header), "LOG", str(path),
+                "a table with as many numbers in each row as in its header")
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InvalidParameter("LOG", str(path), f"a CSV file of numbers ({error})") from None
+    return dict(zip(header, values.T, strict=True))
+
+
+def _increasing(time: np.ndarray, values: np.ndarray, key: str) -> Samples:
+    """Returns the samples of increasing times; raises where most of them are not."""
+    known = np.isfinite(time)
+    time, values = time[known], values[known]
+    keep = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1]) if len(time) else known
+    require(len(time) > 1 and np.mean(keep) > 0.5, key, "times that do not increase",
+            "increasing times")
+    return time[keep], values[keep]
+
+
+def digest(path: Path, signals: LogSignals | None) -> str:
+    """Returns the SHA-256 of a log's files."""
+    found = hashlib.sha256()
+    ends = [""] if signals is None else sorted({each.file for each in signals.signals}) or [""]
+    for file in [path / OWN_FILE] if path.is_dir() else [Path(f"{path}{end}") for end in ends]:
+        found.update(file.read_bytes())
+    return found.hexdigest()
