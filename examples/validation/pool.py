@@ -10,21 +10,27 @@ last all that the logs identify, come from the logs.
 
 import argparse
 import shutil
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
-from uvms_drake.identify.estimate import hydrostatics
-from uvms_drake.identify.log import STATE, Log, on_grid
+from uvms_drake.identify.estimate import estimated, hydrostatics
+from uvms_drake.identify.identify import Identification, identify
+from uvms_drake.identify.log import GRID, STATE, Log, on_grid
 from uvms_drake.identify.output_error import OWN, STEP, simulated
 from uvms_drake.identify.parameters import SHIFT, Parameter, parameters_of
 from uvms_drake.identify.readers import read_csv
 from uvms_drake.identify.signals_file import LogSignals, Source
-from uvms_drake.identify.windows import windows_of
+from uvms_drake.identify.windows import Windows, windows_of
+from uvms_drake.identify.written import format_result, held_out_rms, residual_sizes
 from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION
 
 FOLDER = Path("data/hinsdale-data-2023")
 SIMULATED = Path("data/sim_trajs")
@@ -43,6 +49,10 @@ DUPLICATE = "traj003-0-test"
 """The same as traj003-1."""
 HANDLED = ("traj003-1", "traj_alt_009-0")
 """Runs with bumps."""
+UNTOUCHED = {"traj_alt_009-0": (7.0, np.inf), "traj_alt_001-1": (0.0, 22.5),
+             "traj_alt_008-2": (0.0, 16.7)}
+"""Time of a run without handling, where that is not all of it [s]: 009-0 begins with bumps, the
+others end with the vehicle moved by hand."""
 DECAYS = ("traj005-1", "traj006-2", "traj019-2", "traj_alt_008-1", "traj_alt_009-0")
 """Runs that begin with a free decay."""
 MOUNT = "0.25 0.110 -0.005 3.141592653589793 0 0"
@@ -72,38 +82,144 @@ def read_runs(clone: Path) -> list[Log]:
             for name in names if name != DUPLICATE]
 
 
-def trim_of(robot: Robot, logs: Sequence[Log]) -> tuple[list[Parameter], np.ndarray]:
-    """Returns all parameters, and their errors with the trim by the rests of logs."""
-    base, parameters = parameters_of(robot)
-    windows = windows_of(logs, UvmsModel(robot.uvms), base, parameters)
-    trim = [i for i, each in enumerate(parameters) if each.name.startswith(SHIFT)]
-    theta, some = np.zeros(len(parameters)), windows._replace(
-        dynamics=windows.dynamics.only(np.array(trim)))
-    theta[trim] = hydrostatics(some, [parameters[i] for i in trim])
-    return parameters, theta
+def trim_of(windows: Windows, parameters: Sequence[Parameter], which: Sequence[bool]
+            ) -> np.ndarray:
+    """Returns the errors of all parameters (P,): the trim by the windows of some logs, else zero.
+
+    Three numbers are fitted, by the rests and then by output error.
+    """
+    trim = np.array([i for i, each in enumerate(parameters) if each.name.startswith(SHIFT)])
+    some = windows.of(np.asarray(which)[windows.log_of])._replace(
+        dynamics=windows.dynamics.only(trim))
+    fitted = [parameters[i] for i in trim]
+    theta = np.zeros(len(parameters))
+    theta[trim] = estimated(some, fitted, hydrostatics(some, fitted)).theta
+    return theta
 
 
-def whole_run(robot: Robot, log: Log, theta: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Returns times (K,) and x (K, 9) of a run, predicted from its measured beginning."""
-    base, parameters = parameters_of(robot)
-    known = np.flatnonzero(log.known)
-    windows = windows_of([log], UvmsModel(robot.uvms), base, parameters)
-    first, count = int(known[0]), (int(known[-1]) - int(known[0])) // STEP + 1
+def whole_run(windows: Windows, index: int, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the samples (K,) of a run's log, and x (K, 9) predicted from its measured start."""
+    log = windows.logs[index]
+    before = sum(len(each.time) for each in windows.logs[:index])
+    begin, end = UNTOUCHED.get(log.name, (0.0, np.inf))
+    known = np.flatnonzero(log.known & (log.time >= begin) & (log.time <= end))
+    samples = np.arange(known[0], known[-1] + 1, STEP)
     own = np.zeros((1, OWN))
-    own[0, :len(STATE)] = np.nan_to_num(log.state[first])
-    errors = np.array([theta.get(each.name, 0.0) for each in parameters])
-    motion = simulated(windows.dynamics.with_parameters(errors), windows.wrench,
-                       np.array([first]), count, own, sensitive=False)
-    return log.time[first + STEP * np.arange(count)], motion.state[0]
+    own[0, :len(STATE)] = np.nan_to_num(log.state[samples[0]])
+    motion = simulated(windows.dynamics.with_parameters(theta), windows.wrench,
+                       np.array([before + samples[0]]), len(samples), own, sensitive=False)
+    return samples, motion.state[0]
 
 
-def main() -> None:
-    """Prints the tables and writes the figures."""
+def compared(clone: Path, windows: Windows, theta: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    """Returns time, measured, the authors' and our roll and pitch (K, 2) of the 13 runs [deg].
+
+    The authors' simulator has the commanded joints and begins 10 s before; ours has the measured
+    joints, the measured initial state, and a trim of the same campaign.
+    """
+    out = {}
+    for index, log in enumerate(windows.logs):
+        file = clone / SIMULATED / f"{log.name.removeprefix('traj')}.csv"
+        if file.exists():
+            table = np.genfromtxt(file, delimiter=",", names=True)
+            samples, x = whole_run(windows, index, theta)
+            inside = log.time[samples] <= table["time_secs"][-1]
+            time = log.time[samples[inside]]
+            authors = [np.interp(time, table["time_secs"], sign * table[name])  # FLU
+                       for name, sign in (("qs1", 1.0), ("qs2", -1.0))]
+            out[log.name] = {
+                "time": time, "measured": np.rad2deg(log.state[samples[inside], :2]),
+                "authors": np.rad2deg(np.column_stack(authors)),
+                "ours": np.rad2deg(x[inside, :2])}
+    return out
+
+
+def errors(runs: dict[str, dict[str, np.ndarray]], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the rms and the mean of the runs' peak errors in roll and pitch (2,) [deg]."""
+    off = [each[name] - each["measured"] for each in runs.values()]
+    return (np.sqrt(np.nanmean(np.concatenate(off)**2, axis=0)),
+            np.mean([np.nanmax(np.abs(each), axis=0) for each in off], axis=0))
+
+
+def print_identified(title: str, found: Identification) -> None:
+    """Prints the parameters, the held-out error and what was not used."""
+    print(f"\n{title}: {len(found.windows.start)} windows of {len(found.windows.logs)} runs")
+    for each in found.results:
+        if each.why != "the logs do not excite it":
+            print(f"  {format_result(each)}")
+    rms = held_out_rms(found)
+    print("  held out, rms [deg]: " + ", ".join(
+        f"{name} {np.rad2deg(rms[name]):.2f}" for name in STATE[:2]))
+    sizes = residual_sizes(found)[3:]
+    print("  residual, 99.9 % [rad/s2]: " + ", ".join(f"{each:.3f}" for each in sizes))
+    for line in found.refused:
+        print(f"  not used: {line}")
+
+
+def inertia_of(robot: Robot, found: Identification) -> str:
+    """Returns roll and pitch inertia of the robot with water, about the vehicle's origin."""
+    dynamics = found.windows.dynamics.with_parameters(found.estimate.theta)
+    total = np.mean(dynamics.composite.inertia, axis=0)
+    half = {each.parameter.name: each.half * each.parameter.value for each in found.identified}
+    return ", ".join(f"{name} {total[i, i]:.3f} ± " + (
+        f"{half[key]:.3f}" if (key := f"vehicle.added_mass.{name}") in half else "(not identified)")
+        for i, name in ((3, "roll"), (4, "pitch")))
+
+
+def comparison_figure(runs: dict[str, dict[str, np.ndarray]]) -> Figure:
+    """Returns measured roll and pitch of some of the 13 runs, the authors' and ours."""
+    chosen = list(runs)[:6]
+    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+    for column, name in zip(figure.subplots(2, len(chosen), sharex="col").T, chosen, strict=True):
+        run = runs[name]
+        for k, ax in enumerate(column):
+            for key, color, label in (("measured", "k", "measured"),
+                                      ("authors", VERMILION, "the authors' simulator"),
+                                      ("ours", BLUE, "this model")):
+                ax.plot(run["time"], run[key][:, k], color=color, label=label)
+        column[0].set_title(name)
+        column[1].set_xlabel("time [s]")
+    column[0].legend()
+    figure.axes[0].set_ylabel("roll [deg]")
+    figure.axes[1].set_ylabel("pitch [deg]")
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> dict[str, np.ndarray]:
+    """Prints the tables, writes the figures, and returns the errors [deg]."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("clone", type=Path)
     parser.add_argument("--output", type=Path, default=Path("out/pool"))
-    args = parser.parse_args()
-    print(args.clone)
+    parser.add_argument("--compare-only", action="store_true", help="the 13 runs alone")
+    args = parser.parse_args(argv)
+    logs, out = read_runs(args.clone), {}
+    print(f"{len(logs)} runs, {GRID * sum(len(log.time) for log in logs):.0f} s")
+    with tempfile.TemporaryDirectory() as folder:
+        robot = pool_robot(Path(folder))
+        base, parameters = parameters_of(robot)
+        windows = windows_of(logs, UvmsModel(robot.uvms), base, parameters)
+        sound = [log.name not in HANDLED for log in logs]
+        session = ["_alt_" in log.name for log in logs]
+        print("\n13 runs: rms roll, pitch; mean of the peaks [deg]")
+        for title, name, source in (
+                ("the authors' simulator", "authors", session),
+                ("this model, trim of the same session", "ours", session),
+                ("this model, trim of the other session", "ours", np.logical_not(session))):
+            theta = trim_of(windows, parameters, np.logical_and(source, sound))
+            runs = compared(args.clone, windows, theta)
+            rms, peak = errors(runs, name)
+            print(f"  {title:40s} {rms[0]:.2f} {rms[1]:.2f}   {peak[0]:.2f} {peak[1]:.2f}")
+            out[title] = rms
+        if not args.compare_only:
+            for title, some in (("all runs", logs), ("slow runs, without the decays", [
+                    log for log in logs if log.name not in DECAYS])):
+                found = identify(robot, some)
+                print_identified(title, found)
+                print(f"  inertia with water [kg m2]: {inertia_of(robot, found)}")
+        args.output.mkdir(parents=True, exist_ok=True)
+        with matplotlib.rc_context(STYLE):
+            comparison_figure(runs).savefig(args.output / "pool_runs.png")
+    return out
 
 
 if __name__ == "__main__":

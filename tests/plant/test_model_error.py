@@ -110,7 +110,7 @@ def test_no_factors_make_an_added_mass_that_no_body_can_have():
     coupled = np.array([[4.0, 1.99], [1.99, 1.0]])
     M = np.eye(6)
     M[:2, :2] = coupled
-    with pytest.raises(InvalidParameter, match="added_mass = .*: must be factors by which"):
+    with pytest.raises(InvalidParameter, match=r"added_mass = .*: must be factors by which"):
         scaled_added_mass(M, np.array([3.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
 
 

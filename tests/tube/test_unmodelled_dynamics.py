@@ -109,8 +109,9 @@ CASES = {
         by_axis(axes(added_mass=[1.3, 1, 1, 1, 1, 1]), axes(added_mass=[1, 1, 1, 1.4, 1, 1]),
                 axes(quadratic_drag=[1, 2, 1, 1, 1, 1])),
         axes(added_mass=[1.3, 1, 1, 1.4, 1, 1], quadratic_drag=[1, 2, 1, 1, 1, 1]), errors=3),
-    "friction": Case(lambda known: by_forces(family(known, []), np.repeat([0.0, 0.5], [6, 4])), ModelError(
-        joint_friction=JointFriction(coulomb=np.array([0.5]), creep=1e-6))),
+    "friction": Case(lambda known: by_forces(
+        family(known, []), np.repeat([0.0, 0.5], [6, 4])), ModelError(
+            joint_friction=JointFriction(coulomb=np.array([0.5]), creep=1e-6))),
     "current": Case(lambda known: by_water(family(known, []), (0.25, 0.0)), water=current),
     "wave": Case(lambda known: by_water(
         family(known, []), (0.0, 0.0), [(WAVE.speed, WAVE.speed, WAVE.frequency)]), water=wave)}

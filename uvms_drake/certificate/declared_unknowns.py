@@ -323,8 +323,9 @@ def _robot_errors(error: ModelError) -> Iterator[tuple[str, list[dict[str, Any]]
 
 
 def _errors_by_axis(error: ModelError) -> Iterator[tuple[str, list[tuple[dict[str, Any], float]]]]:
-    """Yields each kind of error by axis, and by axis its change of a `ModelError` at its size, and
-    its smallest value over that size.
+    """Yields each kind of error by axis, its changes at their sizes, and smallest ones over these.
+
+    A change is one of a `ModelError`.
     """
     shift = np.asarray(error.buoyancy_shift, dtype=float)
     if np.any(shift):

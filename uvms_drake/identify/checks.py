@@ -112,7 +112,7 @@ def clock_shift(measured: np.ndarray, predicted: np.ndarray, step: float) -> flo
     lags = np.arange(-round(LAGS / step), round(LAGS / step) + 1)
     m, p = (x - np.nanmean(x, axis=0) for x in (measured, predicted))
     found = np.full(len(lags), -1.0)
-    for i, lag in enumerate(lags):
+    for i, lag in enumerate(lags.tolist()):
         late, early = m[max(lag, 0): len(m) + min(lag, 0)], p[max(-lag, 0): len(p) - max(lag, 0)]
         both = np.all(np.isfinite(late) & np.isfinite(early), axis=1)
         a, b = late[both].ravel(), early[both].ravel()

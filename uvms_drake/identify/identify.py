@@ -20,7 +20,7 @@ from uvms_drake.identify.estimate import (
 )
 from uvms_drake.identify.log import GRID, STATE, Log, gravity_in_body
 from uvms_drake.identify.output_error import OWN, STEP, simulated
-from uvms_drake.identify.parameters import Parameter, error_of, parameters_of
+from uvms_drake.identify.parameters import VOLUME, Parameter, error_of, parameters_of
 from uvms_drake.identify.windows import INSTANTS, WINDOW, Windows, windows_of
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.links import Links
@@ -36,6 +36,8 @@ LARGEST_ERROR = 0.5
 """Largest half-width of an interval over the value; over the scale of a place or volume."""
 BUMPED = 15.0
 """Ratio of a window's cost to the median from which on it is left out."""
+DRIVEN = 0.1
+"""Smallest range of a joint or of the wrench that moves the vehicle [rad, N]."""
 ROUNDS = 4
 """Most rounds in which parameters are left out."""
 
@@ -165,6 +167,8 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
     require(len(windows.start) >= LEAST_WINDOWS, "LOG", len(windows.start),
             f"at least {LEAST_WINDOWS} windows without bumps")
     informed = _informed(first.H[~bumps], parameters)
+    if not np.any(np.isfinite(windows.state[:, 2:6])):  # The weight in water moves it up and down.
+        informed &= np.array([each.name != VOLUME for each in parameters])
     for round in range(ROUNDS):
         for i in kept[~informed]:
             why[parameters[i].name] = why.get(parameters[i].name, "the logs do not excite it")
@@ -239,8 +243,13 @@ def _reasons(estimate: Estimate, windows: Windows, parameters: list[Parameter], 
 
 
 def _clock(windows: Windows, theta: np.ndarray) -> float | None:
-    """Returns the time by which the attitude of a log's windows is late [s]."""
-    if len(windows.start) == 0:
+    """Returns the time by which the attitude of a log's windows is late [s]; None if unknown.
+
+    Where neither arm nor wrench moves the vehicle, there is nothing that it could be late to.
+    """
+    logs = [windows.logs[i] for i in np.unique(windows.log_of)]
+    if not any(np.max(np.ptp(x[log.known], axis=0), initial=0.0) > DRIVEN
+               for log in logs for x in (log.q, log.wrench)):
         return None
     return clock_shift(*(x[:, :, :2].reshape(-1, 2)
                          for x in (windows.measured(), _predicted(windows, theta))), STEP * GRID)

@@ -166,7 +166,8 @@ def vehicle_dynamics(base: Links, ends: Sequence[Links], unit: float, motion: Ar
         unit: See `ends`.
         motion: Of the arm.
     """
-    first, terms = ArmMotion(*(each[:1] for each in motion)), ([], [])
+    first = ArmMotion(*(each[:1] for each in motion))
+    terms: tuple[list[tuple[int, Composite]], list[tuple[int, Composite]]] = [], []
     for k, end in enumerate(ends):
         inertia, weight = ((getattr(end, name) - getattr(base, name)) / unit
                            for name in ("inertia", "weight"))

@@ -1,0 +1,206 @@
+"""Tests of `identify`: parameters of synthetic logs within their intervals, refusals, files."""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import uvms_drake as uv
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.schema import load_typed, parse_yaml
+from uvms_drake.identify.checks import clock_shift, complaint
+from uvms_drake.identify.estimate import student
+from uvms_drake.identify.identify import identify
+from uvms_drake.identify.local_fit import local_quadratic
+from uvms_drake.identify.log import GRID, Log
+from uvms_drake.identify.output_error import OWN, STEP, simulated
+from uvms_drake.identify.parameters import UNIT, parameters_of
+from uvms_drake.identify.robot_file import with_numbers
+from uvms_drake.identify.vehicle_dynamics import arm_motion, vehicle_dynamics
+from uvms_drake.identify.written import format_hydrodynamics, format_unknowns
+from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
+from uvms_drake.model.robot import Robot
+from uvms_drake.model.uvms_model import UvmsModel
+
+POSTURES = {"bluerov2_alpha5": np.array([3.1, 0.6, 1.5, 1.5]),
+            "girona500_arm5e": np.array([0.1, 0.9, 0.4, 0.2])}
+TRUTH = {"vehicle.added_mass.roll": 0.3, "vehicle.added_mass.pitch": 0.3,
+         "vehicle.linear_drag.roll": -0.3, "vehicle.linear_drag.pitch": 0.3,
+         "vehicle.center_of_buoyancy.x": 0.003, "vehicle.center_of_buoyancy.y": -0.002}
+
+
+def synthetic_logs(robot: str, seed: int, count: int = 4, powered: bool = False,
+                   seconds: float = 26.0) -> list[Log]:
+    """Returns logs of a robot that differs from its file by `TRUTH`.
+
+    The arm swings, the vehicle is released 4 degrees off and feels a constant moment; errors of the
+    attitude are correlated over a second.
+    """
+    model, (base, parameters) = UvmsModel(Robot.load(robot).uvms), parameters_of(robot)
+    rng, logs = np.random.default_rng(seed), []
+    time = GRID * np.arange(round(seconds / GRID))
+    theta = np.array([TRUTH.get(each.name, 0.0) for each in parameters])
+    for index in range(count):
+        n = model.num_joints
+        rate, phase = rng.uniform(0.4, 1.5, n), rng.uniform(0, 2 * np.pi, n)
+        angle = time[:, None] * rate + phase
+        q = POSTURES[robot] + 0.35 * np.sin(angle)
+        q_dot, q_ddot = 0.35 * rate * np.cos(angle), -0.35 * rate**2 * np.sin(angle)
+        dynamics = vehicle_dynamics(base, [each.links for each in parameters], UNIT, arm_motion(
+            model, q, q_dot, q_ddot)).with_parameters(theta)
+        inertia = np.diag(dynamics.composite.inertia[0])
+        wrench = np.zeros((len(time), 6))
+        if powered:
+            for axis in range(6):
+                speed = rng.uniform(0.5, 2.0)
+                wrench[:, axis] = 0.2 * inertia[axis] * np.sin(speed * time + rng.uniform(0, 6))
+        own = np.zeros((1, OWN))
+        own[0, :2] = np.deg2rad(4.0) * rng.choice([-1.0, 1.0], 2)
+        own[0, 12:15] = 0.01 * inertia[3:6] * rng.normal(size=3)
+        # Every sample of the grid: two simulations, half a step of the integration apart.
+        motion = simulated(dynamics, wrench, np.array([0]), len(time) // STEP, own, sensitive=False)
+        x = np.full((len(time), 9), np.nan)
+        even = STEP * np.arange(len(time) // STEP)
+        for k in range(9):
+            x[:, k] = np.interp(time, time[even], motion.state[0, :, k])
+        noise = rng.normal(size=(len(time), 2))
+        for i in range(1, len(time)):
+            noise[i] = 0.95 * noise[i - 1] + np.sqrt(1 - 0.95**2) * noise[i]
+        x[:, :2] += np.deg2rad(0.1) * noise
+        x[:, 6:] += 0.003 * rng.normal(size=(len(time), 3))
+        x[:, 3:6] += 0.005 * rng.normal(size=(len(time), 3)) if powered else np.nan
+        x[:, 2] = x[:, 2] + 0.005 * rng.normal(size=len(time)) if powered else np.nan
+        rate_of = np.gradient(x, GRID, axis=0)
+        logs.append(Log(f"log{index}", time, q, q_dot, q_ddot, wrench, x, rate_of,
+                        np.full((len(time), 3), np.nan), np.full((len(time), 3), np.nan),
+                        np.zeros(len(time), dtype=bool)))
+    return logs
+
+
+@functools.cache
+def one_log() -> Log:
+    return synthetic_logs("bluerov2_alpha5", 2, 1)[0]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify("bluerov2_alpha5", synthetic_logs("bluerov2_alpha5", 1, 5))
+
+
+@pytest.mark.slow
+def test_parameters_of_a_wrong_robot_are_found_within_their_intervals(found):
+    """Three quarters at least, in a single draw of intervals of 95 %."""
+    by_name = {each.parameter.name: each for each in found.identified}
+    assert {"vehicle.added_mass.roll", "vehicle.added_mass.pitch"} <= set(by_name)
+    inside = [abs(each.theta - TRUTH.get(name, 0.0)) <= each.half
+              for name, each in by_name.items()]
+    assert np.mean(inside) >= 0.75
+    for name in ("vehicle.added_mass.roll", "vehicle.added_mass.pitch"):
+        assert by_name[name].theta == pytest.approx(0.3, abs=0.15)
+
+
+@pytest.mark.slow
+def test_what_the_logs_do_not_excite_is_not_identified(found):
+    why = {each.parameter.name: each.why for each in found.results}
+    for name in ("vehicle.added_mass.surge", "vehicle.quadratic_drag.heave", "displaced_volume"):
+        assert why[name] == "the logs do not excite it"
+    assert all(each.theta == 0.0 for each in found.results if each.why)
+
+
+@pytest.mark.slow
+def test_the_file_has_the_identified_numbers_and_the_rest_as_it_was(found):
+    text = format_hydrodynamics(found, {"log0": "ab" * 32})
+    read = load_typed(HydrodynamicParameters, parse_yaml(text))
+    before = found.robot.uvms.hydrodynamics.bodies["vehicle"]
+    after = read.bodies["vehicle"]
+    result = next(each for each in found.results
+                  if each.parameter.name == "vehicle.added_mass.roll")
+    assert after.added_mass[0].matrix[3] == pytest.approx(result.value, rel=1e-5)
+    assert after.added_mass[0].matrix[0] == before.added_mass[0].matrix[0]
+    assert "log0 (SHA-256 abababab" in text and "# TUHH ID" in text
+    assert text.count("not identified") == 0
+
+
+@pytest.mark.slow
+def test_the_unknowns_are_a_model_error_of_a_scenario(found, tmp_path):
+    path = tmp_path / "with_unknowns.yaml"
+    path.write_text(f"base: bluerov2_contact\n{format_unknowns(found, {'log0': 'ab'})}",
+                    encoding="utf-8")
+    error = uv.load_scenario(str(path)).model_error
+    half = next(each.half / (1.0 + each.theta) for each in found.results
+                if each.parameter.name == "vehicle.added_mass.roll")
+    assert error.by_axis("vehicle", "added_mass")[3] - 1.0 == pytest.approx(half, abs=1e-4)
+    assert error.by_axis("vehicle", "added_mass")[0] == 1.0
+
+
+def test_numbers_of_a_file_are_replaced_where_they_are():
+    text = ("fluid_density: 1000.0\nbodies:\n  vehicle:\n    # why\n"
+            "    displaced_volume: 0.01  # m3\n    added_mass:\n      - matrix:  # rows\n"
+            + "".join(f"          - {[1.0 if i == j else 0.0 for j in range(6)]}\n"
+                      for i in range(6)) + "    drag:\n      - {linear: [1, 1, 1, 1, 1, 1]}\n")
+    before = load_typed(HydrodynamicParameters, parse_yaml(text))
+    body = before.bodies["vehicle"]
+    new = replace(body, displaced_volume=0.02, center_of_buoyancy=np.array([0.0, 0.0, -0.1]),
+                  added_mass=[replace(body.added_mass[0], matrix=2.0 * np.eye(6))])
+    changed = with_numbers(text, before, replace(before, bodies={"vehicle": new}))
+    read = load_typed(HydrodynamicParameters, parse_yaml(changed)).bodies["vehicle"]
+    np.testing.assert_array_equal(read.added_mass[0].matrix, 2.0 * np.eye(6))
+    assert (read.displaced_volume, read.center_of_buoyancy[2]) == (0.02, -0.1)
+    assert "# why" in changed and "# m3" in changed
+
+
+def test_a_local_fit_has_the_derivatives_and_no_values_in_gaps():
+    rng = np.random.default_rng(1)
+    time = 0.025 * (np.arange(400) + rng.uniform(0.0, 0.9, 400))
+    time = time[(time < 4.0) | (time > 5.0)]
+    grid = np.arange(0.5, 9.5, GRID)
+    x, x_dot, x_ddot = local_quadratic(time, (1.0 + 2.0 * time - 0.7 * time**2)[:, None], grid)
+    gap = np.isnan(x[:, 0])
+    assert np.all(gap[(grid > 4.2) & (grid < 4.8)])
+    assert not np.any(gap[(grid < 3.7) | (grid > 5.3)])
+    for found, exact in ((x, 1.0 + 2.0 * grid - 0.7 * grid**2), (x_dot, 2.0 - 1.4 * grid),
+                         (x_ddot, np.full_like(grid, -1.4))):
+        np.testing.assert_allclose(found[~gap, 0], exact[~gap], atol=1e-6)
+
+
+@pytest.mark.parametrize(("change", "line"), [
+    (lambda log: {"attitude_rate": -log.state[:, 6:]}, "contradicts the gyro"),
+    (lambda log: {"q": np.rad2deg(log.q)}, "is it in degrees"),
+    (lambda log: {"q": np.where(log.time[:, None] < 18.0, np.nan, log.q),
+                  "q_ddot": np.where(log.time[:, None] < 18.0, np.nan, log.q)}, "gaps"),
+    (lambda log: {"q": 0.0 * log.q, "state": 0.0 * log.state}, "no excitation"),
+    (lambda log: {"touching": np.ones(len(log.time), dtype=bool)}, "contact"),
+    (lambda log: {"wrench": np.clip(np.tile(np.sin(log.time)[:, None], 6), -0.5, 0.5)},
+     "saturation"),
+    (lambda log: {"specific_force": np.tile([0.0, 0.0, 9.81], (len(log.time), 1))}, "off up"),
+    (lambda log: {"specific_force": np.tile([0.0, 0.0, -1.0], (len(log.time), 1))}, "1 m/s2")])
+def test_a_log_that_is_not_as_declared_is_refused_with_a_line(change, line):
+    log = one_log()
+    assert complaint(log) is None
+    assert line in complaint(replace(log, **change(log)))
+
+
+def test_the_shift_of_a_clock_is_found():
+    time = np.arange(0.0, 20.0, 0.1)
+    x = np.column_stack([np.sin(0.7 * time) + 0.3 * np.sin(1.9 * time), np.cos(0.5 * time)])
+    late = np.roll(x, 10, axis=0)
+    assert clock_shift(late, x, 0.1) == pytest.approx(1.0)
+    assert clock_shift(x, x, 0.1) == 0.0
+
+
+@pytest.mark.slow
+def test_a_late_clock_and_too_few_windows_are_refused():
+    with pytest.raises(InvalidParameter, match="at least 12 windows"):
+        identify("bluerov2_alpha5", synthetic_logs("bluerov2_alpha5", 3, 2))
+    logs = synthetic_logs("bluerov2_alpha5", 3, 5)
+    shifted = [replace(log, **{name: np.roll(getattr(log, name), 20, axis=0)
+                               for name in ("state", "rate")}) for log in logs[:1]]
+    with pytest.raises(InvalidParameter, match=r"log0: clock: its attitude is \S+ s later"):
+        identify("bluerov2_alpha5", [*shifted, *logs[1:4]])
+
+
+@pytest.mark.parametrize(("confidence", "degrees", "value"), [
+    (0.95, 11, 2.201), (0.95, 5, 2.571), (0.99, 30, 2.750)])
+def test_the_quantiles_of_students_distribution_are_those_of_tables(confidence, degrees, value):
+    assert student(confidence, degrees) == pytest.approx(value, rel=3e-3)
