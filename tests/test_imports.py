@@ -23,7 +23,7 @@ ROOMS = (
     ("station",),
     ("certificate",),
     ("report", "loop"),
-    ("campaign", "identify"),
+    ("campaign", "identification"),
     ("setup", "benchmark"),
     ("papers",),
     ("command",),

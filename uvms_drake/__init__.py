@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from uvms_drake.control.ocp.solvers import make_solver as make_solver
     from uvms_drake.control.plan.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
+    from uvms_drake.identification.identify import identify as identify
     from uvms_drake.loop.controller import Controller as Controller
     from uvms_drake.model import surface as surfaces  # noqa: F401  a namespace
     from uvms_drake.model.contact_model import ContactModel as ContactModel

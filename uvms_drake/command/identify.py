@@ -38,20 +38,21 @@ def add_identify(commands: argparse._SubParsersAction) -> None:
 def identify_robot(args: argparse.Namespace) -> int:
     """Prints and writes the parameters; returns 0 if one was identified."""
     from uvms_drake.common.schema import load_file
-    from uvms_drake.identify.figures import FIGURES, PAGE_FILE, write_page
-    from uvms_drake.identify.identify import identify
-    from uvms_drake.identify.readers import digest, read_log
-    from uvms_drake.identify.robot_file import FILE
-    from uvms_drake.identify.signals_file import LogSignals
-    from uvms_drake.identify.written import (
+    from uvms_drake.identification.figures import FIGURES, PAGE_FILE, write_page
+    from uvms_drake.identification.identify import identify
+    from uvms_drake.identification.readers import digest, read_log
+    from uvms_drake.identification.robot_file import FILE
+    from uvms_drake.identification.signals_file import LogSignals
+    from uvms_drake.identification.written import (
         DATA_FILE,
         UNKNOWNS_FILE,
         format_result,
-        held_out_rms,
+        validation_rms,
         write_files,
     )
     from uvms_drake.model.robot import Robot
 
+    # Robot, signals and logs, each refused in a line.
     robot = Robot.load(args.robot)
     signals = None if args.signals is None else load_file(args.signals, LogSignals)
     logs = [read_log(path, len(robot.uvms.joints), signals) for path in args.logs]
@@ -59,12 +60,13 @@ def identify_robot(args: argparse.Namespace) -> int:
     names = [FILE, UNKNOWNS_FILE, DATA_FILE, PAGE_FILE, *FIGURES]
     with bar(args, "identifying") as progress:
         found = identify(robot, logs, args.confidence, progress)
+    # The table, then the files, all or none.
     digests = {str(path): digest(path, signals) for path in args.logs}
     for line in (*map(format_result, found.results), *(f"not used: {each}"
                                                        for each in found.refused)):
         print(line)
     print("held-out prediction, rms: " + ", ".join(
-        f"{name} {size:.3g}" for name, size in held_out_rms(found).items()))
+        f"{name} {size:.3g}" for name, size in validation_rms(found).items()))
     with output_folder(output, names) as staged:
         write_files(found, digests, staged.folder)
         write_page(found, digests, staged.folder)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uvms_drake.identify.local_fit import local_quadratic
+from uvms_drake.identification.local_fit import local_quadratic
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 
 GRID = 0.05
@@ -37,7 +37,7 @@ class Log:
     wrench: np.ndarray
     """Wrench τ_v on the vehicle (T, 6) [N, N m]."""
     state: np.ndarray
-    """Measured x (T, 9), see `STATE`; nan of what was not measured."""
+    """Measured x (T, 9), see `STATE`; nan where nothing was measured."""
     rate: np.ndarray
     """ẋ (T, 9), likewise."""
     specific_force: np.ndarray

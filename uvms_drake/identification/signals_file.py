@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.common.constraints import Finite, OneOf
 from uvms_drake.common.errors import require
-from uvms_drake.identify.log import SIZES, Samples
+from uvms_drake.identification.log import SIZES, Samples
 from uvms_drake.model.frames.euler import euler_angles
 from uvms_drake.sensing.conventions import BODIES, WORLDS, Conventions
 

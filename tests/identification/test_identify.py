@@ -9,16 +9,16 @@ import pytest
 import uvms_drake as uv
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.schema import load_typed, parse_yaml
-from uvms_drake.identify.checks import clock_shift, complaint
-from uvms_drake.identify.estimate import student
-from uvms_drake.identify.identify import identify
-from uvms_drake.identify.local_fit import local_quadratic
-from uvms_drake.identify.log import GRID, Log
-from uvms_drake.identify.output_error import OWN, STEP, simulated
-from uvms_drake.identify.parameters import UNIT, parameters_of
-from uvms_drake.identify.robot_file import with_numbers
-from uvms_drake.identify.vehicle_dynamics import arm_motion, vehicle_dynamics
-from uvms_drake.identify.written import format_hydrodynamics, format_unknowns
+from uvms_drake.identification.checks import clock_shift, complaint
+from uvms_drake.identification.estimate import student
+from uvms_drake.identification.identify import identify
+from uvms_drake.identification.local_fit import local_quadratic
+from uvms_drake.identification.log import GRID, Log
+from uvms_drake.identification.output_error import OWN, STEP, simulated
+from uvms_drake.identification.parameters import UNIT, parameters_of
+from uvms_drake.identification.robot_file import with_numbers
+from uvms_drake.identification.vehicle_dynamics import arm_motion, vehicle_dynamics
+from uvms_drake.identification.written import format_hydrodynamics, format_unknowns
 from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms_model import UvmsModel

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.identify.log import Log, Samples, on_grid
-from uvms_drake.identify.signals_file import TIMES, UNITS, LogSignals
+from uvms_drake.identification.log import Log, Samples, on_grid
+from uvms_drake.identification.signals_file import TIMES, UNITS, LogSignals
 
 OWN_FILE = "log.npz"
 """Log of a run of this program."""

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uvms_drake.common.program import VERSION
-from uvms_drake.identify.identify import Identification
-from uvms_drake.identify.log import GRID, STATE
-from uvms_drake.identify.output_error import STEP
-from uvms_drake.identify.written import format_result, held_out_rms, sources
+from uvms_drake.identification.identify import Identification
+from uvms_drake.identification.log import GRID, STATE
+from uvms_drake.identification.output_error import STEP
+from uvms_drake.identification.written import format_result, sources, validation_rms
 from uvms_drake.report.figure_style import BLUE, COLUMN_WIDTH, STYLE, VERMILION
 from uvms_drake.report.html import PAGE as REPORT
 from uvms_drake.report.html import embedded
@@ -21,9 +21,9 @@ PAGE = Template(REPORT.template.partition("<h1>")[0]
                 + Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
 """The page, with `$name` for each of its parts; its head is that of the report of a run."""
 PAGE_FILE = "identification.html"
-FIGURES = ("held_out.png", "parameters.png", "residual.png")
+FIGURES = ("validation.png", "parameters.png", "residual.png")
 CAPTIONS = {
-    "held_out.png": "Measured roll and pitch of some windows (black), and their prediction from the"
+    "validation.png": "Measured roll and pitch of some windows (black), and their prediction from the"
                     " measured state at the beginning, with the parameters of the other half of "
                     "the logs (blue).",
     "parameters.png": "Identified parameters with their intervals, over the numbers of the file.",
@@ -34,10 +34,10 @@ SHOWN = 6
 """Largest number of windows in a figure."""
 
 
-def held_out_figure(found: Identification) -> Figure:
+def validation_figure(found: Identification) -> Figure:
     """Returns measured and predicted roll and pitch of windows."""
     measured = found.windows.measured()[..., :2]
-    predicted = measured - found.held_out[..., :2]
+    predicted = measured - found.validation[..., :2]
     chosen = np.unique(np.linspace(0, len(measured) - 1, SHOWN).astype(int))
     figure = Figure(figsize=(2.0 * COLUMN_WIDTH, 2.6), layout="constrained")
     axes = figure.subplots(2, len(chosen), sharex=True, squeeze=False)
@@ -91,12 +91,12 @@ def residual_figure(found: Identification) -> Figure:
 def write_page(found: Identification, digests: dict[str, str], folder: Path) -> None:
     """Writes the figures and the page with them into a folder."""
     with matplotlib.rc_context(STYLE):
-        for name, figure in zip(FIGURES, (held_out_figure(found), parameter_figure(found),
+        for name, figure in zip(FIGURES, (validation_figure(found), parameter_figure(found),
                                           residual_figure(found)), strict=True):
             figure.savefig(folder / name)
     drawn = "".join(embedded(folder / name, CAPTIONS[name]) for name in FIGURES)
     rms = ", ".join(f"{name} {np.rad2deg(size):.2f} deg" if name in ("roll", "pitch") else
-                    f"{name} {size:.3g}" for name, size in held_out_rms(found).items())
+                    f"{name} {size:.3g}" for name, size in validation_rms(found).items())
     excitation = ", ".join(f"{name} {size:.3g}" for name, size in found.excitation.items())
     texts = {
         "title": f"{found.robot.name}: identification",

@@ -1,4 +1,4 @@
-"""From logs to parameters: rest, windows, estimate, refusals, held-out prediction, residual."""
+"""Identification of parameters: windows, estimate, refusals, held-out prediction, residual."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.progress import Progress, part_of, silent
-from uvms_drake.identify.checks import LATEST, clock_shift, complaint
-from uvms_drake.identify.estimate import (
+from uvms_drake.identification.checks import LATEST, clock_shift, complaint
+from uvms_drake.identification.estimate import (
     NOISE,
     Estimate,
     estimated,
@@ -18,10 +18,10 @@ from uvms_drake.identify.estimate import (
     quadratic_of,
     student,
 )
-from uvms_drake.identify.log import GRID, STATE, Log, gravity_in_body
-from uvms_drake.identify.output_error import OWN, STEP, simulated
-from uvms_drake.identify.parameters import VOLUME, Parameter, error_of, parameters_of
-from uvms_drake.identify.windows import INSTANTS, WINDOW, Windows, windows_of
+from uvms_drake.identification.log import GRID, STATE, Log, gravity_in_body
+from uvms_drake.identification.output_error import OWN, STEP, simulated
+from uvms_drake.identification.parameters import VOLUME, Parameter, error_of, parameters_of
+from uvms_drake.identification.windows import INSTANTS, WINDOW, Windows, windows_of
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.links import Links
 from uvms_drake.model.robot import Robot
@@ -73,7 +73,7 @@ class Identification:
     robot: Robot
     """The robot by its file."""
     confidence: float
-    """Of each interval."""
+    """Confidence of each interval."""
     results: tuple[Result, ...]
     """All parameters that the file has."""
     windows: Windows
@@ -82,13 +82,13 @@ class Identification:
     """The last estimate."""
     fitted: tuple[Parameter, ...]
     """Its parameters."""
-    held_out: np.ndarray
+    validation: np.ndarray
     """Error of a prediction of x from its measured value at the beginning of windows, with the
     parameters of the other half (W, K, 9); nan where nothing was measured."""
     residual: np.ndarray
     """d = ν̇ − f (W, K, 6) [m/s², rad/s²]; nan where ν̇ was not measured."""
     refused: tuple[str, ...]
-    """What was not used, a line each."""
+    """Logs and windows that were not used, a line each."""
 
     @property
     def identified(self) -> tuple[Result, ...]:
@@ -146,13 +146,13 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
     theta = hydrostatics(windows, parameters)
 
     # Logs whose clock is off.
-    late = {log.name: shift for i, log in enumerate(sound) if (
+    shifted = {log.name: shift for i, log in enumerate(sound) if (
         shift := _clock(windows.of(windows.log_of == i), theta)) is not None
         and abs(shift) > LATEST}
-    if late:
+    if shifted:
         refused += [f"{name}: clock: its attitude is {shift:.2g} s later than arm and wrench "
-                    f"ask for, and must be within {LATEST:g} s" for name, shift in late.items()]
-        sound = [log for log in sound if log.name not in late]
+                    f"ask for, and must be within {LATEST:g} s" for name, shift in shifted.items()]
+        sound = [log for log in sound if log.name not in shifted]
         windows = _enough(sound, UvmsModel(robot.uvms), base, parameters, refused)
 
     # All parameters that the windows say something about; then those that prove to be known.
@@ -191,7 +191,7 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
                     for i, each in enumerate(parameters))
     progress("held-out prediction", 0.95)
     return Identification(robot, confidence, results, some, estimate, tuple(used),
-                          _held_out(some, estimate), _residual(some, estimate), tuple(refused))
+                          _validation(some, estimate), _residual(some, estimate), tuple(refused))
 
 
 def _enough(logs: list[Log], model: UvmsModel, base: Links, parameters: list[Parameter],
@@ -206,7 +206,7 @@ def _enough(logs: list[Log], model: UvmsModel, base: Links, parameters: list[Par
 
 
 def _informed(H: np.ndarray, parameters: list[Parameter]) -> np.ndarray:
-    """Returns whether the windows lessen what is not known of each parameter."""
+    """Returns whether the windows lessen the uncertainty of each parameter (P,)."""
     prior = np.array([each.scale for each in parameters]) ** -2.0
     spread = np.sqrt(np.diag(np.linalg.inv(np.sum(H, axis=0) + np.diag(prior))) * prior)
     out: np.ndarray = spread < UNINFORMED
@@ -263,7 +263,7 @@ def _predicted(windows: Windows, theta: np.ndarray) -> np.ndarray:
                      INSTANTS, own, sensitive=False).state
 
 
-def _held_out(windows: Windows, estimate: Estimate) -> np.ndarray:
+def _validation(windows: Windows, estimate: Estimate) -> np.ndarray:
     """Returns the errors (W, K, 9) of each half, predicted with the parameters of the other."""
     first = _half(windows)
     out = np.empty((len(first), INSTANTS, len(STATE)))

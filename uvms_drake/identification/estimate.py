@@ -21,10 +21,10 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.progress import Progress, part_of, silent
-from uvms_drake.identify.log import GRID, STATE, gravity_in_body
-from uvms_drake.identify.output_error import OWN, STEP, simulated
-from uvms_drake.identify.parameters import Parameter
-from uvms_drake.identify.windows import INSTANTS, Windows
+from uvms_drake.identification.log import GRID, STATE, gravity_in_body
+from uvms_drake.identification.output_error import OWN, STEP, simulated
+from uvms_drake.identification.parameters import Parameter
+from uvms_drake.identification.windows import INSTANTS, Windows
 from uvms_drake.model.frames.spatial import times
 
 NOISE = np.array([0.005, 0.005, 0.01, 0.02, 0.02, 0.02, 0.01, 0.01, 0.01])
@@ -34,7 +34,7 @@ UNSEEN = np.array([1.0, 1.0, 1e-6, 0.03, 0.03, 0.03, 0.05, 0.05, 0.05])
 """Standard deviation of a part of x₀ about zero that was not measured [rad, m, m/s, rad/s]."""
 INDEPENDENT = 0.5
 """Time after which an error of the outputs is taken as another one [s]."""
-TILT, PUSH, CLOCK = np.deg2rad(0.5), 0.01, 0.1
+TILT, ACCELERATION, CLOCK = np.deg2rad(0.5), 0.01, 0.1
 """Spread of a window's constant wrench: moments that tilt the vehicle so [rad], forces that
 accelerate it so [m/s²]; and of its clock [s]."""
 ITERATIONS, CONVERGED, LARGEST_STEP = 12, 0.01, 0.5
@@ -120,7 +120,7 @@ def hydrostatics(windows: Windows, parameters: Sequence[Parameter]) -> np.ndarra
     left = windows.wrench[at] - dynamics.force(still[:, None], g_B[:, None])[:, 0]
     scale = np.array([each.scale for each in parameters])
     A = np.moveaxis(Y, 1, 2).reshape(-1, len(parameters)) * scale
-    # One sample in a second counts, with errors as of a tilt; what is not seen stays at zero.
+    # One sample in a second counts, with errors as of a tilt; unseen parameters stay zero.
     size = TILT * _stiffness(windows) / np.sqrt(GRID)
     normal = A.T @ A + size**2 * np.eye(len(scale))
     theta = scale * np.linalg.solve(normal, A.T @ left.ravel())
@@ -141,7 +141,7 @@ def own_of(windows: Windows, noise: np.ndarray) -> Own:
     mean, seen = np.zeros((len(first), OWN)), np.isfinite(first)
     mean[:, :len(STATE)] = np.where(seen, first, 0.0)
     inertia = np.mean(windows.dynamics.composite.inertia, axis=0)
-    force, moment = PUSH * np.mean(np.diag(inertia)[:3]), TILT * _stiffness(windows)
+    force, moment = ACCELERATION * np.mean(np.diag(inertia)[:3]), TILT * _stiffness(windows)
     spread = np.tile(np.concatenate(
         [np.zeros(len(STATE)), np.repeat([force, moment], 3), [CLOCK]]), (len(first), 1))
     spread[:, :len(STATE)] = np.where(seen, 3.0 * noise, UNSEEN)

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.identify.log import GRID, Log
-from uvms_drake.identify.output_error import STEP
-from uvms_drake.identify.parameters import UNIT, Parameter
-from uvms_drake.identify.vehicle_dynamics import VehicleDynamics, arm_motion, vehicle_dynamics
+from uvms_drake.identification.log import GRID, Log
+from uvms_drake.identification.output_error import STEP
+from uvms_drake.identification.parameters import UNIT, Parameter
+from uvms_drake.identification.vehicle_dynamics import VehicleDynamics, arm_motion, vehicle_dynamics
 from uvms_drake.model.links import Links
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -32,7 +32,7 @@ class Windows(NamedTuple):
     wrench: np.ndarray
     """τ_v (T, 6) [N, N m]."""
     state: np.ndarray
-    """Measured x (T, 9); nan of what was not measured."""
+    """Measured x (T, 9); nan where nothing was measured."""
     resting: np.ndarray
     """Whether arm and vehicle are at rest (T,)."""
     start: np.ndarray

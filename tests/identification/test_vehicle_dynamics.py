@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
-from uvms_drake.identify.log import gravity_in_body, state_rate
-from uvms_drake.identify.output_error import OWN, simulated
-from uvms_drake.identify.parameters import UNIT, error_of, parameters_of
-from uvms_drake.identify.vehicle_dynamics import arm_motion, vehicle_dynamics
+from uvms_drake.identification.log import gravity_in_body, state_rate
+from uvms_drake.identification.output_error import OWN, simulated
+from uvms_drake.identification.parameters import UNIT, error_of, parameters_of
+from uvms_drake.identification.vehicle_dynamics import arm_motion, vehicle_dynamics
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms_model import UvmsModel

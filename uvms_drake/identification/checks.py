@@ -1,10 +1,10 @@
-"""Checks of a log before it is used: each finds one line on what is wrong, or nothing."""
+"""Checks of a log before it is used: each finds a fault, in a line, or nothing."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from uvms_drake.identify.log import Log, gravity_in_body
+from uvms_drake.identification.log import Log, gravity_in_body
 from uvms_drake.model.frames.euler import inverse_rate_matrix
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms import STANDARD_GRAVITY
@@ -28,7 +28,7 @@ ALIKE = 0.5
 
 
 def complaint(log: Log) -> str | None:
-    """Returns what is wrong with a log in one line, or None."""
+    """Returns the first fault of a log in one line, or None."""
     checks: tuple[Callable[[Log], str | None], ...] = (
         _units, _gaps, _excitation, _gyro, _gravity, _saturation)
     return next((found for check in checks if (found := check(log))), None)
@@ -113,9 +113,9 @@ def clock_shift(measured: np.ndarray, predicted: np.ndarray, step: float) -> flo
     m, p = (x - np.nanmean(x, axis=0) for x in (measured, predicted))
     found = np.full(len(lags), -1.0)
     for i, lag in enumerate(lags.tolist()):
-        late, early = m[max(lag, 0): len(m) + min(lag, 0)], p[max(-lag, 0): len(p) - max(lag, 0)]
-        both = np.all(np.isfinite(late) & np.isfinite(early), axis=1)
-        a, b = late[both].ravel(), early[both].ravel()
+        after, before = m[max(lag, 0): len(m) + min(lag, 0)], p[max(-lag, 0): len(p) - max(lag, 0)]
+        both = np.all(np.isfinite(after) & np.isfinite(before), axis=1)
+        a, b = after[both].ravel(), before[both].ravel()
         if len(a) > 0.5 * m.size / 2 and (size := np.linalg.norm(a) * np.linalg.norm(b)) > 0.0:
             found[i] = a @ b / size
     best = int(np.argmax(found))

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.common.jsonable import write_json
-from uvms_drake.identify.identify import Identification, Result
-from uvms_drake.identify.log import STATE
-from uvms_drake.identify.robot_file import FILE, source_of, with_numbers
+from uvms_drake.identification.identify import Identification, Result
+from uvms_drake.identification.log import STATE
+from uvms_drake.identification.robot_file import FILE, source_of, with_numbers
 from uvms_drake.plant.model_error import BODIES, COEFFICIENTS, scaled_hydrodynamics
 
 UNKNOWNS_FILE, DATA_FILE = "unknowns.yaml", "identification.json"
@@ -85,9 +85,9 @@ def residual_sizes(found: Identification, quantile: float = COVERED[1]) -> np.nd
                      if np.any(np.isfinite(each)) else np.nan for each in sizes.T])
 
 
-def held_out_rms(found: Identification) -> dict[str, float]:
+def validation_rms(found: Identification) -> dict[str, float]:
     """Returns the rms error of the held-out prediction of each part of x that was measured."""
-    flat = found.held_out.reshape(-1, len(STATE))
+    flat = found.validation.reshape(-1, len(STATE))
     return {name: float(np.sqrt(np.mean(each[np.isfinite(each)]**2)))
             for name, each in zip(STATE, flat.T, strict=True) if np.any(np.isfinite(each))}
 
@@ -101,7 +101,7 @@ def data_of(found: Identification, digests: dict[str, str]) -> dict[str, Any]:
             "value": each.value, "interval": None if each.why else sorted(each.interval),
             "unit": each.parameter.unit, "file": each.parameter.value, "why": each.why}
             for each in found.results},
-        "held_out_rms": held_out_rms(found), "excitation": found.excitation,
+        "validation_rms": validation_rms(found), "excitation": found.excitation,
         "residual": {f"{q:g}": residual_sizes(found, q) for q in COVERED}}
 
 

@@ -2,7 +2,7 @@
 
 A window begins at a state x₀ and is simulated by the classical method of Runge and Kutta with two
 steps of the grid. Of its own are x₀, a constant wrench and a shift of its clock δ, which stand for
-what no parameter of the robot explains: x(t + δ) ≈ x(t) + ẋδ. With columns c of a sensitivity S,
+errors that no parameter of the robot explains: x(t + δ) ≈ x(t) + ẋδ. For a sensitivity S,
 
     d(εS)/dt = F(x + εS) − F(x) − ε[0; I⁻¹Y],                                                  (1)
 
@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.identify.log import GRID, STATE, gravity_in_body, state_rate
-from uvms_drake.identify.vehicle_dynamics import VehicleDynamics
+from uvms_drake.identification.log import GRID, STATE, gravity_in_body, state_rate
+from uvms_drake.identification.vehicle_dynamics import VehicleDynamics
 
 EPSILON = 1e-7
 """ε of (1)."""
@@ -45,6 +45,7 @@ def simulated(dynamics: VehicleDynamics, wrench: np.ndarray, start: np.ndarray, 
         own: x₀, constant wrench and clock of each window (W, 16).
         sensitive: Whether the sensitivities are wanted.
     """
+    # The first column is the motion; each other one has a small change of a parameter.
     P, size = len(dynamics.drag_changes) if sensitive else 0, len(STATE)
     extra = np.zeros((OWN - 1 + P, size + 6))
     extra[P:, :size + 6] = EPSILON * np.eye(OWN - 1)
@@ -66,6 +67,7 @@ def simulated(dynamics: VehicleDynamics, wrench: np.ndarray, start: np.ndarray, 
             nu_dot[:, 1:1 + P] -= EPSILON * Y @ inverse
         return state_rate(x, nu_dot)
 
+    # Two steps of the grid each, with the middle sample between.
     h, now = STEP * GRID, terms(start)
     states, rates = np.empty((2, len(start), count, *x.shape[1:]))
     for k in range(count):
@@ -77,6 +79,7 @@ def simulated(dynamics: VehicleDynamics, wrench: np.ndarray, start: np.ndarray, 
         three = rate(middle, x + 0.5 * h * two)
         x = x + h / 6.0 * (one + 2.0 * two + 2.0 * three + rate(then, x + h * three))
         now = then
+    # The clocks, and differences from the first column.
     shifted = states + rates * own[:, -1, None, None, None]
     S = np.moveaxis((shifted[:, :, 1:] - shifted[:, :, :1]) / EPSILON, 2, -1)
     clock = rates[:, :, 0, :, None]
