@@ -20,11 +20,10 @@ from uvms_drake.command.benchmark import add_benchmark
 from uvms_drake.command.campaign import add_calibrate, add_campaign
 from uvms_drake.command.certify import add_certify
 from uvms_drake.command.compare import add_compare
-from uvms_drake.command.identify import add_identify
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.keys import add_keys
 from uvms_drake.command.paper import add_errata
-from uvms_drake.command.robot import add_robot
+from uvms_drake.command.robot import add_identify, add_robot
 from uvms_drake.command.run import add_plot, add_run
 from uvms_drake.command.scenario import add_scenario, add_scenarios
 from uvms_drake.common.alarm import LOGGER

@@ -23,9 +23,9 @@ PAGE = Template(REPORT.template.partition("<h1>")[0]
 PAGE_FILE = "identification.html"
 FIGURES = ("validation.png", "parameters.png", "residual.png")
 CAPTIONS = {
-    "validation.png": "Measured roll and pitch of some windows (black), and their prediction from the"
-                    " measured state at the beginning, with the parameters of the other half of "
-                    "the logs (blue).",
+    "validation.png": "Measured roll and pitch of some windows (black), and their prediction from "
+                      "the measured state at the beginning, with the parameters of the other half "
+                      "of the logs (blue).",
     "parameters.png": "Identified parameters with their intervals, over the numbers of the file.",
     "residual.png": "Residual of the vehicle's acceleration: the fraction of the samples above a "
                     "size, by axis.",
