@@ -9,6 +9,7 @@ A fifth of the runs is at a corner: every unknown, and every parameter of the wa
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -153,7 +154,7 @@ def drawn_unknowns(declared: Unknowns, rng: np.random.Generator, likely: float =
     shift = np.asarray(known.buoyancy_shift, dtype=float)
     if np.any(shift):
         shift = shift * np.append(first, _parts(rng, likely, 2))
-    by_axis = {body: AxisFactors(**{
+    by_axis: dict[str, Any] = {body: AxisFactors(**{
         name: 1.0 + (size - 1.0) * _parts(rng, likely, 6) for name in COEFFICIENTS
         if np.any((size := known.by_axis(body, name)) != 1.0)})
         for body in BODIES if getattr(known, body) is not None}

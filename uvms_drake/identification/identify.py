@@ -251,8 +251,9 @@ def _clock(windows: Windows, theta: np.ndarray) -> float | None:
     if not any(np.max(np.ptp(x[log.known], axis=0), initial=0.0) > DRIVEN
                for log in logs for x in (log.q, log.wrench)):
         return None
-    return clock_shift(*(x[:, :, :2].reshape(-1, 2)
-                         for x in (windows.measured(), _predicted(windows, theta))), STEP * GRID)
+    measured, predicted = (x[:, :, :2].reshape(-1, 2)
+                           for x in (windows.measured(), _predicted(windows, theta)))
+    return clock_shift(measured, predicted, STEP * GRID)
 
 
 def _predicted(windows: Windows, theta: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ volumes, or a displacement of the vehicle's centre of buoyancy [m].
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -96,7 +96,8 @@ def _candidates(robot: Robot) -> list[tuple[str, ModelError, float, str]]:
                float(center[i]), "m")
               for i, axis in enumerate("xyz")]
     for body, name, i in product(BODIES, COEFFICIENTS, range(6)):
-        error = ModelError(**{body: AxisFactors(**{name: 1.0 + UNIT * np.eye(6)[i]})})
+        error = replace(ModelError(), **dict[str, Any]({
+            body: AxisFactors(**{name: 1.0 + UNIT * np.eye(6)[i]})}))
         value = 0.0
         for key, each in water.bodies.items():
             if (key == vehicle.name()) == (body == "vehicle"):
@@ -120,7 +121,7 @@ def error_of(values: Mapping[str, float]) -> ModelError:
     volume = 1.0 + values.get(VOLUME, 0.0)
     error = ModelError(buoyancy=volume, buoyancy_shift=np.array([
         values.get(f"{SHIFT}.{axis}", 0.0) for axis in "xyz"]) / volume)
-    by_axis = {body: AxisFactors(**{name: 1.0 + np.array([
+    by_axis: dict[str, Any] = {body: AxisFactors(**{name: 1.0 + np.array([
         values.get(f"{body}.{name}.{axis}", 0.0) for axis in AXES]) for name in COEFFICIENTS})
         for body in BODIES}
     return replace(error, **by_axis)

@@ -46,7 +46,6 @@ class LogSignals(Conventions):
 
     def check(self) -> None:
         """Raises `InvalidParameter` for a number of columns that a signal does not have."""
-        super().check()
         for i, each in enumerate(self.signals):
             size = {"position": 3, "armed": 1, **SIZES}[each.signal]
             if each.signal == "attitude" and self.attitude != "rpy":
