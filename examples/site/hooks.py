@@ -32,6 +32,8 @@ PICTURES = (".png", ".gif")
 LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 CODE = re.compile(r"(```.*?\n```|`[^`\n]+`)", re.DOTALL)
 LANGUAGES = {".py": "python", ".yaml": "yaml", ".toml": "toml", ".csv": "text"}
+UNSEARCHED = "---\nsearch:\n  exclude: true\n---\n"
+"""Head of a listing: search finds the guides and the API."""
 WIDTH = 640
 """Width of a picture in the gallery [pixels]."""
 
@@ -121,7 +123,8 @@ def text_of(path: Path) -> str:
     if path.suffix == ".md":  # A list needs a blank line before it here.
         return re.sub(r"(?m)^(?![-*|>#\s])(.+)\n(?=(?:[-*]|1\.) )", r"\1\n\n", text)
     language = LANGUAGES.get(path.suffix, "text")
-    return f"# {path.name}\n\n`{path.relative_to(ROOT)}`\n\n````{language}\n{text}\n````\n"
+    return (f"{UNSEARCHED}# {path.name}\n\n`{path.relative_to(ROOT)}`\n\n"
+            f"````{language}\n{text}\n````\n")
 
 
 def listing(folder: Path) -> str:
