@@ -79,6 +79,8 @@ CASES = {
     "current": Case("m/s", 0.1, lambda size: [f"current=[{size:g},0,0]"]),
     "mass": Case("of it", 0.03,
                  lambda size: [f"model_error.mass={1.0 + size:g}"]),
+    "added mass": Case("of it", 0.03,
+                       lambda size: [f"model_error.added_mass={1.0 + size:g}"]),
     "trim": Case("of it", 0.01,
                  lambda size: [f"model_error.buoyancy={1.0 + size:g}"]),
     "joint friction": Case("N m", 0.2,
@@ -86,6 +88,11 @@ CASES = {
     "payload": Case("kg", 0.02,
                     lambda size: [f"model_error.payload.mass={size:g}"])}
 CAMPAIGNS = tuple(CASES)[:2]
+
+
+def declared_of(name: str) -> list[str]:
+    """Returns the settings that declare an unknown of the asked size."""
+    return [*CASES[name].settings(CASES[name].asked), f"duration={DURATION:g}"]
 
 
 def followed(declared: list[str]) -> tuple[list[str], Certificate]:
@@ -143,7 +150,7 @@ def rows_of(name: str) -> tuple[str, str, list[str]]:
     """Returns the row of an unknown, its list of settings, and these settings."""
     case = CASES[name]
     print(name, file=sys.stderr)
-    declared = [*case.settings(case.asked), f"duration={DURATION:g}"]
+    declared = declared_of(name)
     settings, certificate = followed(declared)
     asked = f"| {name} | {case.asked:g} {case.unit} |"
     if not certificate.certified:

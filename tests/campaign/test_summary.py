@@ -108,7 +108,7 @@ def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
 
 KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
         "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "inside": True,
-        "use": {"nu1": 0.6, "u[2]": 0.9}, "off_line": 0.8, "starts": 2, "walls": 1,
+        "use": {"nu1": 0.6, "u_heave": 0.9}, "off_line": 0.8, "starts": 2, "walls": 1,
         "desired_force": 10.0, "touched": True,
         "wall": {"static": 0.4, "peak": 0.5, "losses": 0, "in_class": True,
                  "first_touch_s": 12.0}}
@@ -143,7 +143,7 @@ def with_wall(**changes):
     (KEPT | {"touched": False}, ("no touch",)),
     (KEPT | {"off_line": 1.01}, ("force line",)), (KEPT | {"off_line": None}, ()),
     *((KEPT | {"use": {"position": 0.3, row: 1.01}}, ("tube",)) for row in (
-        "depth", "nu1", "nu2", "qdot", "tip_speed", "roll", "pitch", "u[9]", "tau[0]")),
+        "depth", "nu1", "nu2", "qdot", "tip_speed", "roll", "pitch", "u_q4", "tau_surge")),
     (KEPT | {"mission": {"done": False}}, ("mission",)), (KEPT | {"mission": {"done": True}}, ()),
     (KEPT | {"exits_set": 1, "violations": 1}, ("tube", "limit"))])
 def test_every_kind_of_failure_counts(result, kinds):
@@ -155,9 +155,9 @@ def test_a_run_that_fails_in_two_ways_is_one_failure_and_none_can_be_left_out(re
     assert certificate_of(real, results).probability == pytest.approx(1.0 - 0.025**(1.0 / 60.0))
     results[7] |= {"exits_set": 1, "violations": 2}
     results[9] |= {"exits_set": 1}
-    results[3] |= {"starts": 5, "use": {"nu1": 0.2, "u[2]": 0.95}}
+    results[3] |= {"starts": 5, "use": {"nu1": 0.2, "u_heave": 0.95}}
     found = certificate_of(real, results[::-1])
-    assert (found.draws, found.use) == ({"starts": 123, "walls": 60}, {"nu1": 0.6, "u[2]": 0.95})
+    assert (found.draws, found.use) == ({"starts": 123, "walls": 60}, {"nu1": 0.6, "u_heave": 0.95})
     assert found.force == {"least": 10.0, "largest": 10.0, "off_line": 0.8}
     assert (found.runs, found.failures, found.failed) == (60, 2, (7, 9))
     assert (found.kinds["tube"], found.kinds["limit"]) == (2, 1)

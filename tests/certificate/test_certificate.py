@@ -176,7 +176,7 @@ HOLDS = Certificate(
     estimates=(Estimate("ω", 1.0, 0.5), Estimate("u", 2.0, 1.8)),
     conditions=(Condition("fine", 1.0, ">", 0.0, theorem="t"),
                 assumption("faults", "which the proofs do not cover", 0.0, theorem="t"),
-                tightened("q1", 0.01, 0.25, proven=True), tightened("u[2]", 0.56, 0.7),
+                tightened("q1", 0.01, 0.25, proven=True), tightened("u_heave", 0.56, 0.7),
                 tightened("nu1", 0.007, 0.15)))
 LEGS = (Leg("Approach", 10.0, None, 1.0, 60.0, ""), Leg("Hold", 12.0, 8.5, 5.0, 60.0, ""),
         Leg("Slide", 10.0, 11.0, 25.0, 50.0, "mission.steps[2], how fast: 2 <= 1"))
@@ -202,7 +202,8 @@ def full(contact) -> Certificate:
                   UnknownEffect("a current of 0.1 m/s", (0.2, 0.1), 0.4)),
         budget={"depth": {"noise": 1e-3, "d": 2e-3}, "joints": {"noise": 0.0, "d": 1e-3}},
         margin={"depth": 0.01},
-        terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
+        terminal=TerminalResult(
+            0.5, "u_sway end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
         bounds=HOLDS.bounds | {HOLD: 6.12, LIKELY: 4.95},
         assumptions=assumptions_of(contact, uv.load_model(contact)))
 
@@ -210,7 +211,7 @@ def full(contact) -> Certificate:
 def failing() -> Certificate:
     """Returns a certificate with conditions of every kind that do not hold."""
     return replace(HOLDS, conditions=(
-        *HOLDS.conditions, tightened("u[1]", 0.5, 0.3),
+        *HOLDS.conditions, tightened("u_sway", 0.5, 0.3),
         Condition("first plan, distance to the terminal set", 2.0, "<=", 1.0,
                   "--set mpc.horizon=23", theorem="t", topic="first plan to the terminal set"),
         assumption("faults", "which the proofs do not cover", 2.0, theorem="t"),
@@ -238,12 +239,13 @@ def test_the_numbers_of_the_short_text_are_those_of_the_certificate(contact):
         f"{contact.contact.force:.4g} N in motion, 36.79 N with the plan at its target, "
         "20 ± 16.8 N")
     assert rows["end-effector"] == "within 2.04 mm and 7 mrad of the plan"
-    assert rows["tightest limit"] == "u[2]: the tube takes 80 %, 0.14 of 0.7 is left for the plan"
+    assert rows["tightest limit"] == (
+        "u_heave: of its 0.7 the tube takes 0.56 (80 %), the plan has 0.14")
     assert rows["proven"] == "1 of the 3 numbers that tighten limits; 2 estimated"
     assert rows["computed in"] == "27.3 s"
     cached = format_overview(HOLDS, contact, 0.0, from_cache=True)
     assert "\ncomputed          before, from the cache" in cached and "computed in" not in cached
-    assert tightest_limit(HOLDS).name == "tube in limits.u[2]"
+    assert tightest_limit(HOLDS).name == "tube in limits.u_heave"
     assert tightest_limit(replace(HOLDS, conditions=())) is None
 
 
@@ -261,11 +263,11 @@ def test_the_force_is_limited_by_what_the_scenario_limits_and_held_by_the_hardes
 def test_the_verdict_is_the_first_failure_or_how_much_is_proven():
     assert HOLDS.verdict == (
         "certified: all 5 conditions hold; of the 3 numbers that tighten limits 1 are proven, 2 "
-        "estimated (a second search found 50% to 90% of the claims)")
+        "estimated (of each, a second search reached 50% to 90%)")
     felt = replace(HOLDS, estimates=(Estimate(JERK, 1.0, 0.9),))
     assert " 1 are proven, given the estimated jerk of the tip, 2 estimated" in felt.verdict
     assert failing().verdict.startswith(
-        "not certified: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
+        "not certified: tube in limits.u_sway: 0.5 < 0.3 does not hold by 0.2; what would help: ")
     assert str(failing()).count("DOES NOT HOLD") == 4
 
 

@@ -113,8 +113,8 @@ def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_p
     assert main(["certify", "girona500_ideal", *NOT_CERTIFIED, "--output", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert err.splitlines()[-1] == f"written to {tmp_path}: certificate.json"
-    assert out.startswith("girona500_ideal: not certified: tube in limits.u[")
-    assert "\ndoes not hold\n  tube in limits.u[" in out
+    assert out.startswith("girona500_ideal: not certified: tube in limits.u_")
+    assert "\ndoes not hold\n  tube in limits.u_" in out
     assert "\n    what would help: " in out
     certificate = certificate_of(tmp_path)
     assert not certificate.certified
@@ -128,7 +128,7 @@ def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
     last = err.splitlines()[-1]
     assert last.startswith("uvms-drake: error: ")
     assert ": --uncertified runs it with its declared tube, " in last
-    assert "; not certified: tube in limits.u[" in last
+    assert "; not certified: tube in limits.u_" in last
     assert not (tmp_path / "out").exists()
     assert run_in(tmp_path / "out", *NOT_CERTIFIED, "--uncertified") == 0
 

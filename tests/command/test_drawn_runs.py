@@ -61,7 +61,7 @@ def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
     certificate = read_certificate(made / "certificate.json")
     assert (certificate.runs, certificate.failures, certificate.made_by) == (2, 0, "certify")
     assert certificate.probability == pytest.approx(1.0 - 0.025**0.5)
-    assert set(certificate.use) > {"position", "nu1", "roll", "pitch", "u[0]", "u[9]"}
+    assert set(certificate.use) > {"position", "nu1", "roll", "pitch", "u_surge", "u_q4"}
     assert 0.0 < max(certificate.use.values()) < 1.0
     (attempt,) = certificate.attempts
     assert (attempt.task, attempt.runs) == ("girona500_arm5e, KnownSurface, press", 2)

@@ -8,6 +8,7 @@ from support.missions import mission_record
 from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.campaign.run import off_line
+from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.report.tube_use import deviations, off_knots, tube_use
 
@@ -22,8 +23,8 @@ def test_each_row_is_the_largest_deviation_over_its_radius():
     for name, rows, radius in (("nu1", slice(3), 0.03), ("nu2", slice(3, 6), 0.02),
                                ("qdot", slice(6, 10), 0.01)):
         assert use[name] == pytest.approx(5.0 * most * np.linalg.norm(part[rows]) / radius)
-    assert use["u[0]"] == pytest.approx(20.0 * most / 0.1)
-    assert use["u[9]"] == pytest.approx(20.0 * most * 0.2 / 0.3)
+    assert use["u_surge"] == pytest.approx(20.0 * most / 0.1)
+    assert use["u_q4"] == pytest.approx(20.0 * most * 0.2 / 0.3)
     assert use["position"] == pytest.approx(np.max(record.tube_deviation[:, 1]) / 0.005)
     # A wall that is known has no depth along a declared direction, and tau no radius here.
     assert not {name for name in use if name.startswith(("depth", "tau"))}
@@ -47,7 +48,7 @@ def test_speeds_of_the_tip_are_the_rate_of_its_pose():
     unforced, forced = (model.inverse_dynamics(
         model.kinematics(at), np.zeros(10), zeta_dot, np.zeros(6))
         for zeta_dot in (np.zeros(10), record.nominal_input[i]))
-    each = [found[f"tau[{j}]"][i] for j in range(10)]
+    each = [found[f"tau_{name}"][i] for name in input_names(4)]
     np.testing.assert_allclose(each, np.abs(record.tau[i] - (forced - unforced)), atol=1e-8)
 
 

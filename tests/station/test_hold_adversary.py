@@ -3,12 +3,18 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from support.unknown_wall import close_to_the_wall
 
+import uvms_drake as uv
+from uvms_drake.campaign.drawn_contact import tips
+from uvms_drake.campaign.draws import first_feasible
 from uvms_drake.control.limits.radii import HoldRadii
+from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.contact.drawn_surfaces import is_member
 
 RESULTS = Path(__file__).parents[2] / "examples" / "results"
 HOLD = HoldRadii(time=0.4, depth=4.8e-4, position=6.8e-4, advance=0.0175, standing=0.002,
@@ -24,7 +30,7 @@ def modules():
         import adversaries
         import hold_station
         yield adversaries, hold_station
-        for name in ("adversaries", "hold_station", "make_all"):
+        for name in ("adversaries", "hold_station", "make_all", "random_attacks", "unknowns"):
             sys.modules.pop(name, None)
 
 
@@ -54,6 +60,46 @@ def test_an_attack_is_of_the_declared_class(modules):
         assert np.all(np.abs(attack.noise) <= 1.0 + 1e-12)
         assert np.all(np.linalg.norm(attack.disturbance, axis=1) <= 1.0 + 1e-12)
         assert np.any(attack.disturbance)
+
+
+def test_a_random_attack_is_of_the_declared_class(modules):
+    """Walls are members where the tip may touch them; errors of the forces are at their bounds."""
+    attacks, scenario = modules[0].random_attacks, uv.load_scenario("girona500_contact")
+    ocp = first_feasible(scenario, uv.make_ocp(scenario))
+    contact, ends = sensed_contact(scenario), tips(scenario, ocp)
+    shapes = set()
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        wall = attacks.wall_near(scenario, ocp, rng)
+        shapes.add(type(wall.geometry))
+        assert is_member(wall, contact, *ends)
+        assert contact.clearance <= -np.max(wall.geometry.depth(np.array(ends))) < 0.2
+        sensor = attacks.errors_of(scenario.sensing[0], rng)
+        error = np.array([sensor.script(index) for index in range(400)])
+        assert np.all(np.abs(error) <= 1.0)
+        np.testing.assert_array_equal(np.abs(error[:, :3]), 1.0)
+        assert np.all(error[: sensor.tare_samples, :3] == error[0, :3])
+    assert len(shapes) > 2
+
+
+@pytest.mark.slow
+def test_what_a_random_attack_finds_is_compared_with_what_is_claimed(modules):
+    attacks, scenario = modules[0].random_attacks, close_to_the_wall("contact.clearance=0.02")
+    certificate = SimpleNamespace(unknowns=())
+    scenario = replace(scenario, tube=replace(scenario.tube, hold=HOLD))
+    ocp = first_feasible(scenario, uv.make_ocp(scenario))
+    record = attacks.attacked(scenario, ocp, 4.0, np.random.default_rng(3))
+    assert len(np.unique(record.desired_force[:, 0])) > 1
+    found = attacks.compared(record, certificate)
+    assert found.bad == ()
+    assert 0.01 < found.ratios["tube: inputs"] < 1.0
+    assert 0.1 < found.ratios["static force over `contact.force`"] < 1.0
+    # Of a tube that is ten thousand times narrower each claim is false.
+    narrow = replace(record, scenario=replace(record.scenario, tube=replace(
+        record.scenario.tube, **{name: 1e-4 * getattr(record.scenario.tube, name) for name in (
+            "nu1", "depth", "qdot")})))
+    broken = attacks.compared(narrow, certificate).ratios
+    assert broken["tube: pose and joints"] > 1.0 and broken["tube: velocities"] > 1.0
 
 
 @pytest.mark.slow

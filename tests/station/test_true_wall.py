@@ -166,7 +166,7 @@ def test_it_is_a_condition_that_fails_before_any_search(monkeypatch):
 
 @pytest.mark.parametrize(("scenario", "override", "said"), [
     (MAIN, "surface.law.stiffness=1500", "surface, which is outside of its declared class: "),
-    ("girona500_real_loop", "seed=0", "current, ")])
+    ("girona500_real_loop", "seed=0", "sensing[0], ")])
 def test_a_certified_run_is_refused_at_once_with_the_way_out_first(
         scenario, override, said, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("uvms_drake.certificate.certify.certified_once",

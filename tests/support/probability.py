@@ -16,7 +16,7 @@ def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
         "scenario": NAME, "runs": runs, "failures": len(failed), "confidence": 0.95,
         "probability": p, "kinds": kinds, "failed": tuple(failed),
         "distribution": ("start: anywhere", "wall: any"), "never_drawn": (),
-        "draws": {"starts": 2 * runs, "walls": runs}, "use": {"depth": 0.5, "u[2]": 0.75},
+        "draws": {"starts": 2 * runs, "walls": runs}, "use": {"depth": 0.5, "u_heave": 0.75},
         "force": {"least": 5.0, "largest": 20.0, "off_line": 0.4},
         "attempts": (Attempt("girona500_arm5e, SensedContact, press", NAME, runs, 64 * "a", 0.95),),
         "campaign": "c0ffee", **probability_fingerprint(scenario)} | changes))

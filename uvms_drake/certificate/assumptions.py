@@ -228,7 +228,7 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
 
     Those that it cannot give up are `assumptions_of`.
     """
-    # Axes without a thruster, model errors, options of the MPC, parts of the loop.
+    # Parts of the loop first, which no setting mends; axes without a thruster, options of the MPC.
     wall, actuation = scenario.contact.declared_wall(), scenario.actuation
     mpc, model = scenario.mpc, model or load_model(scenario)
     unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
@@ -243,7 +243,12 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
             ("supervisor", "that it is silent inside of the class is not computed", 1.0)]),
         *([] if wall is None else [("contact.tangential_lag", "delayed feedback of the friction",
                                     wall.tangential_lag)])]
-    conditions = [
+    return [
+        *(assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
+                     theorem=GUARANTEE)
+          for key, parts in (("sensing", scenario.sensing), ("actuation", actuation))
+          for i, part in enumerate(parts) if part.assumption() is not None
+          and (wall is None or part.reading(0.0, 0.0) is None)),
         assumption("axes that the robot's thrusters do not drive", "unnamed by an !IdealWrench"
                    + (f": {', '.join(unnamed)}" if unnamed else ""), len(unnamed),
                    advice=f"--set 'actuation=[!IdealWrench {{undriven: [{undriven}]}}]', for a "
@@ -251,13 +256,6 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
         *(assumption(key, reason, broken, theorem=GUARANTEE) for key, reason, broken in assumed),
         *(assumption(f"mpc.terms[{i}]", f"{type(term).__name__}, which the terminal set leaves out",
                      topic="mpc.terms", theorem=GUARANTEE) for i, term in enumerate(mpc.terms))]
-    for key, parts in (("sensing", scenario.sensing), ("actuation", actuation)):
-        conditions += [
-            assumption(f"{key}[{i}]", f"{type(part).__name__}: {part.assumption()}", topic=key,
-                       theorem=GUARANTEE)
-            for i, part in enumerate(parts) if part.assumption() is not None
-            and (wall is None or part.reading(0.0, 0.0) is None)]
-    return conditions
 
 
 def _uncounted(unknowns: Unknowns, actuation: Sequence[Actuator]) -> list[tuple[str, str, float]]:

@@ -1,4 +1,4 @@
-"""Certificates in words: verdict, advice, five numbers in short, and everything as a table."""
+"""Certificates in words: verdict, advice, the most important numbers, and all as a table."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,6 +24,7 @@ from uvms_drake.tube.ultimate_bounds import HOLD, LIKELY
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
           "limits.static_force (contact.force, where it is sensed), up to which the tube is taken")
+DRAWN = "certify --runs N, for no proof of the worst case covers it"
 HELP = {
     "contact.force_error": "a larger contact.force_error or contact.delay, or a better sensor",
     "class of the wall": "a contact that declares this surface, or --uncertified",
@@ -49,15 +50,15 @@ HELP = {
     "mpc.initial_state": "initial_state: nominal",
     "mpc.terminal_weight": "terminal_weight: null, so that P is computed",
     "mpc.terminal_set": "terminal_set: true",
-    "current": "still water, an ideal wrench without a clock, or --uncertified",
-    "waves": "still water, an ideal wrench without a clock, or --uncertified",
+    "current": "still water or an ideal wrench without a clock, or else certify --runs N",
+    "waves": "still water or an ideal wrench without a clock, or else certify --runs N",
     "model_error": "leaving it out",
     "declared unknowns": "smaller unknowns",
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",
-    "sensing": "leaving it out",
-    "actuation": "leaving it out",
-    "actuation path": "leaving it out, or --uncertified",
+    "sensing": DRAWN,
+    "actuation": DRAWN,
+    "actuation path": DRAWN,
     "supervisor": "supervisor: null, or --uncertified",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
     "left by the tube": "a wider limit, a smaller disturbance.bound or larger gains",
@@ -130,7 +131,7 @@ def _proven(claims: Claims) -> str:
     jerk = any(each.name == JERK for each in claims.estimates)
     given = f", given the estimated {JERK}" if proven and jerk else ""
     ratios = [each.ratio for each in claims.estimates]
-    again = (f" (a second search found {min(ratios):.0%} to {max(ratios):.0%} of the claims)"
+    again = (f" (of each, a second search reached {min(ratios):.0%} to {max(ratios):.0%})"
              if ratios and proven < len(numbers) else "")
     return (f"; of the {len(numbers)} numbers that tighten limits {proven} are proven{given}, "
             f"{len(numbers) - proven} estimated{again}")
@@ -141,7 +142,7 @@ def _proven(claims: Claims) -> str:
 
 def format_overview(claims: Claims, scenario: Scenario, seconds: float | None = None,
                     *, from_cache: bool = False) -> str:
-    """Returns the verdict, its scope, five numbers, and the failed conditions with advice.
+    """Returns the verdict, its scope, its numbers in short, and failed conditions with advice.
 
     Args:
         claims: Those of a certificate of the scenario.
@@ -210,9 +211,9 @@ def _numbers(claims: Claims, scenario: Scenario) -> Iterator[tuple[str, str]]:
     if claims.arrival is not None:
         yield "approach", _approach(claims.arrival, scenario.duration)
     if tightest := tightest_limit(claims):
-        yield ("tightest limit", f"{tightest.about}: the tube takes "
-               f"{100.0 * tightest.left / tightest.right:.3g} %, "
-               f"{tightest.margin:.3g} of {tightest.right:.3g} is left for the plan")
+        yield ("tightest limit", f"{tightest.about}: of its {tightest.right:.3g} the tube takes "
+               f"{tightest.left:.3g} ({100.0 * tightest.left / tightest.right:.3g} %), "
+               f"the plan has {tightest.margin:.3g}")
     if numbers:
         proven = sum(each.proven for each in numbers)
         yield ("proven", f"{proven} of the {len(numbers)} numbers that tighten limits; "

@@ -103,7 +103,7 @@ def used(tube: dict[str, Any], in_probability: bool = False) -> str:
     ratio = tube["worst_ratio"]["set"]
     if tube["worst_e"] is None or ratio is None or not np.isfinite(ratio):
         return f"{name} not watched"
-    return f"{100.0 * ratio:.3g} % of the {name} used"
+    return f"at most {100.0 * ratio:.3g} % of a radius of the {name} used"
 
 
 def _task(summary: dict[str, Any]) -> str:

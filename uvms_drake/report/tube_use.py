@@ -3,6 +3,7 @@
 import numpy as np
 
 from uvms_drake.control.laws.law import FIELDS
+from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
@@ -39,8 +40,10 @@ def radii_of(tube: TubeRadii) -> dict[str, float]:
              "between_knots")
     radii = {name: getattr(tube, name) for name in parts if getattr(tube, name) is not None}
     tau = () if tube.tau is None else tube.tau
-    return radii | {f"{name}[{i}]": float(radius) for name, of in (("u", tube.u), ("tau", tau))
-                    for i, radius in enumerate(of)}
+    return radii | {f"{name}_{channel}": float(radius)
+                    for name, of in (("u", tube.u), ("tau", tau))
+                    for channel, radius in zip(
+                        input_names(len(of) - 6), of, strict=False)}
 
 
 def deviations(record: Record) -> dict[str, np.ndarray]:
@@ -62,7 +65,8 @@ def deviations(record: Record) -> dict[str, np.ndarray]:
                       record.time, record.chi_nominal[:, :3] @ n, planned_speed @ n,
                       record.scenario.mpc.time_step)}
     for name, error in (("u", record.u - record.nominal_input), ("tau", record.tau - planned)):
-        found |= {f"{name}[{i}]": np.abs(row) for i, row in enumerate(error.T)}
+        found |= {f"{name}_{channel}": np.abs(row) for channel, row in zip(
+            input_names(model.num_joints), error.T, strict=True)}
     return found
 
 

@@ -46,8 +46,8 @@ class InputLimit(AbsoluteLimit):
         """Returns the derivatives of `by_force` by 𝔮 (..., 6+n, 3, 6+n)."""
 
     @property
-    def signal_names(self) -> list[str]:
-        """Names of the channels."""
+    def labels(self) -> list[str]:
+        """Names of the channels: u_surge, u_sway, ..."""
         return [f"{self.name}_{channel}" for channel in input_names(len(self.bound) - 6)]
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray | None:
@@ -214,8 +214,3 @@ class ThrusterForces(Forces):
     def units(self) -> list[str]:
         """Unit of a force, or of the wrench about an undriven axis."""
         return ["N m" if name in AXES[3:] else "N" for name in self.names]
-
-    @property
-    def signal_names(self) -> list[str]:
-        """`labels`."""
-        return self.labels

@@ -192,7 +192,7 @@ class Limit(ABC):
 
     @property
     def labels(self) -> list[str]:
-        """Names of the m values in messages and in the certificate's conditions."""
+        """Names of the m values as signals, in messages and in the certificate's conditions."""
         return [self.name] if len(self.upper) == 1 else [
             f"{self.name}[{i}]" for i in range(len(self.upper))]
 
@@ -201,15 +201,10 @@ class Limit(ABC):
         """Unit of each value."""
         return [self.unit] * len(self.upper) if isinstance(self.unit, str) else list(self.unit)
 
-    @property
-    def signal_names(self) -> list[str]:
-        """Names of the values as signals."""
-        return self.labels
-
     def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
         """Returns by name the signals (...) and their upper, or for _min their lower, bounds."""
         out, values = {}, self.values(at)
-        for i, name in enumerate(self.signal_names):
+        for i, name in enumerate(self.labels):
             if self.absolute:
                 out[name] = (np.abs(values[..., i]), float(self.upper[i]))
             else:
@@ -220,7 +215,7 @@ class Limit(ABC):
     def unit_of(self, signal: str) -> str:
         """Returns the unit of one of the `signals`."""
         name = signal.removesuffix("_min").removesuffix("_max")
-        return self.units[self.signal_names.index(name)]
+        return self.units[self.labels.index(name)]
 
     @property
     def bars(self) -> list[str]:

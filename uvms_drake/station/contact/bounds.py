@@ -142,8 +142,11 @@ def mean_time(scenario: Scenario) -> float:
     """Returns the time over which a press averages its readings [s].
 
     So long that the part of a reading's error that may change at once, of both signs, moves a
-    target by κ₊ no faster than a plan that stands.
+    target by κ₊ no faster than a plan that stands. Zero where plans begin at the measured state:
+    no hold is claimed of them, and they follow the newest reading sooner.
     """
+    if scenario.mpc.initial_state != "nominal":
+        return 0.0
     reading = known_reading(scenario)
     if reading is None:
         return LONGEST_MEAN

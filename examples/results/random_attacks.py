@@ -1,0 +1,186 @@
+"""Random attacks on every claim of a certificate: all at once, and all of the declared class.
+
+Each run has a wall of any shape of the class, whose distance, inclination, slope, damping and
+friction are drawn, each at its bound in half of the draws; readings whose errors are at their
+bounds, constant or as a square wave, of random signs along each axis, after a tare that was off by
+as much; an adversary or a square wave with all of the disturbance; every declared unknown at a
+bound; and steps of the desired force at random instants. What a run has found is compared with
+what is claimed.
+"""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from hold_station import ScriptedSensor, noisy
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from unknowns import BASE, CASES, declared_of, followed
+
+import uvms_drake as uv
+from uvms_drake.campaign.drawn_contact import LEAST_CREEP, misplaced, steepest_friction, tips
+from uvms_drake.campaign.draws import drawn_unknowns, first_feasible
+from uvms_drake.campaign.run import outcome
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.common.wiring import release
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.mission.steps import Mission
+from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
+from uvms_drake.report.contact_check import summarise_bands
+from uvms_drake.station.contact.bounds import largest_force, pressing_force, sensed_contact
+from uvms_drake.station.contact.drawn_surfaces import draw_wall
+from uvms_drake.station.problem import load_model, make_ocp
+from uvms_drake.station.simulation import make_record
+from uvms_drake.station.step_size import friction_rate
+
+RUNS = {"girona500_contact": (24, 14.0), "girona500_contact_uncertain": (12, 14.0),
+        "current": (4, 14.0), "mass": (6, 14.0), "added mass": (6, 14.0), "payload": (6, 14.0),
+        "girona500_tip_first": (6, 16.0), "bluerov2_contact": (6, 16.0),
+        "jacket_inspection": (4, 16.0), "girona500_stiff": (2, 28.0)}
+"""Number of runs and their duration [s]: of a scenario, or of an unknown of `unknowns.CASES`."""
+LIKELY = 0.5
+"""Probability of each parameter of the wall to be at its bound."""
+NEAR, FURTHER = 1.02, 0.05
+"""Least distance of a wall over the clearance, and largest distance beyond that [m]."""
+PERIODS = (0.05, 4.0)
+"""Range of the periods of square waves and of adversaries [s]."""
+APART = (0.5, 6.0)
+"""Range of the times between two steps of the desired force [s]."""
+SOFTLY = 1.2
+"""Least desired force over the largest error of a reading, from which on a touch is one."""
+TUBE = {"pose and joints": ("e", "position", "orientation", "joints", "roll", "pitch", "depth"),
+        "velocities": ("z", "nu1", "nu2", "qdot", "tip_speed", "depth_speed")}
+"""Claims about the tube, and their rows; others are of inputs."""
+
+
+class Found(NamedTuple):
+    """A run."""
+
+    ratios: dict[str, float]
+    """Found over claimed, by claim."""
+    bad: tuple[str, ...]
+    """What else was not as claimed: bounds of the class that were left, and failed samples."""
+
+
+def errors_of(sensor: uv.ForceSensor, rng: np.random.Generator) -> ScriptedSensor:
+    """Returns a force sensor with random admissible errors, at their bounds along its axes."""
+    signs, phase = rng.choice([-1.0, 1.0], 3), rng.uniform()
+    period = np.exp(rng.uniform(*np.log(PERIODS))) if rng.uniform() < 0.6 else np.inf
+    each = float(rng.choice([0.0, 1.0 / 3.0])) * np.arange(3)  # Along the axes apart, or together.
+
+    def script(index: int) -> np.ndarray:
+        wave = np.where((index / sensor.rate / period + phase + each) % 1.0 < 0.5, 1.0, -1.0)
+        error = -signs if index < sensor.tare_samples else signs * wave
+        return np.append(error, noisy(index)[3:])
+
+    return ScriptedSensor(**vars(sensor), drifts=float(rng.choice([-1.0, 1.0])), script=script)
+
+
+def wall_near(scenario: uv.Scenario, ocp: Ocp, rng: np.random.Generator) -> uv.ShapedSurface:
+    """Returns a wall of the class that is near, with friction that the step resolves."""
+    contact, (start, goal) = sensed_contact(scenario), tips(scenario, ocp)
+    while True:
+        wall = draw_wall(contact, start, goal, rng, LIKELY)
+        if wall is None:
+            continue
+        gap = NEAR * contact.clearance + FURTHER * rng.uniform()
+        wall = wall.moved(np.eye(3), gap * contact.direction)
+        if not misplaced(scenario, ocp, wall, largest_force(scenario)):
+            break
+    rate = friction_rate(replace(scenario, surface=wall), ocp.model,
+                         ocp.model.configuration(ocp.y_des))
+    return replace(wall, creep=max(LEAST_CREEP, rate / steepest_friction(scenario, ocp)))
+
+
+def attacked(scenario: uv.Scenario, ocp: Ocp, duration: float, rng: np.random.Generator
+             ) -> uv.Record:
+    """Returns the record of a run with everything drawn."""
+    model, declared, contact = load_model(scenario), scenario.disturbance, sensed_contact(scenario)
+    disturbance = AdversarialDisturbance(
+        declared.bound, str(rng.choice(KINDS)), str(rng.choice(list(ROWS))),
+        rng.normal(size=model.size), int(rng.integers(model.size)),
+        float(np.exp(rng.uniform(*np.log(PERIODS)))), float(rng.uniform(0.0, 2.0 * np.pi)),
+        weights=declared.weights)
+    unknown = drawn_unknowns(scenario.unknowns, rng, 1.0)
+    sensor, = scenario.sensing
+    scenario = uv.with_step(replace(
+        scenario, duration=duration, surface=wall_near(scenario, ocp, rng),
+        sensing=[errors_of(sensor, rng)], disturbance=disturbance, model_error=unknown.error,
+        current=unknown.current, waves=list(unknown.waves)), model)
+    station = uv.make_station(scenario, certified=True, model=model)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    context, force = simulator.get_mutable_context(), pressing_force(scenario)
+    while (now := context.get_time()) < duration:
+        station.GetInputPort("desired_force").FixValue(context, contact.wrench(force))
+        simulator.AdvanceTo(min(now + rng.uniform(*APART), duration))
+        force = rng.uniform(SOFTLY * contact.force_error, largest_force(scenario))
+    record = make_record(scenario, model, uv.read_logs(station, context), 1.0, certified=True)
+    release(station)
+    return record
+
+
+def compared(record: uv.Record, certificate: Certificate) -> Found:
+    """Returns what a run has found over what is claimed."""
+    found, bands = outcome(record), summarise_bands(record)["force_bands"]
+    use, wall = found["use"], found["wall"]
+    of_inputs = set(use) - {row for rows in TUBE.values() for row in rows}
+    ratios = {f"tube: {name}": max(use.get(row, 0.0) for row in rows)
+              for name, rows in {**TUBE, "inputs": of_inputs}.items()}
+    ratios |= {
+        "tube along the run": found["ratio_trajectory"] or 0.0,
+        "limits, used": 1.0 - found["margin"],
+        "static force over `contact.force`": wall["static"],
+        "force with damping over its bound": wall["peak"],
+        "force band in motion": (bands["motion"] or {"worst_ratio": 0.0})["worst_ratio"],
+        "force band in a hold": (bands["hold"] or {"worst_ratio": 0.0})["worst_ratio"],
+        "whole disturbance over its bound": found["worst_disturbance"]}
+    if certificate.unknowns:
+        ratios["accelerations by the unknowns"] = (
+            found["induced"] * record.scenario.disturbance.bound
+            / sum(each.takes for each in certificate.unknowns))
+    left = uv.summarise(record)["contact"]["out_of_class"]
+    return Found(ratios, (*left, *["no plan"] * found["mpc_failures"],
+                          *["contact lost"] * wall["losses"],
+                          *["never touched"] * (not found["touched"])))
+
+
+def attacks(name: str, runs: int, duration: float, seed: int) -> list[Found]:
+    """Returns the runs of a scenario, or of the base of `unknowns` with one of its unknowns."""
+    if name in CASES:
+        declared = declared_of(name)
+        scenario = uv.load_scenario(BASE, [*declared, *followed(declared)[0]])
+    else:
+        scenario = uv.load_scenario(name)
+    certificate = certified_once(scenario)
+    if not certificate.certified:
+        raise SystemExit(f"{name}: {certificate.failed}")
+    scenario = replace(certificate.applied_to(scenario), mission=Mission())
+    ocp = first_feasible(scenario, make_ocp(scenario))
+    assert ocp is not None  # It is a condition of the certificate.
+    found = []
+    for index in range(runs):
+        rng = np.random.default_rng([seed, index])
+        found.append(compared(attacked(scenario, ocp, duration, rng), certificate))
+        print(f"{name} {index}: {found[-1]}", file=sys.stderr, flush=True)
+    return found
+
+
+def table(found: dict[str, Sequence[Found]]) -> str:
+    """Returns a table of the largest ratios, a row for each claim and a column for each name."""
+    claims = list(dict.fromkeys(
+        claim for runs in found.values() for run in runs for claim in run.ratios))
+    rows = [["found over claimed", *(f"`{name}`" for name in found)], ["---"] * (1 + len(found)),
+            ["runs", *(f"{len(runs)}" for runs in found.values())]]
+    rows += [[claim, *(_largest(runs, claim) for runs in found.values())] for claim in claims]
+    rows.append(["runs that left the class, lost the contact, ...", *(
+        ", ".join(sorted({each for run in runs for each in run.bad})) or "none"
+        for runs in found.values())])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _largest(runs: Sequence[Found], claim: str) -> str:
+    values = [run.ratios[claim] for run in runs if claim in run.ratios]
+    return f"{max(values):.2f}" if values else "–"
