@@ -15,7 +15,7 @@ from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.report.contact_check import has_stood
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.wrist_sensor import Imperfection
-from uvms_drake.station.contact.bounds import pressing_force, sensed_contact
+from uvms_drake.station.contact.bounds import mean_time, pressing_force, sensed_contact
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.simulation import make_record
 
@@ -207,7 +207,7 @@ class HoldStation:
             return noisy(index, self.along, self.sign * min(max(since / 2.0, 0.0), 1.0))
 
         self.sensor.script = ramp
-        self._advance(2.0)
+        self._advance(2.0 + mean_time(self.scenario))  # All readings of the target have it.
         return self._advance_until_stood()
 
     def next_hold(self, held: Held, force: float) -> Held:

@@ -170,10 +170,11 @@ def test_the_nominal_mpc_sends_its_plan_from_the_measured_state(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="a press takes the mean of its readings of 0.8 s: with it "
-                   "this baseline moves on, 0 to 0.25 N off; it should have the newest one")
 def test_the_observer_removes_the_steady_error_of_a_nominal_mpc():
-    """On a wall of wrong stiffness, with wrong masses and a constant disturbance."""
+    """On a wall of wrong stiffness, with wrong masses and a constant disturbance.
+
+    Its plans begin at the measured state, and so follow the newest reading, not a mean of them.
+    """
     wrong = Case("", "", (
         "surface_error.stiffness=0.5", "model_error.mass=1.1",
         "disturbance=!ConstantDisturbance {bound: 0.02}"), ideal=True)

@@ -138,7 +138,6 @@ def test_the_hold_has_the_largest_constant_error_of_a_reading(held):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="0.16 N off: a press takes the mean of its readings of 0.8 s")
 def test_the_hold_has_the_force_that_the_sensor_reads_as_wanted(held):
     _, hold = held
     force = hold.logs["force"][-1, 0]

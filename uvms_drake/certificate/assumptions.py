@@ -145,7 +145,7 @@ def _motors(scenario: Scenario, model: ContactModel) -> Iterator[Statement]:
             if asked[6 + j] > effort]
     if over:
         yield (MOTORS, f"in the posture of the start {said} may ask for up to {'; '.join(over)}: "
-               "assumed not to be asked for",
+               "assumed not to be asked for; a run in which a motor cuts one has no guarantee",
                f"{OPERATOR}, or limits.tau of the scenario")
 
 
