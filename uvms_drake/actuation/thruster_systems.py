@@ -1,11 +1,18 @@
-"""Thrusters as systems: allocation of a wrench to commands, and the forces that follow them."""
+"""Thrusters as systems: allocation of a wrench to commands, a power cut, and forces that follow."""
 
 import numpy as np
-from pydrake.systems.framework import Context, ContinuousState, DiscreteValues, State
+from pydrake.systems.framework import (
+    Context,
+    ContinuousState,
+    DiscreteValues,
+    InputPort,
+    State,
+)
 
 from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.signals.sensor_actuator import SAFETY
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -19,6 +26,7 @@ class ThrusterAllocation(WiredSystem):
         - tau
         - state
         - force
+        - safety (optional)
         output_ports:
         - command
         - shortfall
@@ -27,6 +35,7 @@ class ThrusterAllocation(WiredSystem):
     - `tau` (6+n): (τ_v, τ_q), of which τ_v is read, in axes of B about its origin [N, N m].
     - `state`: (𝔮, ζ) (2(6+n)), the true one; read by `hover` only, as is the next.
     - `force`: 𝔉 (6), the true one [N, N m].
+    - `safety` (5): of a `Supervisor`; a thruster that it isolates gets no command.
     - `command` (m): to the thrusters' drivers, in their own unit.
     - `shortfall` (6): part of τ_v that the thrusters cannot give at rest [N, N m].
     - `hover` (m): commands of static equilibrium at the present configuration.
@@ -44,20 +53,69 @@ class ThrusterAllocation(WiredSystem):
         tau, state, force = (self.DeclareVectorInputPort(name, size) for name, size in (
             ("tau", model.size), ("state", 2 * model.size), ("force", 6)))
         self._state_port, self._force_port = state, force
-        m = allocation.thrusters.size
-        output_of(self, "command", m, lambda c: self._command(tau.Eval(c)[:6]), {tau.ticket()})
-        output_of(self, "shortfall", 6, lambda c: allocation.shortfall(tau.Eval(c)[:6]),
-                  {tau.ticket()})
+        self._safety_port = self.DeclareVectorInputPort("safety", len(SAFETY))
+        m, given = allocation.thrusters.size, {tau.ticket(), self._safety_port.ticket()}
+        output_of(self, "command", m, lambda c: self._command(
+            tau.Eval(c)[:6], isolated_of(self._safety_port, c)), given)
+        output_of(self, "shortfall", 6, lambda c: self._of(isolated_of(
+            self._safety_port, c)).shortfall(tau.Eval(c)[:6]), given)
         output_of(self, "hover", m, self._hover, {state.ticket(), force.ticket()})
 
-    def _command(self, wrench: np.ndarray) -> np.ndarray:
-        return self._allocation.thrusters.commands_of(self._allocation.forces(wrench))
+    def _of(self, isolated: int) -> Allocation:
+        return self._allocation.others[isolated - 1] if isolated else self._allocation
+
+    def _command(self, wrench: np.ndarray, isolated: int = 0) -> np.ndarray:
+        forces = self._of(isolated).forces(wrench)
+        if isolated:
+            forces = np.insert(forces, isolated - 1, 0.0)
+        return self._allocation.thrusters.commands_of(forces)
 
     def _hover(self, context: Context) -> np.ndarray:
         model, still = self._model, np.zeros(self._model.size)
         kinematics = model.kinematics(self._state_port.Eval(context)[: model.size])
         tau = model.inverse_dynamics(kinematics, still, still, self._force_port.Eval(context))
         return self._command(tau[:6])
+
+
+def isolated_of(port: InputPort, context: Context) -> int:
+    """Returns the number of the isolated thruster, from 1, by `safety`; 0 for none."""
+    return int(port.Eval(context)[SAFETY.index("isolated")]) if port.HasValue(context) else 0
+
+
+class PowerCut(WiredSystem):
+    """Commands that the thrusters get, whatever the fault of one whose power is cut.
+
+    .. pydrake_system::
+
+        name: PowerCut
+        input_ports:
+        - command
+        - safety
+        output_ports:
+        - powered
+
+    - `command`, `powered` (m): to the thrusters' drivers, and with that of no force for a thruster
+      without power.
+    - `safety` (5): of a `Supervisor`, with the thruster that it isolates.
+
+    It has no state.
+
+    Args:
+        thrusters: Their curves.
+    """
+
+    def __init__(self, thrusters: ThrusterModel):
+        super().__init__()
+        command = self.DeclareVectorInputPort("command", thrusters.size)
+        safety = self.DeclareVectorInputPort("safety", len(SAFETY))
+
+        def powered(context: Context) -> np.ndarray:
+            out, isolated = command.Eval(context).copy(), isolated_of(safety, context)
+            if isolated:
+                out[isolated - 1] = thrusters.curves[isolated - 1].command_of(0.0)
+            return out
+
+        output_of(self, "powered", thrusters.size, powered, {command.ticket(), safety.ticket()})
 
 
 class ThrusterDynamics(WiredSystem):

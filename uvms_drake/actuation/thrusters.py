@@ -23,7 +23,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Adder, MatrixGain
 
-from uvms_drake.actuation.thruster_systems import ThrusterAllocation, ThrusterDynamics
+from uvms_drake.actuation.thruster_systems import PowerCut, ThrusterAllocation, ThrusterDynamics
 from uvms_drake.common.constraints import Period, Positive
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.propulsion.allocation import Allocation
@@ -105,9 +105,10 @@ class Thrusters(Actuator):
         """Adds the systems of the module's diagram; see `Part`."""
         # The allocation, by the controller's model of the thrusters.
         known = self.known(model)
+        safety = signals.get("safety") if known.power_cut else None
         allocation = ThrusterAllocation.AddToBuilder(
             builder, model, Allocation.to(known), name="allocation", tau=port,
-            state=signals["state"], force=signals["force"])
+            state=signals["state"], force=signals["force"], safety=safety)
         steps, size = self._steps(known.dead_time), model.size
 
         command = allocation.GetOutputPort("command")
@@ -124,7 +125,11 @@ class Thrusters(Actuator):
             return gain.get_output_port()
 
         # The real thrusters, which exert the wrench, and those of the controller's model.
-        force = add("thrusters", known.off_by(self.error), self.received(builder, known, command))
+        received = self.received(builder, known, command)
+        if safety is not None:
+            received = PowerCut.AddToBuilder(builder, known, name="power_cut", command=received,
+                                             safety=safety).get_output_port()
+        force = add("thrusters", known.off_by(self.error), received)
         modelled = add("thruster_model", known, command)
         exerted = builder.AddNamedSystem("exerted", Adder(num_inputs=2, size=size))
         for i, part in enumerate((

@@ -33,6 +33,7 @@ from uvms_drake.plant.model_error import BODIES, COEFFICIENTS, FACTORS, AxisFact
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.problem import first_problem, limits_of, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
+from uvms_drake.station.supervision import supervisor_of
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
 """Largest distance of the vehicle from the scenario's start [m, rad]."""
@@ -64,6 +65,7 @@ def draw(campaign: Campaign, index: int) -> tuple[Scenario, dict[str, int]]:
     base = campaign.base
     model = load_model(base)
     ocp, joints = make_ocp(base, model), limits_of(base, model)["q"]
+    base = replace(base, supervisor=supervisor_of(base, model))
     for attempt in range(ATTEMPTS):
         rng = np.random.Generator(np.random.Philox(
             np.random.SeedSequence([campaign.seed, index, attempt])))

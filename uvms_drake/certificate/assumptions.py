@@ -239,8 +239,6 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight", "P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set", "none", not mpc.terminal_set),
-        *([] if scenario.supervisor is None else [
-            ("supervisor", "that it is silent inside of the class is not computed", 1.0)]),
         *([] if wall is None else [("contact.tangential_lag", "delayed feedback of the friction",
                                     wall.tangential_lag)])]
     return [

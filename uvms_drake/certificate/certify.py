@@ -1,6 +1,6 @@
 """Computes the certificate of a scenario, stage by stage.
 
-    declared class ──▶ constants ──▶ tube ──▶ unknowns ──▶ margins
+    declared class ──▶ constants ──▶ tube ──▶ unknowns ──▶ margins ──▶ supervisor
                    ──▶ second search ──▶ terminal set ──▶ first plan ──▶ arrival
 
 Each of the `STAGES` adds its claims and conditions to a draft; certification stops at the first
@@ -55,6 +55,7 @@ from uvms_drake.station.problem import (
 )
 from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.supervision import silent_conditions
 from uvms_drake.station.true_wall import in_words, outside
 from uvms_drake.tube.conditions import Condition, assumption, setting
 from uvms_drake.tube.constants import Constant
@@ -201,6 +202,11 @@ def margins(draft: Draft) -> None:
     draft.require(*(each if each.holds else replace(each, advice=advice) for each in found))
 
 
+def supervisor(draft: Draft) -> None:
+    """Compares the quantities that the supervisor watches with its thresholds."""
+    draft.require(*silent_conditions(draft.with_claims(), draft.model))
+
+
 def second_search(draft: Draft) -> None:
     """Searches again for every number that is not proven."""
     settings = draft.scenario.certificate
@@ -249,8 +255,8 @@ def arrival(draft: Draft) -> None:
 
 STAGES: dict[str, Callable[[Draft], None]] = {
     "declared class": declared, "constants": constants, "tube": tube, "unknowns": unknowns,
-    "margins": margins, "second search": second_search, "terminal set": terminal_set,
-    "first plan": plan_from_start, "arrival": arrival}
+    "margins": margins, "supervisor": supervisor, "second search": second_search,
+    "terminal set": terminal_set, "first plan": plan_from_start, "arrival": arrival}
 """Stages of a certificate; how long each takes differs from scenario to scenario."""
 
 

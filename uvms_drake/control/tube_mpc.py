@@ -54,7 +54,7 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
         - fault (optional)
         - desired_force (optional, with targets or a press control)
         - force_valid, place, deepest (with a press control)
-        - force_status, fix_age (optional, with a supervisor)
+        - force_status, fix_age, resume (optional, with a supervisor)
         output_ports:
         - tau
         - u
@@ -79,7 +79,7 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
     - `state_lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
     - `input_limited`: 1 while a limit cuts the law's command, else 0 (1).
     - `pair`: `Pair` of measured and nominal motion, for a `TubeMonitor`.
-    - `force_status`, `fix_age`, `safety`, `safety_ratio`: see `Supervisor`.
+    - `force_status`, `fix_age`, `resume`, `safety`, `safety_ratio`: see `Supervisor`.
     - `input_filtered`: 1 while the filter of the joints cuts the command, else 0 (1).
     - Those of a press control: see `PressControl`; its law takes the measured force, through a
       `HoldLastValue` that `force_lost` releases.
@@ -159,7 +159,7 @@ def _add_supervisor(builder: DiagramBuilder, model: UvmsModel, safety: Safety, p
         estimate=None if observer is None else observer.get_output_port())
     for name in ("state", "force_valid"):
         builder.ConnectInput(name, supervisor.GetInputPort(name))
-    for name in ("force_status", "fix_age"):
+    for name in ("force_status", "fix_age", "resume"):
         builder.ExportInput(supervisor.GetInputPort(name), name)
     for listener in (mpc, feedback):
         builder.Connect(supervisor.GetOutputPort("retreat"), listener.GetInputPort("retreat"))

@@ -8,11 +8,11 @@
     Slide      → done:        its time is over, and the tip is at the end of the line
     Retreat    force 0, straight back to `deepest`, `distance` less deep than the tip
                → done:        the tip is there; next is the next spot, the same, or the end
-    any but Retreat → failed: time-out, or operator stop; any → the end: the supervisor retreats
+    any but Retreat → failed: time-out, or operator stop
     Hold, Slide     → failed: no touch during `patience`, or the force or the state is lost
 
 A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by
-the end; a Retreat that times out is the end. An approach waits for a lost force.
+the end; a Retreat that times out is the end. The supervisor's is too, or `on_retreat: skip`.
 
 *Every mission ends:* a spot is begun at most 1 + `retries` times, so after 1 + `retries` times the
 sum of all time-outs and one clock period a step all is over. It is `DONE` if every step is; else
@@ -96,6 +96,8 @@ class State(NamedTuple):
     """Reason of the last failed step; 0 for none."""
     failures: int
     """Number of failed steps."""
+    waits: bool
+    """Whether the step begins only when the supervisor gives the robot back."""
 
 
 def begin(mission: Mission, tip: np.ndarray, t: float) -> State:
@@ -108,7 +110,7 @@ def begin(mission: Mission, tip: np.ndarray, t: float) -> State:
     """
     nothing = State(0, t, tip, tip[1:], float(tip[0]), searching=False, in_band=np.nan, touch=t,
                     after=0, tries=0, home=False, outcome=RUNNING,
-                    outcomes=(RUNNING,) * len(mission.steps), reason=0, failures=0)
+                    outcomes=(RUNNING,) * len(mission.steps), reason=0, failures=0, waits=False)
     return _entered(mission, nothing, 0, t)
 
 
@@ -143,8 +145,9 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
     step = mission.steps[state.step]
     state = _seen(mission, state, measured, t)
     if measured.retreated:
-        return _over(_marked(state, SKIPPED)._replace(
-            home=True, reason=SUPERVISED, failures=state.failures + 1))
+        return _waiting(mission, state, t)
+    if state.waits:
+        return state._replace(waits=False, since=t, touch=t)
     if isinstance(step, Retreat):
         if measured.stop:
             state = state._replace(after=len(mission.steps), home=True, reason=STOPPED)
@@ -211,6 +214,22 @@ def _failed(mission: Mission, state: State, reason: int, t: float) -> State:
     state = state._replace(outcomes=outcomes, reason=reason, failures=state.failures + 1,
                            tries=state.tries + again, home=home)
     return _entered(mission, state, last, t)._replace(after=after)
+
+
+def _waiting(mission: Mission, state: State, t: float) -> State:
+    """Returns the state while the supervisor retreats; it waits for the time-out of a step."""
+    if state.waits:
+        if t - state.since >= mission.steps[state.step].timeout - ROUNDING:
+            return _over(state._replace(home=True, reason=TIME_OUT))
+        return state._replace(deepest=float(state.tip[0]))
+    state = state._replace(reason=SUPERVISED, failures=state.failures + 1)
+    if mission.on_retreat == "end":
+        return _over(_marked(state, SKIPPED)._replace(home=True))
+    _, last = mission.spot(state.step)
+    state = state._replace(outcomes=tuple(
+        SKIPPED if state.step <= i <= last else outcome
+        for i, outcome in enumerate(state.outcomes)))
+    return _entered(mission, state, last + 1, t)._replace(waits=True)
 
 
 def _marked(state: State, outcome: int) -> State:

@@ -11,6 +11,7 @@ from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.mission.law import Due, Measured, State, advance, begin, due_at
 from uvms_drake.mission.steps import Mission
+from uvms_drake.model.signals.sensor_actuator import SAFETY
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -35,6 +36,7 @@ class MissionControl(WiredSystem):
         - desired_force
         - place
         - deepest
+        - resume
         - due_place
         - due_force
         - progress
@@ -43,10 +45,11 @@ class MissionControl(WiredSystem):
     - `force_last_valid`: 𝔉_s (6) [N, N m], of a `HoldLastValue`.
     - `touched`, `force_lost` (1): those of a `ContactEstimator`.
     - `stop` (1): above zero, the mission goes home.
-    - `safety` (4): of a `Supervisor`; with its retreat the mission is over.
+    - `safety` (5): of a `Supervisor`; with its retreat the mission is over.
     - `desired_force` (6): 𝔉_des along n [N].
     - `place` (3): place across n at which to press, in Σ_I [m]; it moves along a line in a slide.
     - `deepest` (1): largest target depth along n [m]; inf: any.
+    - `resume` (1): 1 if the mission goes on after a retreat of the supervisor, else 0.
     - `due_place` (3), `due_force` (1): references of now; the ports above lead them by
       `Mission.lead`.
     - `progress` (5): `PROGRESS`.
@@ -74,7 +77,7 @@ class MissionControl(WiredSystem):
         self._touched_port = self.DeclareVectorInputPort("touched", 1)
         self._lost_port = self.DeclareVectorInputPort("force_lost", 1)
         self._stop_port = self.DeclareVectorInputPort("stop", 1)
-        self._safety_port = self.DeclareVectorInputPort("safety", 4)
+        self._safety_port = self.DeclareVectorInputPort("safety", len(SAFETY))
         self._memory = self.DeclareAbstractState(Value(object()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
         # Forces act at the next update, so there is no algebraic loop through the controller.
@@ -89,6 +92,8 @@ class MissionControl(WiredSystem):
             ("due_force", 1, 0.0, lambda due: [due.force]),
         ):
             self.DeclareVectorOutputPort(name, size, self._of_due(calc, preview), known)
+        self.DeclareVectorOutputPort("resume", 1, lambda c, out: out.SetFromVector(
+            [float(self._now(c).waits)]), known)
         self.DeclareVectorOutputPort("progress", len(PROGRESS), self._calc_progress, known)
 
     def _tip(self, context: Context) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 from uvms_drake.control.feedback.tube_monitor import SAID, beyond
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT, TROUBLE
+from uvms_drake.control.supervisor.detections import CAUSES
 from uvms_drake.report.signals import (
     constraints,
     disturbance_above,
@@ -39,7 +40,7 @@ GAP = 0.1
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
             "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited",
-            "input_filtered", "motor_limited")
+            "input_filtered", "motor_limited", "retreated")
 """Kinds that are alarms; the others are `contact`, from touch to loss, `settled`, `retarget`,
 `force_refused`, `plan_kept` and `hovering`."""
 
@@ -47,7 +48,7 @@ MPC_KINDS = {FAILED: ("solver_failed", TROUBLE[FAILED]),
              TIMED_OUT: ("solver_late", TROUBLE[TIMED_OUT]),
              DROPPED: ("sample_dropped", TROUBLE[DROPPED]),
              KEPT: ("plan_kept", "the last plan was better and was kept"),
-             HOVERED: ("hovering", "hovers while its observers settle")}
+             HOVERED: ("hovering", "keeps its place, without a plan")}
 """Kind and text of an event by the outcome of a sample of the MPC."""
 
 
@@ -133,6 +134,10 @@ def _logged(record: Record) -> Iterator[_Signal]:
     torque, effort = motor_torques(record), record.model.joint_effort
     yield _Signal("motor_limited", np.any(torque > effort + ROUNDING, axis=1),
                   lambda when: _motor_text(torque[when], effort))
+    if "safety" in record.signals:
+        cause = record.signals["safety"][:, 1].astype(int)
+        yield _Signal("retreated", ~record.followed, lambda when: (
+            f"the supervisor retreats: {list(CAUSES.values())[cause[when.start] - 1]}"))
     if "input_filtered" in record.signals:
         yield _Signal("input_filtered", record.signals["input_filtered"][:, 0] > 0.0,
                       lambda when: "the supervisor keeps the joints off their stops")

@@ -64,7 +64,8 @@ def moment_of(record: Record, index: int) -> Moment:
                   desired_force=record.desired_force[index], path=path,
                   force=record.force[index],
                   estimate={name: record.signals[name][index] for name in KNOWN}
-                  if KNOWN.keys() <= record.signals.keys() else {})
+                  if KNOWN.keys() <= record.signals.keys() else {},
+                  retreats=not record.followed[index])
 
 
 def frame_indices(time: np.ndarray, rate: float) -> np.ndarray:

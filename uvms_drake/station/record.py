@@ -116,14 +116,17 @@ class Record:
 
     @property
     def trip(self) -> float:
-        """Time at which the supervisor has left the plan and retreated [s]; inf: it has not."""
-        safety = self.signals.get("safety")
-        return float(safety[-1, 2]) if safety is not None and safety[-1, 0] > 0.0 else np.inf
+        """Time at which the supervisor first left the plan and retreated [s]; inf: it has not."""
+        return float(self.signals["safety"][~self.followed][0, 2]) if not np.all(
+            self.followed) else np.inf
 
     @property
     def followed(self) -> np.ndarray:
-        """Whether the plan is followed (T,): until the trip of the supervisor."""
-        return self.time <= self.trip
+        """Whether the plan is followed (T,): while the supervisor does not retreat."""
+        if "safety" not in self.signals:
+            return np.ones(len(self.time), dtype=bool)
+        followed: np.ndarray = self.signals["safety"][:, 0] == 0.0
+        return followed
 
     @property
     def num_joints(self) -> int:

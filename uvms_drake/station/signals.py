@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.supervisor.detections import CAUSES
-from uvms_drake.control.supervisor.supervisor import SAFETY
+from uvms_drake.model.signals.sensor_actuator import SAFETY
 
 Component = tuple[str, str]
 Components = tuple[Component | str, ...]
@@ -92,8 +92,9 @@ SIGNALS: dict[str, Signal] = {
     "input_limited": Signal(FLAG, "", "ancillary law: 1 while a limit cuts the command"),
     "input_filtered": Signal(FLAG, "", "ancillary law: 1 while the filter of the joints cuts"),
     "fix_age": Signal((("", "s"),), "", "navigation: age of the last fix of the DVL"),
-    "safety": Signal(tuple(zip(SAFETY, ("-", "-", "s", "N/m"), strict=True)), "",
-                     "supervisor: mode, index of the cause; time and stiffness at the trip"),
+    "safety": Signal(tuple(zip(SAFETY, ("-", "-", "s", "N/m", "-"), strict=True)), "",
+                     "supervisor: mode, index of the cause; time and stiffness at the trip; "
+                     "thruster without power"),
     "safety_ratio": Signal(tuple((name, "-") for name in CAUSES), "",
                            "supervisor: largest value over its threshold so far, of each cause"),
     "mission_place": Signal(POSITION, "Σ_I", "mission: place that is due"),

@@ -1,19 +1,37 @@
 """Supervisor of a scenario: its thresholds, derived from the declared data."""
 
+from dataclasses import replace
+
 import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.actuation import Thrusters
+from uvms_drake.actuation.thrusters import largest_error
 from uvms_drake.common.errors import require
 from uvms_drake.control.limits import resolved_radii
-from uvms_drake.control.supervisor.detections import Thresholds
+from uvms_drake.control.supervisor.detections import (
+    MOST_DAMPING,
+    SPACING,
+    Thresholds,
+    largest_share,
+)
 from uvms_drake.control.supervisor.retreat import RetreatSettings
 from uvms_drake.control.supervisor.supervisor import Safety
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.model_error import add_simulated_uvms
 from uvms_drake.sensing.navigation import Navigation
-from uvms_drake.station.contact.bounds import known_reading, sensed_contact
+from uvms_drake.station.contact.bounds import (
+    fastest_advance,
+    known_reading,
+    sensed_contact,
+    turning_of,
+)
+from uvms_drake.station.scenario.contact import SensedContact
 from uvms_drake.station.scenario.parts import command_path_of
-from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario, Supervision
+from uvms_drake.tube.conditions import Condition
 
 MONITOR_SLACK = 0.01
 """Relative excess that is not an exit: a constant d takes the deviation to its bound exactly, and
@@ -34,70 +52,164 @@ def safety_of(scenario: Scenario, model: ContactModel) -> Safety | None:
     asked = scenario.supervisor
     if asked is None:
         return None
-    thrusters = [part for part in scenario.actuation if isinstance(part, Thrusters)]
+    known = next((part.known(model) for part in scenario.actuation
+                  if isinstance(part, Thrusters)), None)
     retreat = RetreatSettings(
         np.asarray(sensed_contact(scenario).direction, dtype=float), asked.distance, asked.speed,
-        asked.draw, asked.draw_speed, model.q_lower, model.q_upper, model.joint_speed)
-    return Safety(thresholds_of(scenario, model), retreat, Allocation.to(
-        thrusters[0].known(model)) if thrusters else None)
+        asked.draw, asked.draw_speed, model.q_lower, model.q_upper, model.joint_speed,
+        known if known is not None and known.power_cut else None)
+    return Safety(thresholds_of(scenario, model), retreat,
+                  None if known is None else Allocation.to(known))
 
 
 def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     """Returns the thresholds.
 
-    With ν the error of a reading, declared or the sensor's own if that is larger, of which c never
-    changes, ε of the measured position, κ₊ and
-    F_max of the class, and the radii of the tube:
+    With ν the error of a reading, declared or the sensor's own if that is larger, ε of the measured
+    state, F_max of the class and the radii of the tube:
 
-    * force: F_max − ν, so that the true one is at most F_max. A trip by it is early: F_max is of
-      the static force, to which a certificate lets readings add their error and the tube its own;
-    * slope: 2(ν − c), two readings off in opposite ways;
-    * tip, joints: the radii, and ε; vehicle: that of the tip and of the arm by ‖J_q‖;
+    * force: the largest reading of the class, see `largest_reading`;
+    * slope: that after the readings of the last second, see `detections.largest_force`, with the
+      sensor's own errors, of which the part that never changes is apart, as far as the tool keeps
+      its angle; the force turns with the tip and has a part older than the delay, a share of it;
+    * tip, its angles, joints: the radii, and ε;
     * fix: the longest gap, and a period of the fixes, which lie in between;
-    * drift: twice the acceleration by the declared flow, that of ν at the tip, the noise of the
-      velocity through the observer, and the bound of the disturbance, its largest semi-axes;
-    * cut: twice the delay of the vehicle's wrench; plan: all but two intervals of the horizon.
+    * drift: the accelerations by all that is declared, see `declared_drift`, and twice the noise of
+      the velocity through the observer;
+    * cut: twice the delay of the vehicle's wrench; plan: all but two intervals of the horizon,
+      and the time for which the solver is declared to fail.
     """
     contact, tube = sensed_contact(scenario), resolved_radii(scenario.tube)
     reading, path = known_reading(scenario), command_path_of(scenario.actuation, model)
     navigation = next((part for part in scenario.sensing if isinstance(part, Navigation)), None)
-    position, turning, velocity, fix = 0.0, 0.0, 0.0, STATE_LOST
+    noise, velocity, turning, fix = np.zeros(3), 0.0, 0.0, STATE_LOST
     if navigation is not None:
         multiple, dvl = navigation.noise_multiple, navigation.dvl
-        position = multiple * navigation.position.noise + navigation.drift.bound * (
-            navigation.drift.rate > 0.0)
+        noise = multiple * np.array([navigation.position.noise, navigation.attitude.noise,
+                                     navigation.joints.noise])
+        noise[0] += navigation.drift.bound * (navigation.drift.rate > 0.0)
         velocity = multiple * float(np.max(dvl.noise)) + dvl.growth * dvl.gap
         turning = multiple * navigation.turning.noise
         fix = dvl.gap + 1.0 / dvl.rate + path.period
-    # The error of a reading, and the part of it that never changes.
-    constant, error = 0.0, contact.force_error
+    # The error of a reading, and the parts of it that may change and that never do.
+    constant, changing, share, error = 0.0, contact.force_error, 0.0, contact.force_error
     if reading is not None:
         constant = float(np.linalg.norm(reading.constant[:3]))
-        error = max(error, constant + float(np.max((reading.error - reading.constant)[:3])))
+        changing = float(np.linalg.norm((reading.error - reading.constant)[:3]))
+        error = max(error, float(np.linalg.norm(reading.error[:3])))
+        beta, omega, age = contact.tool_angle, turning_of(scenario), reading.lag + reading.period
+        mu, missing = contact.friction, reading.missing(contact.delay)
+        peak = np.hypot(1.0, mu) * contact.peak(contact.force, fastest_advance(contact))
+        changing += constant * float(np.sin(beta) + 0.5 * (1.0 - np.cos(beta)))
+        changing += reading.payload[0] + missing * float(peak)
+        share = missing + omega * age * (np.sin(contact.angle) + mu * np.cos(contact.angle))
+        share += 0.5 * omega**2 * (age**2 + reading.lag**2) * np.hypot(1.0, mu)
     require(contact.force > error, "contact.force", contact.force,
             f"more than {error:.3g} N, the error of a reading, for the supervisor")
-    # Accelerations by the flow and by that error at the tip, at the start.
-    config = np.asarray(scenario.start.config, dtype=float)
-    M, J = model.mass_matrix(model.kinematics(config)), model.task_jacobian(config)[:3]
-    lever = float(np.linalg.norm(model.task_pose(config)[:3] - config[:3]))
-    flow = float(np.linalg.norm(scenario.current)) + sum(wave.speed for wave in scenario.waves)
-    linear, angular = drag_accelerations(model, config, flow)
     observer = getattr(getattr(scenario.ancillary, "vehicle", None), "observer", 0.0)
-    drift = TIMES * np.array([linear, angular]) + error * np.array(
-        [1.0 / np.min(np.diag(M)[:3]), lever / np.min(np.diag(M)[3:6])])
-    drift += TIMES * observer * np.array([velocity, turning])
-    axes = scenario.disturbance.axes(model.size)
-    drift += [np.max(axes[:3]), np.max(axes[3:6])]
-    off = (1.0 + MONITOR_SLACK) * np.array([
-        (tube.position or 0.0) + np.sqrt(3.0) * position, tube.joints or 0.0,
-        (tube.position or 0.0) + np.sqrt(3.0) * position
-        + float(np.linalg.norm(J[:, 6:], 2)) * (tube.joints or 0.0)]) + MONITOR_FLOOR
+    drift = None if scenario.supervisor is None else scenario.supervisor.drift
+    if drift is None:
+        drift = declared_drift(scenario, model, error) + TIMES * observer * np.array(
+            [velocity, turning])
+    off = np.array([tube.position or 0.0, tube.orientation or 0.0, tube.joints or 0.0])
+    off += np.sqrt([3.0, 3.0, model.num_joints]) * noise
+    # A plan's tip changes its speed by twice the largest one in an interval at most.
     horizon, h = scenario.mpc.horizon, scenario.mpc.time_step
+    faster = (tube.depth_speed or 0.0) + contact.walls.tilt * (tube.tip_speed or 0.0)
+    faster += 2.0 * fastest_advance(contact) * SPACING / h
+    outage = sum(np.inf if each.duration is None else each.duration
+                 for each in scenario.faults if each.place == "solver")
     return Thresholds(
-        force=contact.force - error, slope=2.0 * (error - constant),
-        walls=contact.walls, touch=0.5 * error, depth_error=position,
-        off=off, fix=fix, drift=drift, cut=TIMES * max(path.mean_delays[0], h),
-        plan=max(horizon - 2, 1) * h, lost=LOST, begin=scenario.mpc.hover)
+        force=largest_reading(contact, error), error=changing, constant=constant,
+        share=float(share), delay=contact.delay, walls=contact.walls, faster=faster,
+        touch=0.5 * error, depth_error=float(noise[0]),
+        off=(1.0 + MONITOR_SLACK) * off + MONITOR_FLOOR, fix=fix, drift=drift,
+        cut=TIMES * max(path.mean_delays[0], h),
+        plan=max(horizon - 2, 1) * h + outage, lost=LOST, begin=scenario.mpc.hover)
+
+
+def largest_reading(contact: SensedContact, error: float) -> float:
+    """Returns the largest reading along n of a static force F_max, a₊ F_max (1 + c₊⟨𝔭̇⟩) + ν [N].
+
+    Args:
+        contact: The declared contact.
+        error: ν [N].
+    """
+    return largest_share(contact.walls) * contact.peak(
+        contact.force, fastest_advance(contact)) + error
+
+
+def silent_conditions(scenario: Scenario, model: ContactModel) -> list[Condition]:
+    """Returns the conditions that the supervisor of a certified scenario never trips in its class.
+
+    See control/theory.md#silence-of-the-supervisor.
+
+    Args:
+        scenario: The scenario, with its certified tube.
+        model: The controller's model.
+    """
+    safety = safety_of(scenario, model) if scenario.contact.declared_wall() is not None else None
+    if safety is None:
+        return []
+    limits, contact, tube = safety.thresholds, sensed_contact(scenario), resolved_radii(
+        scenario.tube)
+    watched = {
+        "reading of a force [N]": (largest_reading(contact, contact.force_error), limits.force),
+        "damping c₊⟨𝔭̇⟩ of a tip [-]": (contact.dissipation * (
+            contact.largest_advance + limits.faster), MOST_DAMPING),
+        "deviation of the tip [m]": (tube.position, limits.off[0]),
+        "deviation of its angles [rad]": (tube.orientation, limits.off[1]),
+        "deviation of the joints [rad]": (tube.joints, limits.off[2]),
+        "age of a plan [s]": (scenario.mpc.time_step, limits.plan)}
+    return [Condition(f"supervisor, largest {name}", float(largest or 0.0), "<=", float(limit),
+                      theorem="control/theory.md#silence-of-the-supervisor", topic="supervisor")
+            for name, (largest, limit) in watched.items()]
+
+
+def declared_drift(scenario: Scenario, model: ContactModel, error: float) -> np.ndarray:
+    """Returns the linear and angular acceleration (2,) of the vehicle by all that is declared.
+
+    Of the robot at rest at the start: twice those by the flow, by weight, buoyancy and payload of
+    the declared model error, and by joint friction; those by an error of the force at the tip and
+    of the thrusters' own; and the bound of the disturbance, its largest semi-axes [m/s², rad/s²].
+
+    Args:
+        scenario: The scenario.
+        model: The controller's model.
+        error: ν [N].
+    """
+    config, still = np.asarray(scenario.start.config, dtype=float), np.zeros(model.size)
+    flow = float(np.linalg.norm(scenario.current)) + sum(wave.speed for wave in scenario.waves)
+    M = model.mass_matrix(model.kinematics(config))
+    lever = float(np.linalg.norm(model.task_pose(config)[:3] - config[:3]))
+    effects, unknown = [drag_accelerations(model, config, flow)], scenario.model_error
+    if unknown.size > 0.0:
+        plant = MultibodyPlant(time_step=0.0)
+        uvms = add_simulated_uvms(plant, scenario.model, unknown)
+        plant.Finalize()
+        loads = [each.inverse_dynamics(each.kinematics(config), still, still, np.zeros(6))
+                 for each in (UvmsModel(uvms), model)]
+        friction = np.append(np.zeros(6), unknown.joint_friction.torques(model.num_joints)[1])
+        for load in (loads[0] - loads[1], friction):
+            effects.append(norms(np.linalg.solve(M, load)))
+    force = error + largest_error(scenario.actuation) * sensed_contact(scenario).force
+    axes = scenario.disturbance.axes(model.size)
+    out: np.ndarray = TIMES * np.sum(effects, axis=0) + force * np.array(
+        [1.0 / np.min(np.diag(M)[:3]), lever / np.min(np.diag(M)[3:6])]) + [
+        np.max(axes[:3]), np.max(axes[3:6])]
+    return out
+
+
+def supervisor_of(scenario: Scenario, model: ContactModel) -> Supervision | None:
+    """Returns the settings of the supervisor, the threshold of drift by all that is declared."""
+    if scenario.supervisor is None or scenario.contact.declared_wall() is None:
+        return scenario.supervisor
+    return replace(scenario.supervisor, drift=thresholds_of(scenario, model).drift)
+
+
+def norms(acceleration: np.ndarray) -> np.ndarray:
+    """Returns the norms of the linear and the angular part of the vehicle's (2,)."""
+    return np.array([np.linalg.norm(acceleration[:3]), np.linalg.norm(acceleration[3:6])])
 
 
 def drag_accelerations(model: ContactModel, config: np.ndarray, flow: float) -> np.ndarray:
@@ -112,6 +224,6 @@ def drag_accelerations(model: ContactModel, config: np.ndarray, flow: float) -> 
         for sign in (1.0, -1.0):
             through = still.copy()
             through[axis] = sign * flow
-            change = model.drift(config, through) - model.drift(config, still)
-            found = np.maximum(found, [np.linalg.norm(change[:3]), np.linalg.norm(change[3:6])])
+            found = np.maximum(found, norms(
+                model.drift(config, through) - model.drift(config, still)))
     return found

@@ -13,6 +13,7 @@ from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.model.signals.sensor_actuator import SAFETY
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.contact import KNOWN, Coverage, DrawnEstimate, Estimate, Pressing
@@ -32,6 +33,7 @@ from uvms_drake.visual.stage import NED, UP, Stage, VisualConfig
 
 WATER = {"top_color": [0.36, 0.60, 0.72], "bottom_color": [0.04, 0.16, 0.26]}
 GHOST = Rgba(1.0, 1.0, 1.0, 0.75)
+RETREAT = Rgba(1.0, 0.55, 0.0, 1.0)
 INSET_RADIUS = 0.1  # m, of the tube in the inset
 ZOOM = 2.3
 """Zoom of a camera that is far away, so that parallels look like it."""
@@ -63,6 +65,8 @@ class Moment:
     """Force 𝔉 (6,) [N, N m]."""
     estimate: Estimate = field(default_factory=dict)
     """Estimate of an unknown surface; empty for a known one."""
+    retreats: bool = False
+    """Whether a supervisor retreats."""
 
 
 class LimitUse:
@@ -166,6 +170,7 @@ class Scene:
         self._robot = DrawnRobot(stage, "uvms", setting.robot)
         self._ghost = DrawnRobot(stage, "nominal", setting.robot, GHOST)
         self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * unit)
+        self._retreat = Trail(stage, f"{NED}/retreat", RETREAT, 0.006 * unit)
         self._path = Polyline(stage, f"{NED}/path", setting.horizon + 1, PLAN, 0.003 * unit)
         level = float(CELL * np.ceil((BELOW * unit - middle[2]) / CELL))
         draw_floor(stage, f"{NED}/floor", np.array([*(middle * UP)[:2], level]),
@@ -228,6 +233,7 @@ class Scene:
         walls = ", 0.1 m on the wall" if is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
         estimate = ("     green: end of the safe region     yellow frame: estimated surface"
+                    "     orange: retreat"
                     if setting.direction is not None else "")
         return (f"yellow: contact{estimate}\nred: real force and path     "
                 f"white: desired force, planned path, outline of the nominal robot{size}\n"
@@ -244,12 +250,13 @@ class Scene:
         self._stage.begin(time)
         if time < self._time:
             self._trail.clear()
+            self._retreat.clear()
             if self._coverage is not None:
                 self._coverage.clear()
         self._time = time
         self._robot.show(config)
         self._ghost.show(config + self._enlarged * pose_difference(nominal, config))
-        self._trail.show(tip)
+        (self._retreat if moment.retreats else self._trail).show(tip)
         self._path.show(moment.path)
         self._tube.show(tip, nominal_tip)
         self._pressing.show(chi, moment.force, moment.desired_force)
@@ -276,12 +283,14 @@ class Illustration(WiredSystem):
         - force
         - desired_force
         - force_last_valid, safe_depth, contact_depth, stiffness_estimate (optional)
+        - safety (optional)
 
     - `state`, `nominal_state` (2(6+n)), `u`, `nominal_input` (6+n): as from a station.
     - `plan`: the current `Plan` (abstract).
     - `force`, `desired_force` (6) [N, N m]: 𝔉 and 𝔉_des.
     - `force_last_valid` (6), `safe_depth`, `contact_depth`, `stiffness_estimate` (1): the estimate
       of an unknown surface, see `KNOWN`; empty unless all of them are connected.
+    - `safety` (5): of a `Supervisor`.
 
     A picture is drawn after the first step of the simulation in each period of the rate: an event
     with a period would end an integration step, and so change the run. The Context has no state;
@@ -302,7 +311,7 @@ class Illustration(WiredSystem):
         size = self._model.size
         self._signals = {"state": 2 * size, "nominal_state": 2 * size, "u": size,
                          "nominal_input": size, "force": 6, "desired_force": 6}
-        for name, width in (self._signals | KNOWN).items():
+        for name, width in (self._signals | KNOWN | {"safety": len(SAFETY)}).items():
             self.DeclareVectorInputPort(name, width)
         self.DeclareAbstractInputPort("plan", Value(object()))
         self.DeclarePerStepPublishEvent(self._draw_if_due)
@@ -320,11 +329,13 @@ class Illustration(WiredSystem):
 
         self._last_time = context.get_time()
         known = all(self.GetInputPort(name).HasValue(context) for name in KNOWN)
-        plan = self.GetInputPort("plan").Eval(context)
+        plan, safety = (self.GetInputPort(name) for name in ("plan", "safety"))
+        plan = plan.Eval(context)
         self._scene.show(Moment(
             **{name: value(name) for name in self._signals},
             path=self._model.task_pose(plan.config[: self._knots])[:, :3],
-            estimate={name: value(name) for name in KNOWN} if known else {}), self._last_time)
+            estimate={name: value(name) for name in KNOWN} if known else {},
+            retreats=safety.HasValue(context) and bool(safety.Eval(context)[0])), self._last_time)
         return EventStatus.Succeeded()
 
 

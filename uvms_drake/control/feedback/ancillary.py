@@ -120,8 +120,8 @@ class AncillaryFeedback(WiredSystem):
       takes it; see `VEHICLE_WRENCH`.
     - `estimate`: δ̂ (6+n) of a `RowObserver`, for a law with an observer.
     - `preview`: change of the plan's forces until they act (6+n), of a `FeedforwardPreview`.
-    - `retreat`: mode and reference of a `Supervisor` (1 + 2(6+n)); after its trip the joints are
-      filtered and the vehicle's command is cut to the forces that the thrusters have.
+    - `retreat`: mode, isolated thruster and reference of a `Supervisor` (2 + 2(6+n)); after its
+      trip the joints are filtered and the vehicle's command is cut to the thrusters' forces.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
@@ -164,7 +164,7 @@ class AncillaryFeedback(WiredSystem):
             "wrench": self.DeclareVectorInputPort(VEHICLE_WRENCH, 6),
             "estimate": self.DeclareVectorInputPort("estimate", model.size),
             "preview": self.DeclareVectorInputPort("preview", model.size)}
-        self._retreat_port = self.DeclareVectorInputPort("retreat", 1 + 2 * model.size)
+        self._retreat_port = self.DeclareVectorInputPort("retreat", 2 + 2 * model.size)
         # One cache entry each for the two motions and for the command: all outputs read them.
         state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
             "state", "nominal_state", "nominal_acceleration", "nominal_input", MEASURED_FORCE,
@@ -186,9 +186,9 @@ class AncillaryFeedback(WiredSystem):
     def _wanted(self, context: Context) -> Command:
         """Returns the law's command, within the limits."""
         # Both motions; a lost state is that of the plan, or of the retreat's reference at rest.
-        mode, config, rate = WATCHING, np.zeros(0), np.zeros(0)
+        mode, isolated, config, rate = WATCHING, 0, np.zeros(0), np.zeros(0)
         if self._safety is not None:
-            mode, *reference = self._retreat_port.Eval(context)
+            mode, isolated, *reference = self._retreat_port.Eval(context)
             config, rate = np.split(np.array(reference), 2)
         lost = not is_finite(self._state_port.Eval(context))
         if lost:
@@ -217,7 +217,8 @@ class AncillaryFeedback(WiredSystem):
                 self._limits if now.wrench is None else _of_joints(*self._limits)))
         if self._safety is None:
             return wanted
-        return self._kept_within(wanted, now, self._safety, mode != WATCHING or wanted.raised)
+        return self._kept_within(wanted, now, self._safety, mode != WATCHING or wanted.raised,
+                                 int(isolated))
 
     def _flag(self, name: str, context: Context) -> list[bool]:
         return [getattr(self._command.Eval(context), name)]
@@ -261,8 +262,8 @@ class AncillaryFeedback(WiredSystem):
         return self._retreat_law.command(model, about, lambda: np.zeros(size),
                                          lambda: np.zeros(size))
 
-    def _kept_within(self, wanted: Command, now: Pair, safety: RetreatSettings, cut: bool
-                     ) -> Command:
+    def _kept_within(self, wanted: Command, now: Pair, safety: RetreatSettings, cut: bool,
+                     isolated: int) -> Command:
         """Returns a command that the thrusters can give and with which no joint meets its stop.
 
         Without `cut`, the command as it is, to the bit; `limited` alone tells of thrusters that
@@ -270,9 +271,10 @@ class AncillaryFeedback(WiredSystem):
         """
         model, tau, limited = self._model, wanted.tau, wanted.limited
         if self._allocation is not None and now.wrench is not None:
-            driven = self._allocation.thrusters.driven
-            missing = self._allocation.shortfall(tau[:6])[driven]
-            if (np.abs(missing) > CUT * self._allocation.largest).any():
+            allocation = self._allocation.others[isolated - 1] if isolated else self._allocation
+            driven = allocation.thrusters.driven
+            missing = allocation.shortfall(tau[:6])[driven]
+            if (np.abs(missing) > CUT * allocation.largest).any():
                 tau, limited = tau.copy(), True
                 tau[driven] -= missing
         if not cut:

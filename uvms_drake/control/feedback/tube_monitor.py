@@ -27,6 +27,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, Pair, pair_of
+from uvms_drake.model.signals.sensor_actuator import SAFETY
 from uvms_drake.model.uvms_model import UvmsModel
 
 ALARMS = ("set", "trajectory", "disturbance")
@@ -100,7 +101,7 @@ class TubeMonitor(WiredSystem):
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)), of `NominalMpc`.
     - `disturbance`: simulated d, of the size of Ŵ, compared with d̃; unknown if unconnected.
     - `pair`: `Pair` of these two states; computed here if unconnected.
-    - `safety` (4): of a `Supervisor`; after a trip, whose retreat has no tube, nothing is counted.
+    - `safety` (5): of a `Supervisor`; after a trip, whose retreat has no tube, nothing is counted.
     - `deviation` (6): `FIELDS`.
     - `bound` (6): trajectory-wise bounds of `FIELDS`; inf where there is none.
     - `ratio` (12): `deviation` over the set-wise, then over the trajectory-wise bounds.
@@ -175,7 +176,7 @@ class TubeMonitor(WiredSystem):
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * size)
         self._disturbance_port = self.DeclareVectorInputPort("disturbance", disturbance_size)
         self._pair_port = self.DeclareAbstractInputPort("pair", Value(object()))
-        self._safety_port = self.DeclareVectorInputPort("safety", 4)
+        self._safety_port = self.DeclareVectorInputPort("safety", len(SAFETY))
         self._pair = cached(self, "the two motions", self._pair_now, {
             self.input_port_ticket(port.get_index())
             for port in (self._state_port, self._nominal_port, self._pair_port)})

@@ -12,7 +12,6 @@ from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.mpc.planner import (
-    DROPPED,
     FAILED,
     MPC_REPORT,
     SOLVED,
@@ -94,8 +93,9 @@ class NominalMpc(WiredSystem):
       each plan starts there.
     - `fault` (1): imposed outcome of the sample, `SOLVED` for none; read at every sample
       after the first.
-    - `retreat`: mode and reference of a `Supervisor` (1 + 2(6+n)): after a trip no plans are made,
-      and with it an exception of the planner is a failed sample, as without `raises`.
+    - `retreat`: mode and reference of a `Supervisor` (2 + 2(6+n)): after a trip plans rest at the
+      measured place, and with it an exception of the planner is a failed sample, as without
+      `raises`.
     - `nominal_state`: (𝔮̄, ζ̄) at the context's time (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n).
     - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄) (6+n).
@@ -135,7 +135,7 @@ class NominalMpc(WiredSystem):
         remembered = {self.abstract_state_ticket(self._memory)}
         self._state_port = self.DeclareVectorInputPort("state", self.ocp.state_size)
         self._fault_port = self.DeclareVectorInputPort("fault", 1)
-        self._retreat_port = self.DeclareVectorInputPort("retreat", 1 + 2 * size)
+        self._retreat_port = self.DeclareVectorInputPort("retreat", 2 + 2 * size)
         self._force_port = None
         if targets is not None:
             self._force_port = self.DeclareVectorInputPort("desired_force", 6)
@@ -199,11 +199,14 @@ class NominalMpc(WiredSystem):
         sample, memory = self._sample(context), self._recall(context)
         supervised = self._retreat_port.HasValue(context)
         if supervised and self._retreat_port.Eval(context)[0] > 0.0:
-            return self._remember(state, self.planner.pass_over(sample, memory, DROPPED))
+            return self._remember(state, self.planner.resting(
+                sample, memory, self._state_port.Eval(context)))
         try:
             return self._step(state, sample, memory)
         except Exception as error:  # Whatever a planner raises, the last plan goes on.
-            if isinstance(error, RunFailed) or (self.raises and not supervised):
+            first = context.get_time() < self.ocp.hover + 1.5 * self.ocp.time_step
+            if (isinstance(error, RunFailed) and (first or not supervised)) or (
+                    self.raises and not supervised):
                 raise
             warn(sample.time, f"no plan: {type(error).__name__}: {error}")
             return self._remember(state, self.planner.pass_over(sample, memory, FAILED))

@@ -160,14 +160,9 @@ class Planner:
         """
         solver = self._current(sample, memory)
         hovers = sample.time < solver.ocp.hover - 1e-6 * solver.ocp.time_step
-        if hovers:  # With a measured velocity, if only noise, it would coast.
-            state = np.where(np.arange(len(state)) < solver.ocp.model.size, state, 0.0)
-        guess = solver.ocp.resting_plan(sample.time, state, self._committed)
         if hovers:
-            report = np.zeros(len(MPC_REPORT))
-            report[:2] = sample.time, HOVERED
-            return replace(memory, plan=guess, solves=memory.solves + 1, report=report,
-                           solve_seconds=self.clock() - sample.started)
+            return replace(self.resting(sample, memory, state), solves=memory.solves + 1)
+        guess = solver.ocp.resting_plan(sample.time, state, self._committed)
         free = guess.after(self._committed)
         solution = solver.solve(free, FIRST_SOLVE_ITERATIONS)
         slack = REACHED if solver.ocp.strict else np.inf
@@ -176,6 +171,25 @@ class Planner:
             raise RunFailed(f"the nominal MPC has no solution at the start, t = {sample.time:g} s: "
                             f"{why}")
         return self._remember(sample, memory, guess, solution, SOLVED)
+
+    def resting(self, sample: Sample, memory: MpcMemory, state: np.ndarray) -> MpcMemory:
+        """Returns the memory with a plan to keep a place; to keep the last one if it is missing.
+
+        Args:
+            sample: Inputs now.
+            memory: The memory so far.
+            state: (𝔮, ζ) at the place; ζ is not read: with a measured one, if only noise, it would
+                coast.
+        """
+        ocp = self._current(sample, memory).ocp
+        if not np.all(np.isfinite(state)) and memory.plan is not None:
+            state = np.concatenate(memory.plan.at(sample.time)[:2])
+        state = np.where(np.arange(len(state)) < ocp.model.size, state, 0.0)[: ocp.state_size]
+        report = np.zeros(len(MPC_REPORT))
+        report[:2] = sample.time, HOVERED
+        return replace(memory, plan=ocp.resting_plan(sample.time, state, self._committed),
+                       report=report, coming=None, awaits=False,
+                       solve_seconds=self.clock() - sample.started)
 
     def again(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
         """Returns the memory after a later sample.

@@ -14,8 +14,8 @@ CAUSES = {
     "force": "the force is above the declared one",
     "slope": "the wall is stiffer than declared",
     "tip": "the end-effector is off its plan",
+    "tool": "the attitude of the end-effector is off its plan",
     "joints": "the joints are off their plan",
-    "vehicle": "the vehicle is off its plan",
     "fix": "position and velocity are without a fix",
     "drift": "the water or a thruster drives the vehicle away",
     "raised": "the law failed",
@@ -24,29 +24,41 @@ CAUSES = {
     "force_lost": "the force is not measured",
 }
 """Causes by name, each with its sentence; a cause is logged as its index, from 1."""
-SLACK = 1.1
-"""Largest slope of the force over κ₊ that is none: the estimate of the depth is off, too."""
+FINAL = ("raised", "plan", "cut")
+"""Causes after which the robot does not go on."""
 WINDOW = 1.0
 """Time for which readings are compared, and after which a touch is over [s]."""
 ROWS = 50
 """Number of readings that are kept, over `WINDOW`."""
+SPACING = WINDOW / ROWS
+"""Time between two of them [s]."""
+MOST_DAMPING = 0.9
+"""Largest c₊⟨𝔭̇⟩ that is counted with: beyond 1 a reading bounds no static force."""
 
 
 class Thresholds(NamedTuple):
     """Thresholds, and the numbers of the class that detections compare with."""
 
     force: float
-    """Largest force along n [N]."""
-    slope: float
-    """Largest excess of a force over that of the stiffest wall [N]."""
+    """Largest reading of the force along n [N]."""
+    error: float
+    """Part of a reading's error that may change [N]."""
+    constant: float
+    """Part of it that does not [N]."""
+    share: float
+    """Share of a force that a reading of it may be off by, as the tip turns."""
+    delay: float
+    """Largest age of the force in a reading [s]."""
     walls: SurfaceClass
-    """Walls of the class: κ₊, n and the angle of their normals."""
+    """Walls of the class: κ₊, n, the angle of their normals, damping and friction."""
+    faster: float
+    """Largest ⟨𝔭̇⟩ of the tip over that of its plan at the readings around [m/s]."""
     touch: float
     """Force that is a touch [N]."""
     depth_error: float
     """Error of the measured depth [m]."""
     off: np.ndarray
-    """Deviations from the plan: tip [m], joints [rad], vehicle [m] (3,)."""
+    """Deviations from the plan: tip [m], its angles, joints [rad] (3,)."""
     fix: float
     """Age of the last fix [s]."""
     drift: np.ndarray
@@ -68,6 +80,8 @@ class Seen(NamedTuple):
     """t [s]."""
     tip: np.ndarray
     """Position of the tip (3,) [m]; NaN while there is no state."""
+    advance: float
+    """Larger one of ⟨±𝔭̄̇⟩ of the planned tip [m/s]."""
     force: float
     """Force along n [N]; NaN while there is none."""
     saturated: bool
@@ -86,27 +100,55 @@ class Seen(NamedTuple):
     """Age of the last new plan [s]."""
     lost_time: float
     """Time for which the force has been lost [s]."""
+    resume: bool = False
+    """Whether the robot is to go on after a retreat."""
 
 
-def force_excess(readings: np.ndarray, tip: np.ndarray, force: float, limits: Thresholds) -> float:
-    """Returns the largest excess of a force over that of the stiffest wall since a reading [N].
+def largest_force(readings: np.ndarray, limits: Thresholds) -> float:
+    """Returns the largest reading that a wall of the class allows after earlier readings [N].
 
-    max over readings (𝔭₀, F₀) with ⟨𝔭 − 𝔭₀⟩ ≥ −error of F − F₀ − 1.1 κ₊ ⟨𝔭 − 𝔭₀⟩₊, see
-    `SurfaceClass.advance`: the static force of a wall of the class grows by no more, however its
-    normal is tilted. Friction that turns and dissipation are left to the 1.1 and the threshold.
-    Zero without a touch.
+    A reading is of forces up to W old, and off by e = c + η, of which c, |c| ≤ C, stays and |η| ≤ N
+    may change. With ⟨m⟩ = n·m + α‖P_t m‖, see `SurfaceClass`, let w bound ⟨±𝔭̇⟩ of the tip since the
+    readings, d = c₊w, a₋ ≤ n·𝐅/F_N ≤ a₊ as it is read (friction that turns on a tilted wall), G the
+    largest ⟨𝔭 − 𝔭₀⟩₊ from a place of the last W before the earlier reading F₀ to one of the last W
+    before now. The earlier one has a static force φ₀ ≤ (F₀ − c + N)₊/(a₋(1 − d)) in it, no later
+    one exceeds φ₀ + κ₊G, and so, with r = a₊(1 + d)/(a₋(1 − d)),
+
+        F ≤ N − C + r(F₀ + N + C) + a₊(1 + d) κ₊ G.
+
+    G is taken of the kept places, at most h apart, and of hw. The least of this over the readings
+    of the last second; inf without one.
 
     Args:
-        readings: Time [s], position 𝔭₀ [m], force F₀ [N] of earlier readings (k, 5).
-        tip: 𝔭 (3,) [m].
-        force: F [N].
-        limits: Walls of the class, the force of a touch and the error of the depth.
+        readings: Time [s], position 𝔭₀ [m], force F₀ [N], planned speed [m/s] of the readings so
+            far, the newest last (k, 6); F₀ is NaN for none.
+        limits: Errors of a reading, walls of the class and `faster`.
     """
-    if not force > limits.touch or not len(readings):
-        return 0.0
-    growth = limits.walls.advance(tip - readings[:, 1:4])
-    excess = force - readings[:, 4] - SLACK * limits.walls.stiffness * np.maximum(growth, 0.0)
-    return float(np.max(excess[growth >= -limits.depth_error], initial=0.0))
+    times, tips, before = readings[:, 0], readings[:, 1:4], readings[:, 4]
+    walls, N, C = limits.walls, limits.error, limits.constant
+    known = np.isfinite(before) & (times >= times[0] + limits.delay)
+    if not known.any() or walls.share <= limits.share:
+        return np.inf
+    # w, h, and the shares of a force that friction, tilt and damping leave and add.
+    speed = float(np.max(readings[:, 5])) + limits.faster
+    apart = float(np.max(np.diff(times), initial=0.0))
+    damping = min(walls.dissipation * speed, MOST_DAMPING)
+    least = (walls.share - limits.share) * (1.0 - damping)
+    most = (largest_share(walls) + limits.share) * (1.0 + damping)
+    # Growth of the depth from each place to now, then from any of the W before a reading.
+    back = limits.delay + apart + 1e-9
+    growth = np.max(walls.advance(tips[times >= times[-1] - back][:, None] - tips), axis=0)
+    ages = times[known][:, None] - times
+    since = np.max(np.where((ages >= 0.0) & (ages <= back), growth, -np.inf), axis=1)
+    bound = N - C + most / least * np.maximum(before[known] + N + C, 0.0) + (
+        most * walls.stiffness * np.maximum(since + apart * speed, 0.0))
+    return float(max(np.min(bound), N))
+
+
+def largest_share(walls: SurfaceClass) -> float:
+    """Returns a₊, the largest part cos β + μ sin β of F_N along n, β ≤ θ."""
+    mu, angle = walls.friction, walls.angle
+    return float(np.hypot(1.0, mu) if np.tan(angle) >= mu else np.cos(angle) + mu * np.sin(angle))
 
 
 def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:
@@ -114,7 +156,7 @@ def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:
 
     Args:
         seen: Measurements now; those that are missing count by their age.
-        readings: As of `force_excess`.
+        readings: As of `largest_force`, with that of now if there is a state; of a second.
         limits: The thresholds.
     """
     follows = seen.time >= limits.begin
@@ -123,7 +165,8 @@ def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:
     force = np.inf if seen.saturated else np.nan_to_num(seen.force)
     return np.array([
         force / limits.force,
-        force_excess(readings, seen.tip, seen.force, limits) / limits.slope,
+        force / largest_force(readings, limits) if (
+            seen.force > limits.touch and np.isfinite(seen.tip[0])) else 0.0,
         *off,
         seen.fix_age / limits.fix,
         max(np.linalg.norm(each) / limit

@@ -8,6 +8,7 @@ trip, in two modes:
                 → STANDING: the vehicle is `distance` back, by its measured position
     STANDING    station, with the joints held.
                 → RETREATING: the vehicle is pushed back towards the wall
+                → WATCHING: `resume` has been given for `SETTLED`, with every ratio below one
 
 If the water pushes harder than declared for `PATIENCE`, after the time that the way takes, the bow
 turns into it. In both modes the reference leads the vehicle by a leash at most, for a thruster at
@@ -22,6 +23,7 @@ import numpy as np
 
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.tip_first import BlockGains, TipFirst
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import UvmsModel
 
 WATCHING, RETREATING, STANDING = range(3)
@@ -42,6 +44,8 @@ BRAKING = 4.0
 """Deceleration that the filter counts on [rad/s², m/s²]."""
 PATIENCE = 2.0
 """Time for which the water pushes before the bow turns into it [s]."""
+SETTLED = 3.0
+"""Time for which it stands before it goes on [s]."""
 TURNING_FROM = 2.0
 """Disturbance over the threshold of `drift` from which on it does."""
 TURNING = 0.1
@@ -67,6 +71,8 @@ class RetreatSettings(NamedTuple):
     """Stops of the joints (n,) [rad, m]."""
     joint_speed: np.ndarray
     """Largest speeds of the joints (n,) [rad/s, m/s]."""
+    thrusters: ThrusterModel | None = None
+    """Thrusters, the power of each of which can be cut; None: it cannot."""
 
 
 class Reference(NamedTuple):

@@ -4,11 +4,18 @@
 
                     a ratio of `detections.ratios` > 1
         WATCHING ───────────────────────────────────────▶ RETREATING ◀─▶ STANDING
-        the law of the scenario,                           `retreat`: off the wall, station;
-        plans every h                                      no plans any more
+        the law of the scenario,     `resume`, and every   `retreat`: off the wall, station;
+        plans every h                ratio below one       plans rest at the measured place
+            ▲                        for `SETTLED`                          │
+            └───────────────────────────────────────────────────────────────┘
 
-The trip is latched: cause and time stay, and there is no way back to the law. A change of the task
-takes a new run.
+The trip is latched: cause and time stay, and without `resume`, of a mission that goes on with the
+next spot, there is no way back to the law; after a failure of law, planner or thruster, never.
+
+A false alarm ends a task for nothing: inside of a certified class there is none, see
+control/theory.md#silence-of-the-supervisor. A retreat may do harm, too: it is along −n, of which
+the approach was the proof that it is free; it needs no plan, no force and no model of the wall; its
+reference rests while the state is lost, leads by a leash, and keeps the joints off their stops.
 """
 
 from typing import NamedTuple
@@ -24,16 +31,20 @@ from uvms_drake.control.laws.law import Pair
 from uvms_drake.control.mpc.planner import HOVERED, KEPT, MPC_REPORT, SOLVED
 from uvms_drake.control.supervisor.detections import (
     CAUSES,
+    FINAL,
     ROWS,
+    SPACING,
     WINDOW,
     Seen,
     Thresholds,
     ratios,
     stiffness_of_touch,
 )
+from uvms_drake.control.supervisor.isolation import ISOLATION, faulty_thruster, wrench_of
 from uvms_drake.control.supervisor.retreat import (
     PATIENCE,
     RETREATING,
+    SETTLED,
     STANDING,
     TURNING_FROM,
     WATCHING,
@@ -45,11 +56,9 @@ from uvms_drake.control.supervisor.retreat import (
 )
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.signals.sensor_actuator import SAFETY
 from uvms_drake.model.uvms_model import UvmsModel
 
-SAFETY = ("mode", "cause", "time", "stiffness")
-"""Entries of the output `safety`: mode, see `retreat`; index in `CAUSES` from 1, 0 before the trip;
-time of the trip [s]; stiffness of the wall by the touch [N/m], NaN if unknown."""
 SATURATED = 2.0
 """`force_status` of a reading at the end of the sensor's range."""
 GOOD = (SOLVED, KEPT, HOVERED)
@@ -71,14 +80,15 @@ class Watch(NamedTuple):
     """Memory of a `Supervisor`, its discrete state."""
 
     safety: np.ndarray
-    """`SAFETY` (4,)."""
+    """`SAFETY` (5,)."""
     largest: np.ndarray
     """Largest ratio so far of each of `CAUSES` (11,)."""
     readings: np.ndarray
-    """Time, position, force of the last readings, the newest last (5 ROWS,); NaN for none."""
+    """Time, position, force, planned speed of the last readings, the newest last (6 ROWS,); NaN for
+    none."""
     clocks: np.ndarray
     """Times [s]: of the last update, touch, finite state and new plan; and for which the command
-    was cut, the force lost, the water driven (7,)."""
+    was cut, the force lost, the water driven, and all was well, standing (8,)."""
     flow: np.ndarray
     """Low-passed horizontal disturbance (2,) [m/s²]."""
     config: np.ndarray
@@ -98,9 +108,9 @@ class Watch(NamedTuple):
 
 def initial_watch(size: int) -> Watch:
     """Returns the memory before the first update, for 6 + n = `size`."""
-    return Watch(np.array([WATCHING, 0.0, np.nan, np.nan]), np.zeros(len(CAUSES)),
-                 np.full(5 * ROWS, np.nan),
-                 np.array([np.nan, -np.inf, np.nan, np.nan, 0.0, 0.0, 0.0]), np.zeros(2),
+    return Watch(np.array([WATCHING, 0.0, np.nan, np.nan, 0.0]), np.zeros(len(CAUSES)),
+                 np.full(6 * ROWS, np.nan),
+                 np.array([np.nan, -np.inf, np.nan, np.nan, 0.0, 0.0, 0.0, 0.0]), np.zeros(2),
                  np.zeros(size), np.zeros(size), np.zeros(3), np.zeros(2))
 
 
@@ -117,21 +127,22 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
         model: The controller's model.
     """
     # The measurements enter the memory, after the readings of the last second are taken.
-    rows = before.readings.reshape(-1, 5)
+    rows = before.readings.reshape(-1, 6)
+    present = np.array([seen.time, *seen.tip, seen.force, seen.advance])
     recent = rows[rows[:, 0] >= seen.time - WINDOW]
     clocks, since = before.clocks.copy(), np.nan_to_num(seen.time - before.clocks[0])
     clocks[0] = seen.time
     if seen.force > limits.touch:
         clocks[1] = seen.time
-    if np.isfinite(seen.force) and not seen.time - rows[-1, 0] < WINDOW / ROWS - 1e-9:
-        rows = np.vstack([rows[1:], [seen.time, *seen.tip, seen.force]])
+    if is_finite(seen.tip) and not seen.time - rows[-1, 0] < SPACING - 1e-9:
+        rows = np.vstack([rows[1:], present])
     flow = before.flow + min(since / WINDOW, 1.0) * (np.nan_to_num(seen.drift[:2]) - before.flow)
     driven = np.linalg.norm(flow) > TURNING_FROM * limits.drift[0]
     clocks[6] = clocks[6] + since if driven else 0.0
     now = before._replace(readings=rows.ravel(), clocks=clocks, flow=flow)
+    found = ratios(seen, np.vstack([recent, present]), limits)
     # Watching: the first ratio above one is the trip, at the measured place.
     if before.safety[0] == WATCHING:
-        found = ratios(seen, recent, limits)
         now = now._replace(largest=np.maximum(before.largest, found))
         if not (found > 1.0).any():
             return now
@@ -141,12 +152,14 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
         return now._replace(
             safety=np.array([RETREATING, cause + 1.0, seen.time, stiffness_of_touch(
                 limits.walls.depth(in_touch[:, 1:4]), in_touch[:, 4], limits.depth_error,
-                0.25 * limits.slope)]),
+                0.5 * limits.error), 0.0]),
             **begun(settings, config, seen.time - clocks[1] <= WINDOW)._asdict())
     # Retreating and standing: the reference moves on, or rests while the state is lost.
     reference, safety = before.reference, before.safety.copy()
     if not is_finite(seen.tip):
         return now._replace(rate=np.zeros_like(before.rate))
+    if settings.thrusters is not None and not safety[4] and seen.time - safety[2] <= ISOLATION:
+        safety[4] = faulty_thruster(settings.thrusters, wrench_of(model, config, seen.drift))
     if since > 0.0:
         waited = seen.time - safety[2] >= settings.distance / settings.speed
         heading = float(np.arctan2(-flow[1], -flow[0])) if (
@@ -154,6 +167,11 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
         reference = moved(settings, model, reference, config, since, heading)
     standing = stands(settings, safety[0] == STANDING, reference.left)
     safety[0] = STANDING if standing else RETREATING
+    well = seen.resume and standing and (found <= 1.0).all() and not (
+        safety[4] or list(CAUSES)[int(safety[1]) - 1] in FINAL)
+    clocks[7] = clocks[7] + since if well else 0.0
+    if clocks[7] >= SETTLED:
+        safety[0], clocks[7] = WATCHING, 0.0
     return now._replace(safety=safety, **reference._asdict())
 
 
@@ -174,6 +192,7 @@ class Supervisor(WiredSystem):
         - report
         - raised
         - limited
+        - resume (optional)
         output_ports:
         - safety
         - safety_ratio
@@ -187,9 +206,10 @@ class Supervisor(WiredSystem):
     - `fix_age`: age of the last fix of the navigation (1) [s].
     - `report`: `MPC_REPORT` of the planner.
     - `raised`, `limited` (1): of an `AncillaryFeedback`.
-    - `safety` (4): `SAFETY`.
+    - `resume` (1): above zero, the robot is to go on, of a `MissionControl`.
+    - `safety` (5): `SAFETY`.
     - `safety_ratio`: largest ratio so far of each of `CAUSES` to its threshold, until a trip.
-    - `retreat`: mode, and the reference 𝔮, 𝔮̇ of the retreat (1 + 2(6+n)).
+    - `retreat`: mode, isolated thruster, and the reference 𝔮, 𝔮̇ of the retreat (2 + 2(6+n)).
 
     All outputs are functions of the discrete state, a `Watch`, so there is no algebraic loop.
 
@@ -209,7 +229,7 @@ class Supervisor(WiredSystem):
         self._ports = {name: self.DeclareVectorInputPort(name, width) for name, width in (
             ("state", 2 * size), ("force_valid", 6), ("force_status", 1), ("force_lost", 1),
             ("estimate", size), ("fix_age", 1), ("report", len(MPC_REPORT)), ("raised", 1),
-            ("limited", 1))}
+            ("limited", 1), ("resume", 1))}
         self._pair_port = self.DeclareAbstractInputPort("pair", Value(object()))
         for part in initial_watch(size):
             self.DeclareDiscreteState(part)
@@ -220,8 +240,8 @@ class Supervisor(WiredSystem):
         known = {self.xd_ticket()}
         output_of(self, "safety", len(SAFETY), lambda c: self._watch(c).safety, known)
         output_of(self, "safety_ratio", len(CAUSES), lambda c: self._watch(c).largest, known)
-        output_of(self, "retreat", 1 + 2 * size, lambda c: np.concatenate(
-            [self._watch(c).safety[:1], self._watch(c).config, self._watch(c).rate]), known)
+        output_of(self, "retreat", 2 + 2 * size, lambda c: np.concatenate(
+            [self._watch(c).safety[[0, 4]], self._watch(c).config, self._watch(c).rate]), known)
 
     @staticmethod
     def _watch(context: Context) -> Watch:
@@ -244,21 +264,24 @@ class Supervisor(WiredSystem):
         for i, name in ((4, "limited"), (5, "force_lost")):
             clocks[i] = clocks[i] + since if self._value(context, name) > 0.0 else 0.0
         off, tip, config = np.full(3, np.nan), np.full(3, np.nan), before.config
+        advance = np.nan
         if is_finite(measured):
             pair: Pair = self._pair_port.Eval(context)
             config, errors = pair.config[0], pose_difference(*pair.y)
-            off = np.array([np.linalg.norm(part) for part in (
-                errors[:3], errors[6:], pair.config[0][:3] - pair.config[1][:3])])
-            tip = pair.y[0][:3]
+            off = np.array([np.linalg.norm(errors[part]) for part in (
+                slice(0, 3), slice(3, 6), slice(6, None))])
+            tip, planned = pair.y[0][:3], pair.kinematics.J_chi[1, :3] @ pair.zeta[1]
+            advance = float(np.max(self._limits.walls.advance(np.array([planned, -planned]))))
         elif before.safety[0] == WATCHING:
             config = self._pair_port.Eval(context).config[1]
         drift = self._ports["estimate"]
         seen = Seen(
-            now, tip, float(self._settings.direction @ self._ports["force_valid"].Eval(
+            now, tip, advance, float(self._settings.direction @ self._ports["force_valid"].Eval(
                 context)[:3]), self._value(context, "force_status") == SATURATED, off,
             drift.Eval(context)[:6] if drift.HasValue(context) else np.zeros(6),
             max(self._value(context, "fix_age"), now - clocks[2]),
-            self._value(context, "raised") > 0.0, clocks[4], now - clocks[3], clocks[5])
+            self._value(context, "raised") > 0.0, clocks[4], now - clocks[3], clocks[5],
+            self._value(context, "resume") > 0.0)
         after = updated(before._replace(clocks=clocks), seen, config, self._limits, self._settings,
                         self._model)
         for i, part in enumerate(after):

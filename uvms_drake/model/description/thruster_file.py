@@ -104,6 +104,8 @@ class ThrusterParameters:
     undriven: list[str] = field(default_factory=list)
     """Axes that are given up, of `AXES`: the others are driven exactly, whatever it does to them.
     As many as the thrusters leave undriven."""
+    power_cut: bool = False
+    """Whether the vehicle can cut the power of each thruster alone."""
     kinds: dict[str, ThrusterKind] = field(default_factory=dict)
     """Kinds of thrusters by name."""
     thrusters: dict[str, ThrusterData] = field(default_factory=dict)

@@ -98,6 +98,11 @@ class Allocation:
         return out
 
     @functools.cached_property
+    def others(self) -> "tuple[Allocation, ...]":
+        """Allocations (m) without each thruster."""
+        return tuple(Allocation(self.thrusters.without(i)) for i in range(self.thrusters.size))
+
+    @functools.cached_property
     def matrix(self) -> np.ndarray:
         """(m, 6) B_d⁺ with zeros for the undriven axes."""
         out = np.zeros((self.thrusters.size, 6))

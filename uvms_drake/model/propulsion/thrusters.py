@@ -98,6 +98,8 @@ class ThrusterModel:
     """Currents at the largest forces (m,) [A]; zero where unknown."""
     largest_current: float = np.inf
     """Largest current of all together [A]."""
+    power_cut: bool = False
+    """Whether the power of each can be cut."""
 
     @staticmethod
     def of(parameters: ThrusterParameters) -> "ThrusterModel":
@@ -111,7 +113,7 @@ class ThrusterModel:
             tuple(curves[item.kind] for item in thrusters),
             np.array([kind.lag for kind in kinds]), np.array([kind.smallest for kind in kinds]),
             parameters.dead_time, parameters.bias, driven_rows(parameters.undriven),
-            np.array([kind.current for kind in kinds]))
+            np.array([kind.current for kind in kinds]), power_cut=parameters.power_cut)
 
     @property
     def size(self) -> int:
@@ -145,6 +147,15 @@ class ThrusterModel:
             -self.lower, self.upper)) ** 1.5)) if self.largest_current < np.inf else 0.0
         return forces if total <= self.largest_current else forces * (
             self.largest_current / total) ** (2.0 / 3.0)
+
+    def without(self, index: int) -> "ThrusterModel":
+        """Returns the others, on the axes that they drive."""
+        kept = np.delete(np.arange(self.size), index)
+        B = self.B[:, kept]
+        return replace(
+            self, B=B, driven=self.driven[np.any(B[self.driven] != 0.0, axis=1)],
+            names=tuple(self.names[i] for i in kept), curves=tuple(self.curves[i] for i in kept),
+            lag=self.lag[kept], smallest=self.smallest[kept], current=self.current[kept])
 
     def commands_of(self, forces: np.ndarray) -> np.ndarray:
         """Returns the commands (m,) for forces (m,) [N]."""

@@ -24,6 +24,11 @@ TICK = "tick"
 """Name of the signal (1) whose changes are the ticks of a clock outside of the Diagram, if it has
 one: a `SampledCommand` goes by them in place of a clock of its own."""
 
+SAFETY = ("mode", "cause", "time", "stiffness", "isolated")
+"""Entries of the signal `safety` of a `Supervisor`: its mode; index of the cause from 1, 0 before
+the trip; time of the trip [s]; stiffness of the wall by the touch [N/m], NaN if unknown; number of
+the thruster whose power it cuts, from 1, 0 for none."""
+
 PAYLOAD, PAYLOAD_AT_REST = "payload", "payload_at_rest"
 """Names of the signals (6) [N, N m] of a plant with a payload: the wrench on the payload, about
 the origin of the end-effector in its axes, and the static part of it."""

@@ -147,6 +147,9 @@ class Supervision:
     """Distance by which the arm draws the tip back after a touch [m]."""
     draw_speed: Annotated[float, Positive] = 0.15
     """Largest speed of the tip at that [m/s]."""
+    drift: Annotated[np.ndarray, Vector(2), Positive] | None = None
+    """Threshold of the disturbance of the vehicle, linear and angular (2,) [m/s², rad/s²]; None:
+    that by the declared unknowns. A drawn run has that of the scenario it is drawn from."""
 
 
 @dataclass

@@ -1,0 +1,205 @@
+"""Events outside of the class of `girona500_real_loop`, with its supervisor, one run each.
+
+`python examples/results/outside.py > examples/results/outside.md` takes a quarter of an hour on a
+core. The tip starts 0.09 m off the wall and touches it after 12 s, so that an event at 18 s is one
+in contact.
+"""
+
+import argparse
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import numpy as np
+from make_all import provenance
+
+import uvms_drake as uv
+from uvms_drake.control.laws.tip_first import TipFirst
+from uvms_drake.control.mpc.planner import Planner
+from uvms_drake.model.description.robot_files import model_dir
+from uvms_drake.station.contact.bounds import sensed_contact
+from uvms_drake.station.record import Record
+
+BASE, DURATION = "girona500_real_loop", 30.0
+"""Scenario, and duration of a run [s]."""
+NEAR = "start.eta.0=-1.10"
+"""The tip 0.09 m off the wall."""
+IN_CONTACT, TICK = 18.0, 0.02
+"""Time of an event in contact, and period of the law's clock [s]."""
+CUT = "{cut}"
+"""Stands for the folder of a robot that can cut the power of each thruster."""
+HEAD = """# Outside of the class
+
+{provenance} Command: `python examples/results/outside.py`.
+
+`{base}`, one run of {duration:g} s for each event, the tip 0.09 m off at the start; one of 18 s is
+in contact. *Above* is the time with more than the declared {limit:g} N, *off* the largest distance
+of the vehicle from where it was when the event began, *beyond* that of a joint beyond its range,
+*q̇* the largest one over its limit. *Detected* is the cause and its time after the event, for a wall
+after the touch; *off wall* the time from there to the last contact, *end* the vehicle's speed at
+the end.
+
+| event | peak [N] | above [s] | off [m] | beyond [rad] | q̇ | detected | off wall [s] | end [m/s] |
+|---|---|---|---|---|---|---|---|---|
+"""
+
+
+class Event(NamedTuple):
+    """Event of a run."""
+
+    overrides: tuple[str, ...] = ()
+    """Overrides of the scenario."""
+    start: float | None = None
+    """Its instant [s]; None: the first touch."""
+    patch: Callable[[], Any] | None = None
+    """Makes a context manager, within which the program itself fails."""
+
+
+@contextmanager
+def failing_law(start: float, command: Callable[[np.random.Generator, TipFirst, Any, np.ndarray],
+                                                np.ndarray]) -> Iterator[None]:
+    """Replaces the command of the law from a time on [s], not that of the retreat."""
+    before, calls, rng = TipFirst.command, [0], np.random.default_rng(0)
+
+    def changed(self: TipFirst, model: Any, now: Any, *rest: Any) -> Any:
+        wanted = before(self, model, now, *rest)
+        if "q1" in self.rows:
+            return wanted
+        calls[0] += 1
+        return wanted if calls[0] * TICK < start else command(rng, self, model, wanted.tau)
+
+    with mock.patch.object(TipFirst, "command", changed):
+        yield
+
+
+def raises(*_: Any) -> np.ndarray:
+    """Raises an exception."""
+    raise ZeroDivisionError
+
+
+def not_finite(_: Any, law: TipFirst, model: Any, tau: np.ndarray) -> np.ndarray:
+    """Returns an acceleration that is not finite."""
+    return np.full(tau.size, np.nan)
+
+
+def at_random(rng: np.random.Generator, law: TipFirst, model: Any, tau: np.ndarray) -> np.ndarray:
+    """Returns random accelerations, as large as the vehicle's and the joints' limits."""
+    return rng.uniform(-1.0, 1.0, tau.size) * np.repeat([1.0, 60.0], [6, tau.size - 6])
+
+
+@contextmanager
+def failing_planner(start: float) -> Iterator[None]:
+    """Lets the planner raise an exception at every sample from a time on [s]."""
+    again = Planner.again
+
+    def changed(self: Planner, sample: Any, memory: Any) -> Any:
+        if sample.time > start:
+            raise ZeroDivisionError
+        return again(self, sample, memory)
+
+    with mock.patch.object(Planner, "again", changed):
+        yield
+
+
+def flow(velocity: str, start: float, period: str = "null") -> tuple[str, ...]:
+    """Returns the overrides for a flow that nobody has declared."""
+    return (f"faults=[!UnknownFlow {{velocity: {velocity}, period: {period}, start: {start}}}]",)
+
+
+def fault(text: str, *more: str) -> tuple[str, ...]:
+    """Returns the overrides for a fault."""
+    return (f"faults=[{text}]", *more)
+
+
+AT = IN_CONTACT
+EVENTS = {
+    **{f"wall {times} ×": Event((f"surface.law.stiffness={700.0 * times:g}",))
+       for times in (5, 20, 100)},
+    "wall 20 × at 0.1 m/s": Event(("surface.law.stiffness=14000",
+                                   "mpc.weight_y.0=60000", "mpc.weight_zeta.0=0.01")),
+    "wave 0.2 m/s, 6 s, from the start": Event(flow("[0.2,0,0]", 0.0, "6.0"), 0.0),
+    "the same from 18 s, along x": Event(flow("[0.2,0,0]", AT, "6.0"), AT),
+    "the same from 18 s, along y": Event(flow("[0,0.2,0]", AT, "6.0"), AT),
+    "current 0.5 m/s across, from the start": Event(flow("[0,0.5,0]", 0.0), 0.0),
+    "the same from 18 s": Event(flow("[0,0.5,0]", AT), AT),
+    "current 0.5 m/s at the wall, from 18 s": Event(flow("[0.5,0,0]", AT), AT),
+    "surge thruster stuck at half, power cut": Event(fault(
+        f"!StuckThruster {{thruster: surge_port, share: 0.5, start: {AT}}}", f"model={CUT}"), AT),
+    "the same, no power cut": Event(fault(
+        f"!StuckThruster {{thruster: surge_port, share: 0.5, start: {AT}}}"), AT),
+    "surge thruster dead": Event(fault(f"!LostThruster {{thruster: surge_port, start: {AT}}}"), AT),
+    "the same, power cut": Event(fault(
+        f"!LostThruster {{thruster: surge_port, start: {AT}}}", f"model={CUT}"), AT),
+    "sway thruster stuck at half, power cut": Event(fault(
+        f"!StuckThruster {{thruster: sway, share: 0.5, start: {AT}}}", f"model={CUT}"), AT),
+    "DVL without a fix for 5 s": Event(fault(f"!LostFixes {{start: {AT}, duration: 5}}"), AT),
+    "no state any more": Event(fault(f"!LostState {{start: {AT}, duration: 99}}"), AT),
+    "no state for 2 s": Event(fault(f"!LostState {{start: {AT}, duration: 2}}"), AT),
+    "force sensor frozen": Event(fault(f"!FrozenForce {{start: {AT}, duration: 99}}"), AT),
+    "force sensor dead": Event(fault(f"!LostForce {{start: {AT}, duration: 99}}"), AT),
+    "law raises": Event((), AT, lambda: failing_law(AT, raises)),
+    "law is not finite": Event((), AT, lambda: failing_law(AT, not_finite)),
+    "law is random": Event((), AT, lambda: failing_law(AT, at_random)),
+    "planner raises for ever": Event((), AT, lambda: failing_planner(AT)),
+    "none": Event((), 0.0),
+}
+
+
+def row_of(name: str, event: Event, record: Record) -> str:
+    """Returns the row of a run."""
+    model, contact = record.model, sensed_contact(record.scenario)
+    force = record.force[:, :3] @ np.asarray(contact.direction)
+    touched = record.time[force > 1.0]
+    start = event.start if event.start is not None else float(touched[0])
+    since = record.time >= start
+    q, rates = record.config[:, 6:], np.abs(record.zeta[:, 6:])
+    beyond = float(max(np.max(q - model.q_upper), np.max(model.q_lower - q)))
+    place = record.config[since, :3]
+    safety = record.summary()["safety"]
+    cells = [f"{np.max(force):.1f}",
+             f"{np.sum(force > contact.force) * record.scenario.log_period:.2g}",
+             f"{np.max(np.linalg.norm(place - place[0], axis=1)):.3f}",
+             "–" if beyond <= 0.0 else f"{beyond:.2g}",
+             f"{np.max(rates / model.joint_speed):.2f}"]
+    cells += ["no", "–"] if safety["retreated_s"] is None else [
+        f"{safety['retreated_s'] - start:+.2f} s ({safety['cause']})",
+        f"{safety['off_wall_s']:.2f}" if safety["off_wall"] else "**never**"]
+    last = record.time > record.time[-1] - 1.0
+    cells.append(f"{np.linalg.norm(np.ptp(record.config[last, :3], axis=0)):.3f}")
+    early = f" (ended at {record.time[-1]:.1f} s)" if record.time[-1] < DURATION - 0.1 else ""
+    return f"| {name}{early} | {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Prints the page; with `--only TEXT` the rows of the events with it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="part of the names of the events")
+    parser.add_argument("--set", nargs="*", default=[], help="further overrides")
+    chosen = parser.parse_args()
+    limit = sensed_contact(uv.load_scenario(BASE)).force
+    print(HEAD.format(provenance=provenance(), base=BASE, duration=DURATION, limit=limit), end="")
+    with tempfile.TemporaryDirectory() as folder:
+        shipped = model_dir(uv.load_scenario(BASE).model)
+        robot = Path(shutil.copytree(shipped, Path(folder) / shipped.name))
+        thrusters = robot / "thrusters.yaml"
+        thrusters.write_text("power_cut: true\n" + thrusters.read_text("utf-8"), "utf-8")
+        for name, event in EVENTS.items():
+            if chosen.only not in name:
+                continue
+            print(name, file=sys.stderr)
+            overrides = [each.replace(CUT, str(robot)) for each in event.overrides]
+            scenario = uv.load_scenario(
+                BASE, [f"duration={DURATION}", NEAR, "supervisor={}", *overrides, *chosen.set])
+            with (event.patch or (lambda: mock.patch.dict({})))():
+                record = uv.simulate(scenario)
+            print(row_of(name, event, record), flush=True)
+            print(record.summary()["safety"].get("text", ""), file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
