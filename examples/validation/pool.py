@@ -218,7 +218,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, np.ndarray]:
                 print(f"  inertia with water [kg m2]: {inertia_of(robot, found)}")
         args.output.mkdir(parents=True, exist_ok=True)
         with matplotlib.rc_context(STYLE):
-            comparison_figure(runs).savefig(args.output / "pool_runs.png")
+            comparison_figure(runs).savefig(args.output / "pool_runs.png", dpi=150)
     return out
 
 
