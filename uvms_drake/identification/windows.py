@@ -62,8 +62,7 @@ def windows_of(logs: Sequence[Log], model: UvmsModel, base: Links,
     joined = {name: np.concatenate([getattr(log, name) for log in logs])
               for name in ("q", "q_dot", "q_ddot", "wrench", "state", "known")}
     known = joined["known"]
-    filled = {name: np.where(known[:, None], joined[name], 0.0)
-              for name in ("q", "q_dot", "q_ddot", "wrench")}
+    filled = {name: _filled(joined[name], known) for name in ("q", "q_dot", "q_ddot", "wrench")}
     motion = arm_motion(model, filled["q"], filled["q_dot"], filled["q_ddot"])
     dynamics = vehicle_dynamics(base, [each.links for each in parameters], UNIT, motion)
     length, first, starts, log_of = STEP * (INSTANTS - 1) + 1, 0, list[int](), list[int]()
@@ -87,6 +86,15 @@ def windows_of(logs: Sequence[Log], model: UvmsModel, base: Links,
         resting[part], first = lasting, part.stop
     return Windows(tuple(logs), dynamics, filled["wrench"], joined["state"], resting,
                    np.array(starts, dtype=int), np.array(log_of, dtype=int))
+
+
+def _filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Returns values (T, c), between known samples on a line; no window has such samples."""
+    out, at = np.zeros_like(values), np.arange(len(known))
+    for column, value in zip(out.T, values.T, strict=True):
+        if known.any():
+            column[:] = np.interp(at, at[known], value[known])
+    return out
 
 
 def _runs(flags: np.ndarray) -> list[slice]:
