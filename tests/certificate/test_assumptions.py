@@ -244,7 +244,7 @@ def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis
 @pytest.mark.parametrize(("overrides", "names"), [
     (["current=[0.1, 0, 0]", "model_error.mass=1.1"], []),
     (["current=[0.1, 0, 0]", "actuation=[!SampledCommand {}, !IdealWrench {undriven: [roll]}]"],
-     ["current", "actuation[0]"]),
+     ["actuation[0]", "current"]),
     (["model_error.payload.mass=0.1"], [])])
 def test_what_no_theorem_counts_is_named(overrides, names):
     scenario = uv.load_scenario(NAME, overrides)

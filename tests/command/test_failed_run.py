@@ -90,7 +90,7 @@ def test_what_was_simulated_until_an_exception_is_written_and_read_again(
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     text = summary["verdict"]["text"]
     assert text.startswith("FAILED at t = 0.") and CAUSES[stage] in text
-    assert out.startswith(f"girona500_ideal: {text}; ") and out.splitlines()[-1] == text
+    assert out.startswith(f"girona500_ideal: {text}\n") and out.splitlines()[-1] == text
     record = load_record(tmp_path / "run")
     assert BEGIN - 0.03 <= record.time[-1] <= 0.31  # The MPC breaks at its next sample, 0.3 s.
     assert summary["duration_s"] == record.time[-1] and record.scenario.duration == 0.5

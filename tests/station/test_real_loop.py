@@ -13,8 +13,8 @@ def test_it_says_what_no_proof_covers(name):
     given_up = [item.name.split(",")[0] for item in assumed_conditions(
         uv.load_scenario(name)) if not item.holds]
     assert given_up == [
-        "current", "model_error", "contact.tangential_lag", "sensing[0]", "actuation[0]",
-        "actuation[1]"]
+        "sensing[0]", "actuation[0]", "actuation[1]", "current", "model_error",
+        "contact.tangential_lag"]
 
 
 def test_what_is_logged_as_felt_is_what_the_law_takes_slowly():

@@ -84,9 +84,9 @@ def test_a_tube_as_wide_as_a_limit_is_refused_and_a_little_less_is_not(radius, l
 @pytest.mark.parametrize(("limits", "tube", "key"), [
     ({"nu1": 0.04}, {}, "limits.nu1"), ({"qdot": np.inf}, {}, "limits.qdot"),
     ({"roll": 1.6}, {}, "limits.roll"), ({"nu1": np.nan}, {}, "limits.nu1"),
-    ({"u": np.full(8, 0.15)}, {}, "limits.u_roll"), ({"u": np.ones(3)}, {}, "limits.u"),
+    ({"u": np.full(8, 0.15)}, {}, "limits.u[3]"), ({"u": np.ones(3)}, {}, "limits.u"),
     ({"u": np.array([1, 1, 1, 1, 1, 1, 1, -1.0])}, {}, "limits.u"),
-    ({"tau": np.full(8, 8.5)}, {}, "limits.tau_surge"), ({"tau": np.ones(10)}, {}, "limits.tau"),
+    ({"tau": np.full(8, 8.5)}, {}, "limits.tau[0]"), ({"tau": np.ones(10)}, {}, "limits.tau"),
     ({"q_lower": [-0.6, 0.0]}, {}, "limits.q_lower"), ({"q_lower": [0.0]}, {}, "limits.q_lower"),
     ({"q_upper": [1.4, 0.71]}, {}, "limits.q_upper"),
     ({"q_lower": [0.3, 0.0], "q_upper": [0.2, 0.1]}, {}, "limits.q_lower"),

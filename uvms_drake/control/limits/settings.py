@@ -157,10 +157,11 @@ def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
                 "left out, unless tube.tau has the radii of the forces (6 + n numbers)")
     check_tube(tube, len(limits["u"].upper) if "u" in limits else 0, tau=bool(by_force))
     for limit in limits.values():
-        for label, radius, available in limit.margins(tube):
+        for i, (_, radius, available) in enumerate(limit.margins(tube)):
             if available <= radius < np.inf:
-                raise InvalidParameter(
-                    f"limits.{label}", available, f"larger than the tube's {radius:.4g}")
+                index = f"[{i}]" if len(limit.upper) > 1 else ""
+                raise InvalidParameter(f"limits.{limit.name}{index}", available,
+                                       f"larger than the tube's {radius:.4g}")
     return {name: limit.tightened(tube) for name, limit in limits.items()}
 
 
