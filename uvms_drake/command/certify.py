@@ -29,8 +29,9 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     runs = certify.add_argument_group("certificate in probability, from drawn runs")
     runs.add_argument("--runs", type=int, metavar="N",
                       help="draw N runs of the declared distribution and bound the probability "
-                           "that a run leaves the declared tube, violates a limit or loses the "
-                           "contact; no worst-case certificate is computed. The seed follows from "
+                           "that a run fails: leaves the declared tube, violates a limit, loses "
+                           "the contact, ends a hold off the force line, or in another way that "
+                           "--full lists; no worst-case certificate is computed. The seed follows from "
                            "scenario, program and N, and each attempt at a task is counted. The "
                            "runs are kept in the folder runs inside of DIR: the same command "
                            "continues them. If none fails, 60 runs bound it by 6.0 %% at the first "

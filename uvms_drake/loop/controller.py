@@ -153,7 +153,7 @@ class Controller(AbstractContextManager["Controller"]):
     def set_task(self, force: np.ndarray | None = None, place: np.ndarray | None = None) -> None:
         """Changes the task from the next step on; None leaves a part of it.
 
-        Of a known surface the problem of a new force is made here, which takes seconds. The next
+        Of a known surface the problem of a new force is made here: no command for about a second. The next
         step may be as much later, beyond `longest_gap`; it has an alarm then.
 
         Args:
