@@ -153,8 +153,8 @@ class Controller(AbstractContextManager["Controller"]):
     def set_task(self, force: np.ndarray | None = None, place: np.ndarray | None = None) -> None:
         """Changes the task from the next step on; None leaves a part of it.
 
-        Of a known surface the problem of a new force is made here: no command for about a second. The next
-        step may be as much later, beyond `longest_gap`; it has an alarm then.
+        Of a known surface the problem of a new force is made here: no command for about a second,
+        perhaps beyond `longest_gap`. The next step has an alarm then.
 
         Args:
             force: 𝔉_des (6,) [N, N m]; one that cannot be held is refused, which is an alarm.
