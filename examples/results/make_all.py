@@ -39,7 +39,7 @@ was chosen and its runs were not fixed before, only the norms of pose, joints an
 inside of the tube, and a force that never settled was no failure: its number is withdrawn. Now the
 seed follows from scenario, program and number of runs, attempts are counted and cost confidence,
 every radius that tightens a limit is watched, and so is the force at the end of each hold; a fifth
-of the runs is at a corner of all unknowns, and a quarter of the presses is held for 20 s."""
+of the runs is at a corner of all unknowns, and a press is held as `draws.hold` has it."""
 """Remark on the pages of certificates in probability."""
 MISSION, MISSIONS = "jacket_inspection_real", 10
 """Scenario and number of runs of a certificate in probability of a mission."""

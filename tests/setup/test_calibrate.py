@@ -6,10 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.refusals import refusals
+from support.synthetic import synthetic_sensed_record
 
 import uvms_drake as uv
+from uvms_drake.campaign.pool import local_pool
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.common.progress import silent
+from uvms_drake.report.tube_use import deviations, tube_use
 from uvms_drake.setup import calibrate as module
 from uvms_drake.setup.calibrate import (
     Calibration,
@@ -29,6 +33,9 @@ from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.station.scenario.scenario_file import scenario_path
 
 REAL = "girona500_real_loop"
+FINE = {"error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0, "violations": 0,
+        "limited": False, "mpc_failures": 0, "losses": 0, "touched": True, "off_line": 0.4,
+        "starts": 2}
 ROOM = {"position": 0.02, "depth": 0.005, "nu1": 0.25, "qdot": 1.0, "e": np.inf}
 
 
@@ -101,7 +108,7 @@ def test_the_gains_are_tried_with_delays_that_are_half_as_long_again(real, model
 def test_the_room_of_a_row_is_that_of_its_tightest_limit(real, model):
     available = available_radii(real, model)
     assert available["nu1"] == real.limits.nu1
-    assert available["u[3]"] == real.limits.u[3]
+    assert available["u_roll"] == real.limits.u[3]
     angle = real.contact.tool_angle  # Its limit is of the cosine.
     assert available["orientation"] == pytest.approx(np.tan(0.5 * angle) / np.sqrt(2.0))
     assert available["joints"] == pytest.approx(0.5 * np.min(
@@ -110,6 +117,22 @@ def test_the_room_of_a_row_is_that_of_its_tightest_limit(real, model):
     # With all of it no more than the largest drawn force is left of the safe region.
     tube = tube_of({**dict.fromkeys(radii_by_row(real.tube), 0.0), "depth": available["depth"]})
     assert module.largest_force(replace(real, tube=tube)) == pytest.approx(real.draws.force[1])
+
+
+@pytest.mark.parametrize("name", [REAL, "bluerov2_real_loop"])
+def test_the_rows_are_those_whose_use_a_run_reports(name, monkeypatch):
+    """Of a record without a simulation, with tau where it is limited."""
+    scenario = uv.load_scenario(name)
+    available = available_radii(scenario, uv.load_model(scenario))
+    tube = tube_of(dict.fromkeys(available, 0.01))
+    record = replace(synthetic_sensed_record(12.0), scenario=replace(scenario, tube=tube))
+    result = FINE | {"index": 0, "use": tube_use(record)}
+    assert set(result["use"]) == set(radii_by_row(tube)) == set(available)
+    monkeypatch.setattr(module._Pilots, "results", lambda *_: [result])
+    largest, _ = module._Pilots(scenario, 1, local_pool()).largest(record.scenario, silent)
+    late = record.time >= scenario.mpc.hover
+    for key in ("u_roll", "depth"):
+        assert largest[key] == pytest.approx(np.max(deviations(record)[key][late]))
 
 
 def test_totals_are_norms_of_their_blocks():
@@ -158,6 +181,9 @@ def test_a_calibrated_file_has_the_numbers_their_origin_and_is_calibrated_to_its
     assert loaded.ancillary == real.ancillary
     tube = text[text.index("\ntube:"):]
     assert re.search(r"position: 0\.0078 +# m \(0\.0031; 25%\)", tube)
+    assert re.search(r"depth: 0\.0042 +# m \(0\.0017; 25%\)", tube)
+    # A deviation for each input.
+    assert re.search(r"# \([\d.]+(, [\d.]+){9}\)\n  u: \[.*\] # m/s2 \(3\), rad/s2\n", tube)
     assert len(re.findall(r"^tube:", text, re.M)) == 1
     assert calibrated_text(text, found, "uvms-drake calibrate") == text
     assert text.startswith(scenario_path(REAL).read_text("utf-8")[:300])
@@ -190,13 +216,10 @@ class Drawn:
     def results(self, scenario, number, progress):
         """Returns the results, of which the last has the failures."""
         self.rounds.append(scenario)
-        fine = {"error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
-                "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "touched": True,
-                "off_line": 0.4, "starts": 2}
         available = available_radii(scenario, uv.load_model(scenario))
         largest = {name: self.shares.get(name, 0.02) * min(most, 10.0)
                    for name, most in available.items()}
-        return [fine | {"index": i, "use": {
+        return [FINE | {"index": i, "use": {
             name: (0.9 + 0.1 * (i == 1)) * largest[name] / radius
             for name, radius in radii_by_row(scenario.tube).items()}}
             | (self.failed if i == number - 1 else {}) for i in range(number)]
@@ -206,7 +229,7 @@ class Drawn:
 def test_the_command_writes_a_scenario_that_a_certificate_in_probability_takes(
         monkeypatch, tmp_path, capsys):
     """Of nu1 0.12 of its limit, so that 0.3 of the limit is between twice and thrice that."""
-    pilots = Drawn(monkeypatch, {"depth": 0.3, "u[3]": 0.2, "nu1": 0.12})
+    pilots = Drawn(monkeypatch, {"depth": 0.3, "u_roll": 0.2, "nu1": 0.12})
     monkeypatch.chdir(tmp_path)
     assert main(["calibrate", REAL, "--runs", "3", "--quiet"]) == 0
     out = capsys.readouterr().out
@@ -217,7 +240,7 @@ def test_the_command_writes_a_scenario_that_a_certificate_in_probability_takes(
     assert found.tube.nu1 == pytest.approx(0.3 * 0.25, rel=0.01)
     assert found.contact.speed == pytest.approx(0.065 + found.tube.depth_speed, rel=0.01)
     assert found.mpc.hover == 5.0  # Five time constants of 1 s.
-    assert "50% of the starts had no first plan" in out and re.search(r"u\[3\] +0\.14 ", out)
+    assert "50% of the starts had no first plan" in out and re.search(r"u_roll +0\.14 ", out)
     # Again: the file is not overwritten.
     assert main(["calibrate", REAL, "--runs", "3", "--quiet"]) == 2
     assert "not there yet" in capsys.readouterr().err

@@ -6,8 +6,8 @@ the largest radius L that its limits leave. Its radius is
     r = max(m M, min(3 M, s L)),    m = 2,  s = 0.3,                                             (1)
 
 so that a row far from its limits has more. It begins with r = 0.3 L, all of them × 0.7 until
-there is a first plan, and runs again with (1) until M ≤ (1/m + 0.15) r, at most `ROUNDS` times. If
-(1) leaves no plan, m is bisected; below 1.5 there is none.
+there is a first plan, and runs again with (1) until M ≤ (1/m + 0.15) r or, after `ROUNDS` rounds,
+M ≤ r. If (1) leaves no plan, m is bisected; below 1.5 there is none.
 
 The gains are of one scale β: with T the mean delay from a command to the wrench of the vehicle, or
 from a reading of a joint to its torque,
@@ -42,8 +42,10 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed, require
 from uvms_drake.common.progress import Progress, part_of, silent
 from uvms_drake.control.laws.tip_first import BlockGains, TipFirst
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.report.tube_use import radii_of
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.setup.first_scenario import strength_of
 from uvms_drake.setup.holding import coordinate, unit_of
@@ -112,7 +114,7 @@ class Calibration:
     scenario: Scenario
     """The scenario with all of them."""
     rows: dict[str, Row]
-    """The rows of its tube by name, those of inputs as `u[0]`."""
+    """The rows of its tube by name, those of inputs as `u_surge`."""
     runs: int
     """Number of pilot runs K of a round."""
     multiple: float
@@ -244,20 +246,16 @@ def strongest(scenario: Scenario) -> float:
 
 def radii_by_row(tube: TubeRadii) -> dict[str, float]:
     """Returns the declared radii of a tube by the names of rows."""
-    out = {key: float(getattr(tube, key)) for key in (*ROWS, *BLOCKS)
-           if getattr(tube, key) is not None}
-    for key in ("u", "tau"):
-        each = getattr(tube, key)
-        out |= {f"{key}[{i}]": float(radius) for i, radius in enumerate(
-            () if each is None else each)}
-    return out
+    return {key: float(getattr(tube, key)) for key in (*ROWS, *BLOCKS)
+            if getattr(tube, key) is not None} | radii_of(tube)
 
 
 def tube_of(radii: dict[str, float]) -> TubeRadii:
     """Returns the tube with radii by row."""
     parts = {key: np.array([radius for name, radius in radii.items()
-                            if name.startswith(f"{key}[")]) for key in ("u", "tau")}
-    alone: dict[str, Any] = {key: radius for key, radius in radii.items() if "[" not in key}
+                            if name.startswith(f"{key}_")]) for key in ("u", "tau")}
+    alone: dict[str, Any] = {key: radius for key, radius in radii.items()
+                             if not key.startswith(("u_", "tau_"))}
     return TubeRadii(**alone, u=parts["u"], tau=parts["tau"] if len(parts["tau"]) else None)
 
 
@@ -267,11 +265,11 @@ def available_radii(scenario: Scenario, model: ContactModel) -> dict[str, float]
     Depth and position are limited by the safe region of the largest force, the speeds of the tip by
     that of an approach, whose limit is derived from theirs.
     """
-    size, contact = model.size, sensed_contact(scenario)
-    limits = limits_of(scenario, model)
+    contact, limits = sensed_contact(scenario), limits_of(scenario, model)
     none = dict.fromkeys((*ROWS, *BLOCKS), 0.0) | {
-        f"{key}[{i}]": 0.0 for key in ("u", *(("tau",) if scenario.limits.tau is not None else ()))
-        for i in range(size)}
+        f"{key}_{name}": 0.0
+        for key in ("u", *(("tau",) if scenario.limits.tau is not None else ()))
+        for name in input_names(model.num_joints)}
     out = {}
     for name in none:
         unit = tube_of(none | {name: 1.0})

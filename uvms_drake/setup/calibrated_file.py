@@ -63,7 +63,7 @@ def _tube(found: Calibration, command: str) -> list[str]:
         if value is None or not np.any(value):
             continue
         rows = [(name, row) for name, row in found.rows.items()
-                if name == key or name.startswith(f"{key}[")]
+                if name == key or (key in ("u", "tau") and name.startswith(f"{key}_"))]
         said = "({}{})".format(
             ", ".join(f"{row.largest:.2g}" for _, row in rows),
             "".join(f"; {row.radius / row.available:.0%}" for _, row in rows
@@ -72,5 +72,5 @@ def _tube(found: Calibration, command: str) -> list[str]:
         if np.ndim(value):
             lines.append(f"  # {said}")
             said = ""
-        lines.append(f"{f'  {key}: {text}':<{COLUMN}}# {UNITS[key]} {said}".rstrip())
+        lines.append(f"{f'  {key}: {text}':<{COLUMN - 1}} # {UNITS[key]} {said}".rstrip())
     return lines
