@@ -33,9 +33,9 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
                            "the contact, ends a hold off the force line, or in another way that "
                            "--full lists; no worst-case certificate is computed. The seed "
                            "follows from scenario, program and N, and each attempt at a task is "
-                           "counted. The runs are kept in the folder runs inside of DIR: the same command "
-                           "continues them. If none fails, 60 runs bound it by 6.0 %% at the first "
-                           "attempt, 300 by 1.2 %%. A run of a "
+                           "counted. The runs are kept in the folder runs inside of DIR: the "
+                           "same command continues them. If none fails, 60 runs bound it by "
+                           "6.0 %% at the first attempt, 300 by 1.2 %%. A run of a "
                            "press behind thrusters takes half a minute of an idle core: 60 runs a "
                            "quarter of an hour on two cores, 300 more than an hour")
     runs.add_argument("--confidence", type=float, default=0.95, metavar="C",
