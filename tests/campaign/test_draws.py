@@ -10,6 +10,7 @@ from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.draws import POSE_REACH, declared_distribution, drawn_unknowns, vary
 from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.plant.adversary import AdversarialDisturbance
+from uvms_drake.plant.model_error import LEAST_FACTOR
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.scenario.scenario import dump_scenario
 
@@ -106,6 +107,15 @@ def test_errors_by_axis_are_drawn_one_by_one_and_leave_every_other_draw_as_it_is
     np.testing.assert_allclose(np.abs(shifts), np.tile([0.01, 0.02, 0.0], (9, 1)))
     assert len({tuple(each) for each in np.sign(shifts)}) > 2
     assert drawn[0][0].error.vehicle is None
+
+
+def test_a_factor_above_two_is_drawn_down_to_the_least_that_a_robot_can_have():
+    wide = uv.load_scenario(REAL, [
+        "model_error.drag=3.0", "model_error.vehicle.quadratic_drag=[1, 3, 1, 1, 1, 1]"]).unknowns
+    drawn = [drawn_unknowns(wide, np.random.default_rng(seed)).error for seed in range(60)]
+    for found in ([each.drag for each in drawn],
+                  [each.vehicle.quadratic_drag[1] for each in drawn]):
+        assert min(found) == LEAST_FACTOR < 1.0 < 2.5 < max(found) <= 3.0
 
 
 def test_errors_of_thrusters_are_drawn_one_by_one_and_leave_every_other_draw_as_it_is():

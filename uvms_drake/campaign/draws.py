@@ -29,7 +29,14 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.plant.model_error import BODIES, COEFFICIENTS, FACTORS, AxisFactors, Unknowns
+from uvms_drake.plant.model_error import (
+    BODIES,
+    COEFFICIENTS,
+    FACTORS,
+    LEAST_FACTOR,
+    AxisFactors,
+    Unknowns,
+)
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.problem import first_problem, limits_of, load_model, make_ocp, start_state
 from uvms_drake.station.scenario.scenario import Scenario, Start
@@ -139,7 +146,8 @@ def drawn_unknowns(declared: Unknowns, rng: np.random.Generator, likely: float =
         return float(rng.uniform(-np.pi, np.pi))
 
     known, current = declared.error, declared.current
-    relative = {name: 1.0 + (getattr(known, name) - 1.0) * part() for name in FACTORS}
+    relative = {name: max(LEAST_FACTOR, 1.0 + (getattr(known, name) - 1.0) * part())
+                for name in FACTORS}
     first, carried = part(), abs(part())
     payload = replace(known.payload, mass=carried * known.payload.mass,
                       displaced=carried * known.payload.displaced)
@@ -157,7 +165,8 @@ def drawn_unknowns(declared: Unknowns, rng: np.random.Generator, likely: float =
     if np.any(shift):
         shift = shift * np.append(first, _parts(rng, likely, 2))
     by_axis: dict[str, Any] = {body: AxisFactors(**{
-        name: 1.0 + (size - 1.0) * _parts(rng, likely, 6) for name in COEFFICIENTS
+        name: np.maximum(LEAST_FACTOR, 1.0 + (size - 1.0) * _parts(rng, likely, 6))
+        for name in COEFFICIENTS
         if np.any((size := known.by_axis(body, name)) != 1.0)})
         for body in BODIES if getattr(known, body) is not None}
     error = replace(known, **relative, **by_axis, buoyancy_shift=shift, payload=payload,

@@ -61,6 +61,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_overview
+from uvms_drake.report.tube_use import check_log
 from uvms_drake.setup.calibrate import PilotsFailed, calibrate
 from uvms_drake.setup.calibrated_file import calibrated_text
 from uvms_drake.station.contact.bounds import largest_force
@@ -195,6 +196,7 @@ def check_declared(scenario: Scenario) -> None:
     """
     tube, of_wall = scenario.tube, scenario.contact.declared_wall() is not None
     if of_wall:
+        check_log(scenario)
         for key in ("speed", *(() if scenario.mission.steps else ("force",))):
             asked = getattr(scenario.draws, key)
             require(asked is not None, f"draws.{key}", asked, "declared: the distribution of a "

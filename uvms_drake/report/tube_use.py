@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
@@ -9,6 +10,7 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.station.diagram import monitor_begin, set_wise_radii
 from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.scenario import Scenario
 
 ROUNDING = 1e-9
 """Least radius that a deviation is divided by."""
@@ -68,6 +70,14 @@ def deviations(record: Record) -> dict[str, np.ndarray]:
         found |= {f"{name}_{channel}": np.abs(row) for channel, row in zip(
             input_names(model.num_joints), error.T, strict=True)}
     return found
+
+
+def check_log(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` if `between_knots` cannot be seen in the scenario's log."""
+    parts = scenario.mpc.time_step / scenario.log_period
+    require(parts > 1.5 and abs(parts - round(parts)) < 1e-6, "log_period", scenario.log_period,
+            f"a half, a third, ... of mpc.time_step, {scenario.mpc.time_step:g} s: depth between "
+            "two knots of the plan is watched in the log")
 
 
 def off_knots(time: np.ndarray, depth: np.ndarray, speed: np.ndarray, step: float) -> np.ndarray:

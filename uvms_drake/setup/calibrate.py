@@ -45,7 +45,11 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import read_uvms
+<<<<<<< HEAD
 from uvms_drake.report.tube_use import radii_of
+=======
+from uvms_drake.report.tube_use import check_log
+>>>>>>> 0b54ab62 (Drawn factors stay those of a robot; depth between knots is watched only in a log that shows it)
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.setup.first_scenario import strength_of
 from uvms_drake.setup.holding import coordinate, unit_of
@@ -198,6 +202,7 @@ def check_real(scenario: Scenario) -> ContactModel:
         parts = getattr(scenario, key)
         require(any(isinstance(part, kind) for part in parts), key,
                 [type(part).__name__ for part in parts], f"with a !{kind.__name__}")
+    check_log(scenario)
     require(isinstance(scenario.ancillary, TipFirst), "ancillary",
             type(scenario.ancillary).__name__, "a !TipFirst, whose vehicle has gains of its own")
     for key in ("speed", *(() if scenario.mission.steps else ("force",))):
