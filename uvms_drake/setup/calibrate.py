@@ -45,11 +45,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import read_uvms
-<<<<<<< HEAD
-from uvms_drake.report.tube_use import radii_of
-=======
-from uvms_drake.report.tube_use import check_log
->>>>>>> 0b54ab62 (Drawn factors stay those of a robot; depth between knots is watched only in a log that shows it)
+from uvms_drake.report.tube_use import check_log, radii_of
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.setup.first_scenario import strength_of
 from uvms_drake.setup.holding import coordinate, unit_of
