@@ -4,8 +4,8 @@
 
 CLONE is the path of a clone of github.com/hkolano/UVMS-SysID-with-EAs at 18d9b2f (MIT, Copyright
 2023 Hannah Kolano; paper: arXiv 2209.13577); its data are not part of this project. The shipped
-robot gets the arm where that vehicle has it, and the mass of that vehicle; then its trim, and at
-last all that the logs identify, come from the logs.
+robot gets the arm where that vehicle has it, and the mass of that vehicle with a volume of
+15.079e-3 m³; then its trim, and at last all that the logs identify, come from the logs.
 """
 
 import argparse
@@ -34,13 +34,13 @@ from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION
 
 FOLDER = Path("data/hinsdale-data-2023")
 SIMULATED = Path("data/sim_trajs")
-JOINTS_LATE = 0.15
+JOINT_DELAY = 0.15
 """Time by which the joints are late to the IMU, of its 0.10 to 0.20 s [s]."""
 SIGNALS = LogSignals(
     world="ENU", body="FLU", attitude="xyzw", joint_signs=np.ones(1), joint_offsets=np.zeros(1),
     signals=[
         Source("joints", [f"axis_{axis}_pos" for axis in "edcb"], "_joint_states.csv", "time_secs",
-               delay=JOINTS_LATE),
+               delay=JOINT_DELAY),
         Source("attitude", [f"{axis}_ori" for axis in "xyzw"], "_imu.csv", "time_secs"),
         Source("angular_velocity", [f"{axis}_angvel" for axis in "xyz"], "_imu.csv", "time_secs"),
         Source("specific_force", [f"{axis}_linacc" for axis in "xyz"], "_imu.csv", "time_secs")])

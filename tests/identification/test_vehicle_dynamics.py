@@ -1,4 +1,4 @@
-"""Tests of `identify.vehicle_dynamics` and `output_error`, against `UvmsModel`."""
+"""Tests of `identification.vehicle_dynamics` and `output_error`, against `UvmsModel`."""
 
 import numpy as np
 import pytest

@@ -27,11 +27,26 @@ Exit status 2: the robot is not sound, and no certificate of it would be worth a
 each on stderr, by file and key.
 """
 LOGS = """\
-A log is the folder of a run of this program, or a CSV file; for the latter --signals names a YAML
-file that says where each signal is, in which unit, frame and by which clock. Frames are checked,
-never guessed: a log that contradicts them is refused with a line.
+A log is the folder or log.npz of a run of this program, or CSV files of numbers; for the latter
+--signals names a YAML file, such as
 
-Exit status 1: no parameter was identified.
+  world: ENU
+  body: FLU
+  attitude: xyzw
+  signals:
+    - {signal: attitude, columns: [qx, qy, qz, qw], file: _imu.csv, time: stamp, time_unit: ns}
+    - {signal: joints, columns: [a, b, c, d], file: _arm.csv, time: t, unit: deg, delay: 0.1}
+
+Signals: joints, attitude (both needed), angular_velocity, velocity, depth, position (its depth),
+wrench (of the thrusters; without it the vehicle drifts), specific_force, force, armed. `file` is
+added to LOG. Gyro and accelerometer are checked against the attitude where the log has them; senses
+of joints and wrench are taken as declared.
+
+The water is taken to be at rest: the folder of a run with a current or waves is refused, but a bare
+log.npz or CSV does not show it. At least 12 windows of 8 s without contact are needed. An interval
+is of the scatter of windows: an error of the model that all of them share is not in it.
+
+Exit status 2: bad input, or no parameter was identified; 1: the estimate does not converge.
 """
 
 
@@ -197,7 +212,7 @@ def add_identify(commands: argparse._SubParsersAction) -> None:
 
 
 def identify_robot(args: argparse.Namespace) -> int:
-    """Prints and writes the parameters; returns 0 if one was identified."""
+    """Prints and writes the parameters."""
     from uvms_drake.common.schema import load_file
     from uvms_drake.identification.figures import FIGURES, PAGE_FILE, write_page
     from uvms_drake.identification.identify import identify
@@ -232,4 +247,4 @@ def identify_robot(args: argparse.Namespace) -> int:
         write_files(found, digests, staged.folder)
         write_page(found, digests, staged.folder)
     print(f"written to {output}: {', '.join(names)}", file=sys.stderr)
-    return 0 if found.identified else 1
+    return 0

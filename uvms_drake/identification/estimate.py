@@ -213,6 +213,9 @@ def estimated(windows: Windows, parameters: Sequence[Parameter], theta: np.ndarr
         theta: Their errors at first (P,).
         progress: Receives the stages.
         own: Own parameters of the windows at first (W, 16); None: their means.
+
+    Raises:
+        RunFailed: It does not converge.
     """
     noise, prior = NOISE, np.array([each.scale for each in parameters]) ** -2.0
     about = own_of(windows, noise)
@@ -233,15 +236,17 @@ def estimated(windows: Windows, parameters: Sequence[Parameter], theta: np.ndarr
             if np.all(np.isfinite(moved)) and 0.5 * (
                     np.sum(residuals(windows, moved, noise)**2) + np.sum(off**2)
                     + np.sum(prior * new**2)) < total * (1.0 + 1e-6):
+                theta, own, x = new, new_own, moved
                 break
             step = 0.5 * step
             found = found._replace(step=0.5 * found.step)
-        theta, own, x = new, new_own, moved
         left = (windows.measured() - x).reshape(-1, len(STATE))
         seen = np.any(np.isfinite(left), axis=0)
         noise = np.where(seen, np.maximum(np.sqrt(np.nanmean(
             np.where(seen, left, 0.0)**2, axis=0)), LEAST_NOISE), NOISE)
         about = own_of(windows, noise)
+    else:
+        raise RunFailed(f"identify: no convergence after {ITERATIONS} steps")
     return Estimate(theta, own, noise, found, prior)
 
 

@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from uvms_drake.common.errors import shortened
 from uvms_drake.common.program import VERSION
 from uvms_drake.identification.identify import Identification
 from uvms_drake.identification.log import GRID, STATE
@@ -24,14 +25,16 @@ PAGE_FILE = "identification.html"
 FIGURES = ("validation.png", "parameters.png", "residual.png")
 CAPTIONS = {
     "validation.png": "Measured roll and pitch of some windows (black), and their prediction from "
-                      "the measured state at the beginning, with the parameters of the other half "
-                      "of the logs (blue).",
+                      "the measured state at the beginning, with parameters one step from those "
+                      "of all logs to those of the other half (blue).",
     "parameters.png": "Identified parameters with their intervals, over the numbers of the file.",
     "residual.png": "Residual of the vehicle's acceleration: the fraction of the samples above a "
                     "size, by axis.",
 }
 SHOWN = 6
 """Largest number of windows in a figure."""
+LONGEST = 21
+"""Most letters of a log's name in a figure."""
 
 
 def validation_figure(found: Identification) -> Figure:
@@ -46,7 +49,7 @@ def validation_figure(found: Identification) -> Figure:
         for k, ax in enumerate(column):
             ax.plot(time, np.rad2deg(measured[i, :, k]), "k")
             ax.plot(time, np.rad2deg(predicted[i, :, k]), color=BLUE)
-        column[0].set_title(found.windows.logs[found.windows.log_of[i]].name)
+        column[0].set_title(shortened(found.windows.logs[found.windows.log_of[i]].name, LONGEST))
         column[1].set_xlabel("time [s]")
     for ax, name in zip(axes[:, 0], STATE[:2], strict=True):
         ax.set_ylabel(f"{name} [deg]")
@@ -99,7 +102,7 @@ def write_page(found: Identification, digests: dict[str, str], folder: Path) -> 
                     f"{name} {size:.3g}" for name, size in validation_rms(found).items())
     excitation = ", ".join(f"{name} {size:.3g}" for name, size in found.excitation.items())
     texts = {
-        "title": f"{found.robot.name}: identification",
+        "title": f"Identification of {found.robot.name}",
         "verdict": f"{len(found.identified)} of {len(found.results)} parameters identified, from "
                    f"{len(found.windows.start)} windows of {len(found.windows.logs)} logs. "
                    f"Held-out prediction, rms: {rms}.",

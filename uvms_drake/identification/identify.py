@@ -34,7 +34,7 @@ UNINFORMED = 0.5
 """Ratio of a parameter's standard deviation to that before any log from which on it is unknown."""
 LARGEST_ERROR = 0.5
 """Largest half-width of an interval over the value; over the scale of a place or volume."""
-BUMPED = 15.0
+OUTLIER = 15.0
 """Ratio of a window's cost to the median from which on it is left out."""
 DRIVEN = 0.1
 """Smallest range of a joint or of the wrench that moves the vehicle [rad, N]."""
@@ -83,8 +83,9 @@ class Identification:
     fitted: tuple[Parameter, ...]
     """Its parameters."""
     validation: np.ndarray
-    """Error of a prediction of x from its measured value at the beginning of windows, with the
-    parameters of the other half (W, K, 9); nan where nothing was measured."""
+    """Error of a prediction of x from its measured value at the beginning of windows, with
+    parameters one step from the estimate to those of the other half (W, K, 9); nan where nothing
+    was measured."""
     residual: np.ndarray
     """d = ν̇ − f (W, K, 6) [m/s², rad/s²]; nan where ν̇ was not measured."""
     refused: tuple[str, ...]
@@ -132,41 +133,41 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
         progress: Receives the stages.
 
     Raises:
-        InvalidParameter: No log can be used, or they have too few windows.
+        InvalidParameter: No log can be used, they have too few windows, or identify nothing.
+        RunFailed: The estimate does not converge.
     """
     require(0.5 <= confidence < 1.0, "--confidence", confidence, "at least 0.5, and less than 1")
     robot = Robot.load(model) if isinstance(model, str) else model
     base, parameters = parameters_of(robot)
-    complaints = {log.name: complaint(log) for log in logs}
-    refused = [f"{name}: {why}" for name, why in complaints.items() if why]
-    sound = [log for log in logs if not complaints[log.name]]
+    complaints = [complaint(log) for log in logs]
+    refused = [f"{log.name}: {why}" for log, why in zip(logs, complaints, strict=True) if why]
+    sound = [log for log, why in zip(logs, complaints, strict=True) if not why]
     windows = _enough(sound, UvmsModel(robot.uvms), base, parameters, refused)
     if not np.any(windows.resting):
         refused.append("no rest: the hydrostatics are from motion alone")
     theta = hydrostatics(windows, parameters)
 
     # Logs whose clock is off.
-    shifted = {log.name: shift for i, log in enumerate(sound) if (
-        shift := _clock(windows.of(windows.log_of == i), theta)) is not None
-        and abs(shift) > LATEST}
-    if shifted:
-        refused += [f"{name}: clock: its attitude is {shift:.2g} s later than arm and wrench "
-                    f"ask for, and must be within {LATEST:g} s" for name, shift in shifted.items()]
-        sound = [log for log in sound if log.name not in shifted]
+    shifts = [_clock(windows.of(windows.log_of == i), theta) or 0.0 for i in range(len(sound))]
+    if np.max(np.abs(shifts)) > LATEST:
+        refused += [f"{log.name}: clock: its attitude is {shift:.2g} s later than arm and wrench "
+                    f"ask for, and must be within {LATEST:g} s"
+                    for log, shift in zip(sound, shifts, strict=True) if abs(shift) > LATEST]
+        sound = [log for log, shift in zip(sound, shifts, strict=True) if abs(shift) <= LATEST]
         windows = _enough(sound, UvmsModel(robot.uvms), base, parameters, refused)
 
     # All parameters that the windows say something about; then those that prove to be known.
     why, kept = dict[str, str](), np.arange(len(parameters))
     about = own_of(windows, NOISE)
     first, _ = quadratic_of(windows, theta, about.mean, about, NOISE, part_of(progress, 0.0, 0.1))
-    bumps = first.cost > BUMPED * np.median(first.cost)
-    for i in np.unique(windows.log_of[bumps]):
-        refused.append(f"{windows.logs[i].name}: {np.sum(bumps & (windows.log_of == i))} windows "
-                       "with bumps: no motion of the model is like it")
-    windows, own = windows.of(~bumps), None
+    outlier = first.cost > OUTLIER * np.median(first.cost)
+    for i in np.unique(windows.log_of[outlier]):
+        refused.append(f"{windows.logs[i].name}: {np.sum(outlier & (windows.log_of == i))} windows "
+                       "are outliers: the model does not reproduce their motion")
+    windows, own = windows.of(~outlier), None
     require(len(windows.start) >= LEAST_WINDOWS, "LOG", len(windows.start),
-            f"at least {LEAST_WINDOWS} windows without bumps")
-    informed = _informed(first.H[~bumps], parameters)
+            f"at least {LEAST_WINDOWS} windows that are no outliers")
+    informed = _informed(first.H[~outlier], parameters)
     if not np.any(np.isfinite(windows.state[:, 2:6])):  # The weight in water moves it up and down.
         informed &= np.array([each.name != VOLUME for each in parameters])
     for round in range(ROUNDS):
@@ -175,7 +176,7 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
         kept = kept[informed]
         used, some = [parameters[i] for i in kept], windows._replace(
             dynamics=windows.dynamics.only(kept))
-        require(bool(used), "LOG", len(sound), "logs that excite a parameter")
+        require(bool(used), "LOG", len(sound), "logs that identify a parameter")
         estimate = estimated(some, used, theta[kept], part_of(
             progress, 0.1 + 0.8 * round / ROUNDS, 0.1 + 0.8 * (round + 1) / ROUNDS), own)
         theta[kept], own = estimate.theta, estimate.own
@@ -185,6 +186,7 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
         informed = np.array([not reason for reason in reasons])
         if np.all(informed):
             break
+    require(bool(np.any(informed)), "LOG", len(sound), "logs that identify a parameter")
     halves = dict(zip([each.name for each in used], half, strict=True))
     results = tuple(Result(each, float(theta[i]), float(halves[each.name]), "")
                     if each.name not in why else Result(each, 0.0, np.inf, why[each.name])
@@ -265,7 +267,7 @@ def _predicted(windows: Windows, theta: np.ndarray) -> np.ndarray:
 
 
 def _validation(windows: Windows, estimate: Estimate) -> np.ndarray:
-    """Returns the errors (W, K, 9) of each half, predicted with the parameters of the other."""
+    """Returns the errors (W, K, 9) of each half, predicted with `Estimate.of` the other."""
     first = _half(windows)
     out = np.empty((len(first), INSTANTS, len(STATE)))
     for which in (first, ~first):

@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,9 @@ import numpy as np
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.identification.log import Log, Samples, on_grid
 from uvms_drake.identification.signals_file import TIMES, UNITS, LogSignals
+from uvms_drake.plant.waves import UnknownFlow
+from uvms_drake.station.record import SCENARIO_FILE
+from uvms_drake.station.scenario.scenario import load_scenario
 
 OWN_FILE = "log.npz"
 """Log of a run of this program."""
@@ -22,22 +24,26 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
     """Returns a log, by the kind of its file.
 
     Args:
-        path: Folder or `log.npz` of a run of this program, `.BIN` or `.tlog` of ArduSub, `.mcap`,
-            or CSV; for the last ones the path, to which `signals` adds the ends.
+        path: Folder or `log.npz` of a run of this program, or CSV: the path, to which `signals`
+            adds the ends of its files.
         joints: Number of joints of the robot.
         signals: Where the signals are; of a run of this program nothing.
 
     Raises:
-        InvalidParameter: Not such a file, or without the signals that are needed.
+        InvalidParameter: Not such a file, without the signals that are needed, or of a run in
+            water that moves.
+        ScenarioError: The scenario in the folder of a run cannot be read.
     """
     own = path / OWN_FILE if path.is_dir() else path
     if own.suffix == ".npz":
-        return on_grid(path.name if path.is_dir() else path.stem, read_own(own, joints), joints)
+        found = read_own(own, joints)
+        if path.is_dir():
+            _require_still_water(path)
+        return on_grid(str(path), found, joints)
     require(signals is not None, "--signals", None,
             f"the file that says where the signals of {path} are")
     assert signals is not None
-    kinds: dict[str, Callable[[Path, LogSignals], dict[str, Samples]]] = {}
-    found = kinds.get(path.suffix.lower(), read_csv)(path, signals)
+    found = read_csv(path, signals)
     for needed in ["attitude"] + ["joints"] * bool(joints):
         require(needed in found, f"{path}: signals", ", ".join(found) or "none",
                 f"{needed} among them")
@@ -46,7 +52,18 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
     armed = found.pop("armed", None)
     require(armed is None or "wrench" in found or not np.any(armed[1]), f"{path}: armed", 1,
             "0, or with the wrench of the thrusters: they are armed without commands")
-    return on_grid(path.name, signals.in_model_axes(found), joints)
+    return on_grid(str(path), signals.in_model_axes(found), joints)
+
+
+def _require_still_water(run: Path) -> None:
+    """Raises for the folder of a run with a current or waves, which no parameter stands for."""
+    scenario = load_scenario(str(run / SCENARIO_FILE))
+    current = float(np.linalg.norm(scenario.current))
+    moving = [f"a current of {current:.3g} m/s"] * (current > 0.0) + ["waves"] * any(
+        wave.amplitude for wave in scenario.waves) + ["an unknown flow"] * any(
+        isinstance(fault, UnknownFlow) for fault in scenario.faults)
+    require(not moving, "LOG", str(run),
+            f"in still water: the run has {' and '.join(moving)}")
 
 
 def read_own(path: Path, joints: int) -> dict[str, Samples]:
@@ -61,7 +78,10 @@ def read_own(path: Path, joints: int) -> dict[str, Samples]:
     size = 6 + joints
     require(x.ndim == 2 and x.shape[1] == 2 * size, "LOG", str(path),
             f"a log of a robot with {joints} joints")
-    wrench = next(arrays[name] for name in EXERTED if name in arrays)
+    wrench = next((arrays[name] for name in EXERTED if name in arrays), None)
+    require(wrench is not None and "force" in arrays, "LOG", str(path),
+            f"a log of a run with force, and {' or '.join(EXERTED)}")
+    assert wrench is not None
     return {"joints": (time, x[:, 6:size]), "attitude": (time, x[:, 3:6]), "depth": (
         time, x[:, 2:3]), "velocity": (time, x[:, size:size + 3]), "angular_velocity": (
         time, x[:, size + 3:size + 6]), "wrench": (time, wrench[:, :6]),
@@ -91,7 +111,7 @@ def _table(path: Path) -> dict[str, np.ndarray]:
         values = np.array([[float(cell or "nan") for cell in row] for row in rows if row])
         require(values.ndim == 2 and values.shape[1] == len(header), "LOG", str(path),
                 "a table with as many numbers in each row as in its header")
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise InvalidParameter("LOG", str(path), f"a CSV file of numbers ({error})") from None
     return dict(zip(header, values.T, strict=True))
 

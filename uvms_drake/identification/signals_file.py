@@ -50,13 +50,14 @@ class LogSignals(Conventions):
             size = {"position": 3, "armed": 1, **SIZES}[each.signal]
             if each.signal == "attitude" and self.attitude != "rpy":
                 size = 4
-            require(size in (None, len(each.columns)), f"signals[{i}].columns", each.columns,
-                    f"{size} names of columns of {each.signal}")
+            require(bool(each.columns) and size in (None, len(each.columns)),
+                    f"signals[{i}].columns", each.columns,
+                    f"{size or 'the'} names of columns of {each.signal}")
 
     def in_model_axes(self, signals: dict[str, Samples]) -> dict[str, Samples]:
         """Returns signals in SI units and the declared axes, in axes of the model; see `SIZES`.
 
-        A `position` gives the depth, and the velocity if there is none.
+        A `position` gives the depth.
         """
         C_W, C_B, out = WORLDS[self.world], BODIES[self.body], dict[str, Samples]()
         time, attitude = signals["attitude"]

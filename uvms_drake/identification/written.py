@@ -46,10 +46,11 @@ def format_hydrodynamics(found: Identification, digests: dict[str, str]) -> str:
 
 
 def format_unknowns(found: Identification, digests: dict[str, str]) -> str:
-    """Returns the keys `model_error` and `disturbance` of a scenario with the identified robot."""
+    """Returns the key `model_error` of a scenario with the identified robot, and d as comments."""
     lines = [f"# {line}" for line in sources(digests, found.confidence)]
     lines += [f"# {each.parameter.name} was not identified: an error of it is for you to declare"
               for each in found.results if each.why]
+    lines.append("# Intervals, no bounds: a certificate with them holds as far as they do.")
     unknowns = found.unknowns
     lines.append("model_error:")
     if unknowns.buoyancy != 1.0:
@@ -62,8 +63,8 @@ def format_unknowns(found: Identification, digests: dict[str, str]) -> str:
         lines += [f"  {body}:"] * bool(factors)
         lines += [f"    {name}: {_up(f)}" for name, f in factors.items()]
     sizes = residual_sizes(found)
-    if np.all(np.isfinite(sizes)):
-        lines += ["", f"# Residual below, of the vehicle, in {COVERED[1]:.1%} of the samples."]
+    lines += ["", "# Size of the vehicle's residual d [m/s², rad/s²] that "
+              f"{COVERED[1]:.1%} of the samples are within:"]
     lines += [f"# residual of {axis}: {size:.3g}" if np.isfinite(size) else
               f"# residual of {axis}: not measured"
               for axis, size in zip(("surge", "sway", "heave", "roll", "pitch", "yaw"),
