@@ -37,7 +37,7 @@ INDEPENDENT = 0.5
 TILT, ACCELERATION, CLOCK = np.deg2rad(0.5), 0.01, 0.1
 """Spread of a window's constant wrench: moments that tilt the vehicle so [rad], forces that
 accelerate it so [m/s²]; and of its clock [s]."""
-ITERATIONS, CONVERGED, LARGEST_STEP = 12, 0.01, 0.5
+ITERATIONS, CONVERGED, LARGEST_STEP = 20, 0.1, 0.5
 """Most steps; step over the standard deviation at which it ends; and largest step over a
 parameter's scale."""
 HALVINGS = 4
@@ -228,6 +228,7 @@ def estimated(windows: Windows, parameters: Sequence[Parameter], theta: np.ndarr
         step = constrained_step(H, g, theta, parameters)
         if iteration and np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(np.linalg.inv(H)))):
             break
+        # The step, halved until it lessens the cost; none, if no half does.
         for _ in range(HALVINGS):
             new, new_own = theta + step, own + found.step + times(found.gain, step)
             moved = simulated(windows.dynamics.with_parameters(new), windows.wrench,
