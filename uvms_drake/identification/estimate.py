@@ -37,7 +37,7 @@ INDEPENDENT = 0.5
 TILT, ACCELERATION, CLOCK = np.deg2rad(0.5), 0.01, 0.1
 """Spread of a window's constant wrench: moments that tilt the vehicle so [rad], forces that
 accelerate it so [m/s²]; and of its clock [s]."""
-ITERATIONS, CONVERGED, LARGEST_STEP = 20, 0.1, 0.5
+ITERATIONS, CONVERGED, LARGEST_STEP = 40, 0.1, 0.5
 """Most steps; step over the standard deviation at which it ends; and largest step over a
 parameter's scale."""
 HALVINGS = 4
