@@ -14,6 +14,8 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.control.supervisor.detections import CAUSES
 from uvms_drake.loop.command import Mode
 from uvms_drake.loop.planner_process import ENDED
+from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 EXACT = ["log_period=0.015625", "mpc.time_step=0.1875"]
@@ -213,6 +215,33 @@ def test_a_retreat_of_the_supervisor_is_a_mode_with_its_cause(supervised):
     cause = list(CAUSES)[int(controller.signal("safety")[1]) - 1]
     assert cause in ("force", "slope")  # 60 N of a wall that declares 45, and where there is none.
     assert f"retreats: {cause}: {CAUSES[cause]}" in hard.alarms
+
+
+def test_a_thruster_without_power_gets_no_force_and_the_others_give_the_wrench(monkeypatch):
+    """Also when the loop is stopped afterwards; a reset gives it its power again."""
+    scenario = uv.load_scenario("girona500_real_loop", ["supervisor={}", "mpc.hover=0.0"])
+    controller = uv.Controller(scenario)
+    state = rest(controller)
+    controller.reset(state)
+    whole = controller.step(0.0, state, np.zeros(6))
+    assert whole.isolated == 0 and whole.thruster_forces[1] != 0.0
+    of = controller.signal
+    monkeypatch.setattr(controller, "signal", lambda name: np.array(
+        [1.0, 7.0, 0.0, np.nan, 2.0]) if name == "safety" else of(name))
+    command = controller.step(0.02, state, np.zeros(6))
+    assert command.isolated == 2 and "thruster 2 is without power" in command.alarms
+    thrusters = Allocation.to(ThrusterModel.of(controller.model.thrusters))
+    assert command.thruster_forces[1] == 0.0
+    np.testing.assert_allclose(np.delete(command.thruster_forces, 1),
+                               thrusters.others[1].forces(command.tau[:6]))
+    np.testing.assert_allclose(thrusters.thrusters.forces_of(command.thruster_commands),
+                               command.thruster_forces, atol=1e-9)
+    stopped = controller.step(9.0, state, np.zeros(6))
+    assert stopped.mode == Mode.STOPPED and stopped.isolated == 2
+    assert stopped.thruster_forces[1] == 0.0
+    monkeypatch.undo()
+    controller.reset(state)
+    assert controller.step(0.0, state, np.zeros(6)).isolated == 0
 
 
 def test_joints_move_under_the_present_wrench_of_the_thrusters():

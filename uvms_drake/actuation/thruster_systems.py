@@ -65,10 +65,8 @@ class ThrusterAllocation(WiredSystem):
         return self._allocation.others[isolated - 1] if isolated else self._allocation
 
     def _command(self, wrench: np.ndarray, isolated: int = 0) -> np.ndarray:
-        forces = self._of(isolated).forces(wrench)
-        if isolated:
-            forces = np.insert(forces, isolated - 1, 0.0)
-        return self._allocation.thrusters.commands_of(forces)
+        return self._allocation.thrusters.commands_of(
+            self._allocation.forces_without(isolated, wrench))
 
     def _hover(self, context: Context) -> np.ndarray:
         model, still = self._model, np.zeros(self._model.size)

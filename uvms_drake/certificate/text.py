@@ -59,8 +59,8 @@ HELP = {
     "sensing": DRAWN,
     "actuation": DRAWN,
     "actuation path": DRAWN,
-    "supervisor": "a longer mpc.horizon, slower limits or less contact.dissipation, or "
-        "supervisor: null",
+    "supervisor": "slower limits, less contact.dissipation or contact.delay, faults of the solver "
+        "that end, or supervisor: null",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
     "left by the tube": "a wider limit, a smaller disturbance.bound or larger gains",
     "first plan between knots": "a shorter mpc.time_step with a longer mpc.horizon, or wider "

@@ -23,6 +23,7 @@ from uvms_drake.station.scenario.scenario import Scenario
 
 ALARMS: tuple[tuple[str, int, Callable[[np.ndarray], str]], ...] = (
     ("safety", 0, lambda now: "retreats: {}: {}".format(*list(CAUSES.items())[int(now[1]) - 1])),
+    ("safety", 4, lambda now: f"thruster {int(now[4])} is without power"),
     ("report", 1, lambda now: TROUBLE.get(int(now[1]), "")),
     ("report", 6, lambda now: "the desired force is refused"),
     ("input_limited", 0, lambda now: "a limit cuts the command"),
@@ -78,6 +79,8 @@ class LoopCommand:
     """Alarms for the pilot, one line each; empty if all is well."""
     plan: Plan | None = None
     """The plan, for display."""
+    isolated: int = 0
+    """Number, from 1, of the thruster that a supervisor has isolated: cut its power; 0: none."""
 
 
 class Outputs:
@@ -97,7 +100,7 @@ class Outputs:
         self._allocation = Allocation.to(known[0]) if known else None
 
     def of(self, time: float, tau: np.ndarray, state: np.ndarray, contact: np.ndarray | None,
-           wrench: np.ndarray | None = None, **others: Any) -> LoopCommand:
+           wrench: np.ndarray | None = None, isolated: int = 0, **others: Any) -> LoopCommand:
         """Returns the command with τ (6+n,) [N, N m] in a state.
 
         The acceleration ζ̇ is that of the model, and q(t + T) = q + T q̇ + ½ T² q̈.
@@ -108,6 +111,7 @@ class Outputs:
             state: (𝔮, ζ) (2(6+n),), finite.
             contact: 𝔉 (6,) [N, N m]; None: by the model's surface.
             wrench: Present wrench τ_v of the thrusters (6,) [N, N m]; None: the commanded one.
+            isolated: Number of the thruster without power, from 1, whose force is zero; 0: none.
             **others: Mode, alarms and plan.
 
         Raises:
@@ -121,11 +125,11 @@ class Outputs:
         rates = zeta[6:], zeta[6:] + self._period * (drift + np.linalg.solve(M, acting))[6:]
         forces = commands = None
         if self._allocation is not None:
-            forces = self._allocation.forces(tau[:6])
+            forces = self._allocation.forces_without(isolated, tau[:6])
             commands = self._allocation.thrusters.commands_of(forces)
         position = config[6:] + 0.5 * self._period * (rates[0] + rates[1])
         return LoopCommand(time, tau, forces, commands,
-                           JointCommand(tau[6:], rates[1], position), **others)
+                           JointCommand(tau[6:], rates[1], position), isolated=isolated, **others)
 
 
 def mode_of(signals: dict[str, np.ndarray]) -> Mode:

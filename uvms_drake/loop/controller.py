@@ -254,7 +254,8 @@ class Controller(AbstractContextManager["Controller"]):
             (trouble, trouble)) if holds]
         self._command = self._outputs.of(
             time, self.signal("newest_command"), self._state, read if is_finite(read) else None,
-            signals.get(VEHICLE_WRENCH), mode=mode_of(signals),
+            signals.get(VEHICLE_WRENCH), int(signals["safety"][4]) if "safety" in signals else 0,
+            mode=mode_of(signals),
             alarms=(*alarms, *alarms_of({**signals, "input_limited": limited})),
             plan=self.signal("plan"))
         return self._command
@@ -276,7 +277,8 @@ class Controller(AbstractContextManager["Controller"]):
             alarms = (self._stopped, *(["without a state: open loop"] if given is None else []))
             self._command = replace(self._command, mode=Mode.STOPPED, alarms=alarms)
             with suppress(Exception):  # As at a state without an inverse: then the next one.
-                self._command = self._station(time, given, mode=Mode.STOPPED, alarms=alarms)
+                self._command = self._station(time, given, mode=Mode.STOPPED, alarms=alarms,
+                                              isolated=self._command.isolated)
                 break
         return self._command
 

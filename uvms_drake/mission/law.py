@@ -12,7 +12,8 @@
     Hold, Slide     → failed: no touch during `patience`, or the force or the state is lost
 
 A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by
-the end; a Retreat that times out is the end. The supervisor's is too, or `on_retreat: skip`.
+the end; a Retreat that times out is the end. The supervisor's is too, or without a stop meanwhile
+`on_retreat: skip`.
 
 *Every mission ends:* a spot is begun at most 1 + `retries` times, so after 1 + `retries` times the
 sum of all time-outs and one clock period a step all is over. It is `DONE` if every step is; else
@@ -145,8 +146,8 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
     step = mission.steps[state.step]
     state = _seen(mission, state, measured, t)
     if measured.retreated:
-        return _waiting(mission, state, t)
-    if state.waits:
+        return _waiting(mission, state, measured.stop, t)
+    if state.waits and not measured.stop:
         return state._replace(waits=False, since=t, touch=t)
     if isinstance(step, Retreat):
         if measured.stop:
@@ -216,20 +217,26 @@ def _failed(mission: Mission, state: State, reason: int, t: float) -> State:
     return _entered(mission, state, last, t)._replace(after=after)
 
 
-def _waiting(mission: Mission, state: State, t: float) -> State:
-    """Returns the state while the supervisor retreats; it waits for the time-out of a step."""
+def _waiting(mission: Mission, state: State, stop: bool, t: float) -> State:
+    """Returns the state while the supervisor retreats; it waits for the time-out of a step.
+
+    A stop is the end. The tip stays where it is.
+    """
+    state = state._replace(deepest=float(state.tip[0]))
     if state.waits:
-        if t - state.since >= mission.steps[state.step].timeout - ROUNDING:
-            return _over(state._replace(home=True, reason=TIME_OUT))
-        return state._replace(deepest=float(state.tip[0]))
-    state = state._replace(reason=SUPERVISED, failures=state.failures + 1)
-    if mission.on_retreat == "end":
+        late = t - state.since >= mission.steps[state.step].timeout - ROUNDING
+        if not stop and not late:
+            return state
+        return _over(state._replace(home=True, reason=STOPPED if stop else TIME_OUT))
+    state = state._replace(reason=STOPPED if stop else SUPERVISED, failures=state.failures + 1)
+    if stop or mission.on_retreat == "end":
         return _over(_marked(state, SKIPPED)._replace(home=True))
     _, last = mission.spot(state.step)
     state = state._replace(outcomes=tuple(
         SKIPPED if state.step <= i <= last else outcome
         for i, outcome in enumerate(state.outcomes)))
-    return _entered(mission, state, last + 1, t)._replace(waits=True)
+    state = _entered(mission, state, last + 1, t)
+    return state._replace(waits=state.outcome == RUNNING)
 
 
 def _marked(state: State, outcome: int) -> State:
@@ -253,7 +260,7 @@ def _entered(mission: Mission, state: State, i: int, t: float) -> State:
     elif isinstance(step, Retreat):
         place, deepest = state.tip[1:], min(deepest, float(state.tip[0]) - step.distance)
     return state._replace(step=i, since=t, place=place, deepest=deepest, searching=False,
-                          in_band=np.nan, touch=t, after=i + 1, tries=tries)
+                          in_band=np.nan, touch=t, after=i + 1, tries=tries, waits=False)
 
 
 def _over(state: State) -> State:
@@ -261,4 +268,4 @@ def _over(state: State) -> State:
     outcomes = tuple(SKIPPED if outcome == RUNNING else outcome for outcome in state.outcomes)
     outcome = (DONE if all(each == DONE for each in outcomes)
                else RETREATED if state.home else SKIPPED)
-    return state._replace(outcome=outcome, outcomes=outcomes)
+    return state._replace(outcome=outcome, outcomes=outcomes, waits=False)

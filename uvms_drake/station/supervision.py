@@ -12,6 +12,7 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.supervisor.detections import (
     MOST_DAMPING,
     SPACING,
+    WINDOW,
     Thresholds,
     largest_share,
 )
@@ -41,6 +42,8 @@ MONITOR_FLOOR = 1e-4
 exactly zero. At most a tenth of the tube's smallest radius counts, see `monitor_floor`."""
 TIMES = 2.0
 """Factor of declared times and disturbances at which they are exceeded for sure."""
+TOUCH = 0.5
+"""Share of the error of a reading above which a force is a touch."""
 STATE_LOST = 0.5
 """Time without a state after which it is lost, where no navigation declares a gap [s]."""
 LOST = 1.0
@@ -77,7 +80,7 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     * drift: the accelerations by all that is declared, see `declared_drift`, and twice the noise of
       the velocity through the observer;
     * cut: twice the delay of the vehicle's wrench; plan: all but two intervals of the horizon,
-      and the time for which the solver is declared to fail.
+      and the time for which the solver is declared to fail, if that ends.
     """
     contact, tube = sensed_contact(scenario), resolved_radii(scenario.tube)
     reading, path = known_reading(scenario), command_path_of(scenario.actuation, model)
@@ -91,6 +94,7 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
         velocity = multiple * float(np.max(dvl.noise)) + dvl.growth * dvl.gap
         turning = multiple * navigation.turning.noise
         fix = dvl.gap + 1.0 / dvl.rate + path.period
+    asked = scenario.supervisor
     # The error of a reading, and the parts of it that may change and that never do.
     constant, changing, share, error = 0.0, contact.force_error, 0.0, contact.force_error
     if reading is not None:
@@ -104,10 +108,12 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
         changing += reading.payload[0] + missing * float(peak)
         share = missing + omega * age * (np.sin(contact.angle) + mu * np.cos(contact.angle))
         share += 0.5 * omega**2 * (age**2 + reading.lag**2) * np.hypot(1.0, mu)
+    if asked is not None and asked.reading is not None:
+        error, changing, constant = (float(each) for each in asked.reading)
     require(contact.force > error, "contact.force", contact.force,
             f"more than {error:.3g} N, the error of a reading, for the supervisor")
     observer = getattr(getattr(scenario.ancillary, "vehicle", None), "observer", 0.0)
-    drift = None if scenario.supervisor is None else scenario.supervisor.drift
+    drift = None if asked is None else asked.drift
     if drift is None:
         drift = declared_drift(scenario, model, error) + TIMES * observer * np.array(
             [velocity, turning])
@@ -116,13 +122,12 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     # A plan's tip changes its speed by twice the largest one in an interval at most.
     horizon, h = scenario.mpc.horizon, scenario.mpc.time_step
     faster = (tube.depth_speed or 0.0) + contact.walls.tilt * (tube.tip_speed or 0.0)
-    faster += 2.0 * fastest_advance(contact) * SPACING / h
-    outage = sum(np.inf if each.duration is None else each.duration
-                 for each in scenario.faults if each.place == "solver")
+    faster += 2.0 * fastest_advance(contact) * spacing_of(scenario, path.period) / h
+    outage = sum(each.duration or 0.0 for each in scenario.faults if each.place == "solver")
     return Thresholds(
         force=largest_reading(contact, error), error=changing, constant=constant,
         share=float(share), delay=contact.delay, walls=contact.walls, faster=faster,
-        touch=0.5 * error, depth_error=float(noise[0]),
+        touch=TOUCH * error, depth_error=float(noise[0]),
         off=(1.0 + MONITOR_SLACK) * off + MONITOR_FLOOR, fix=fix, drift=drift,
         cut=TIMES * max(path.mean_delays[0], h),
         plan=max(horizon - 2, 1) * h + outage, lost=LOST, begin=scenario.mpc.hover)
@@ -140,9 +145,10 @@ def largest_reading(contact: SensedContact, error: float) -> float:
 
 
 def silent_conditions(scenario: Scenario, model: ContactModel) -> list[Condition]:
-    """Returns the conditions that the supervisor of a certified scenario never trips in its class.
+    """Returns the premises of the silence of a certified scenario's supervisor that may not hold.
 
-    See control/theory.md#silence-of-the-supervisor.
+    See control/theory.md#silence-of-the-supervisor. Its other thresholds are above the radii of the
+    tube and the largest reading of the class by their definition, see `thresholds_of`.
 
     Args:
         scenario: The scenario, with its certified tube.
@@ -151,19 +157,33 @@ def silent_conditions(scenario: Scenario, model: ContactModel) -> list[Condition
     safety = safety_of(scenario, model) if scenario.contact.declared_wall() is not None else None
     if safety is None:
         return []
-    limits, contact, tube = safety.thresholds, sensed_contact(scenario), resolved_radii(
-        scenario.tube)
+    limits, contact = safety.thresholds, sensed_contact(scenario)
+    spacing = spacing_of(scenario, command_path_of(scenario.actuation, model).period)
+    outage = sum(np.inf if each.duration is None else each.duration
+                 for each in scenario.faults if each.place == "solver")
     watched = {
-        "reading of a force [N]": (largest_reading(contact, contact.force_error), limits.force),
         "damping c₊⟨𝔭̇⟩ of a tip [-]": (contact.dissipation * (
             contact.largest_advance + limits.faster), MOST_DAMPING),
-        "deviation of the tip [m]": (tube.position, limits.off[0]),
-        "deviation of its angles [rad]": (tube.orientation, limits.off[1]),
-        "deviation of the joints [rad]": (tube.joints, limits.off[2]),
-        "age of a plan [s]": (scenario.mpc.time_step, limits.plan)}
-    return [Condition(f"supervisor, largest {name}", float(largest or 0.0), "<=", float(limit),
+        "age of a reading, and time to the next one [s]": (contact.delay + spacing, WINDOW),
+        "age of a plan [s]": (scenario.mpc.time_step + outage, limits.plan)}
+    return [Condition(f"supervisor, largest {name}", float(largest), "<=", float(limit),
                       theorem="control/theory.md#silence-of-the-supervisor", topic="supervisor")
             for name, (largest, limit) in watched.items()]
+
+
+def spacing_of(scenario: Scenario, period: float) -> float:
+    """Returns the largest time between two readings that a supervisor keeps [s].
+
+    It keeps that of the first update `SPACING` after the last one. Updates are the ticks of the
+    clock, or at the end of every step of the integrator, of which one is at each `log_period`.
+
+    Args:
+        scenario: The scenario.
+        period: Period of the clock of the law [s]; zero for none.
+    """
+    regular = period or scenario.log_period
+    whole = float(np.ceil(SPACING / regular - 1e-9)) * regular
+    return whole if period or whole <= SPACING + 1e-9 else SPACING + regular
 
 
 def declared_drift(scenario: Scenario, model: ContactModel, error: float) -> np.ndarray:
@@ -201,10 +221,12 @@ def declared_drift(scenario: Scenario, model: ContactModel, error: float) -> np.
 
 
 def supervisor_of(scenario: Scenario, model: ContactModel) -> Supervision | None:
-    """Returns the settings of the supervisor, the threshold of drift by all that is declared."""
+    """Returns the settings of the supervisor, with drift and readings by all that is declared."""
     if scenario.supervisor is None or scenario.contact.declared_wall() is None:
         return scenario.supervisor
-    return replace(scenario.supervisor, drift=thresholds_of(scenario, model).drift)
+    limits = thresholds_of(scenario, model)
+    return replace(scenario.supervisor, drift=limits.drift, reading=np.array(
+        [limits.touch / TOUCH, limits.error, limits.constant]))
 
 
 def norms(acceleration: np.ndarray) -> np.ndarray:

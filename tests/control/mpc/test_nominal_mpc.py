@@ -372,6 +372,43 @@ def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, 
     np.testing.assert_array_equal(setup.read("nominal_state"), other.read("nominal_state"))
 
 
+class Late:
+    """Computer whose plan comes as soon as it is asked for, however long that takes."""
+
+    def __init__(self, planner):
+        self.planner, self.begun = planner, None
+
+    def start(self, sample, memory):
+        self.begun = sample, memory
+
+    def result(self):
+        begun, self.begun = self.begun, None
+        return begun and self.planner.again(*begun)
+
+
+def test_a_plan_from_before_a_retreat_is_not_taken_after_it(short_ocp, start):
+    """The computer is not asked meanwhile; its next plan begins where the robot rested."""
+    at_rest = start * np.repeat([1.0, 0.0], 10)
+    setup = Setup(FailingSolver(short_ocp), at_rest, committed=1)
+    setup.ocp.in_advance = True
+    setup.mpc.computer = Late(setup.mpc.planner)
+    setup.give(retreat=np.zeros(22))
+    setup.go(1.5 * H)
+    away = at_rest - np.append(0.05, np.zeros(19))
+    setup.jump(away)
+    setup.give(retreat=np.append(1.0, np.zeros(21)))
+    setup.go(2.5 * H)
+    np.testing.assert_array_equal(setup.read("nominal_state"), away)
+    setup.give(retreat=np.zeros(22))
+    setup.go(3.5 * H)
+    np.testing.assert_allclose(setup.read("nominal_state"), away, atol=1e-9)
+    setup.go(4.0 * H)
+    before = setup.read("nominal_state")
+    setup.go(4.01 * H)
+    assert setup.report()["status"] == SOLVED  # The plan of 3 H has come.
+    assert np.max(np.abs(setup.read("nominal_state") - before)[:10]) < 0.002
+
+
 def test_after_hovering_a_problem_that_starts_where_it_is_measured_does_so(short_ocp, start):
     setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10))
     setup.ocp.hover, setup.ocp.starts_at_measured = H, True

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from pydrake.common.yaml import yaml_load_data
 from support.refusals import refusals
 from support.runs import simulated
 
@@ -12,6 +13,7 @@ import uvms_drake as uv
 from uvms_drake.actuation.thruster_systems import PowerCut
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.tip_first import TipFirst
+from uvms_drake.control.mpc.solver_faults import SolverFailure
 from uvms_drake.control.supervisor.detections import (
     CAUSES,
     Seen,
@@ -43,8 +45,10 @@ from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import configuration_rate_matrix
+from uvms_drake.station.contact.bounds import fastest_advance, sensed_contact
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.supervision import thresholds_of
+from uvms_drake.station.scenario.scenario import dump_scenario, typed_scenario
+from uvms_drake.station.supervision import supervisor_of, thresholds_of
 
 LIMITS = Thresholds(
     force=40.0, error=1.5, constant=0.5, share=0.0, delay=0.0, walls=SurfaceClass(stiffness=1000.0),
@@ -339,6 +343,44 @@ def test_thresholds_follow_the_declared_numbers(model):
         assert name in larger
 
 
+def test_thresholds_of_a_drawn_run_are_those_of_the_scenario_it_is_drawn_from(model):
+    """Whatever is drawn of it: less of payload and time, and faults without an end."""
+    base = uv.load_scenario(REAL, [ON, "model_error.payload.mass=0.5"])
+    limits = thresholds_of(base, model)
+    pinned = dataclasses.replace(base, supervisor=supervisor_of(base, model))
+
+    def drawn(scenario):
+        error = dataclasses.replace(base.model_error, payload=dataclasses.replace(
+            base.model_error.payload, mass=0.1))
+        return dataclasses.replace(scenario, duration=30.0, model_error=error, faults=[
+            SolverFailure(probability=0.05)])
+
+    assert thresholds_of(drawn(base), model).error < limits.error
+    for name, value in thresholds_of(drawn(pinned), model)._asdict().items():
+        if name != "walls":
+            np.testing.assert_allclose(value, getattr(limits, name), rtol=1e-12, err_msg=name)
+    assert np.isfinite(limits.plan)
+    kept = typed_scenario(yaml_load_data(dump_scenario(pinned))).supervisor
+    np.testing.assert_array_equal(kept.reading, pinned.supervisor.reading)
+
+
+@pytest.mark.parametrize(("period", "spacing"), [
+    (0.02, 0.02), (0.01, 0.02), (0.015625, 0.03125), (0.05, 0.05)])
+def test_the_time_between_kept_readings_counts_for_how_fast_a_plan_changes(
+        model, settings, period, spacing):
+    """The supervisor keeps the reading of the first tick after 20 ms."""
+    now, kept = initial_watch(10), []
+    for k in range(40):
+        now = updated(now, QUIET._replace(time=k * period), START, LIMITS, settings, model)
+    kept = np.diff(now.readings.reshape(-1, 6)[:, 0])
+    assert np.nanmax(kept) == pytest.approx(spacing)
+    base, other = (thresholds_of(uv.load_scenario(REAL, [f"actuation.0.period={each}"]), model)
+                   for each in (0.02, period))
+    fastest = fastest_advance(sensed_contact(uv.load_scenario(REAL)))
+    assert other.faster - base.faster == pytest.approx(
+        2.0 * fastest * (spacing - 0.02) / 0.2, abs=1e-12)
+
+
 test_bad_input = refusals(REAL, {
     "supervisor={distance: 0}": r"supervisor\.distance = 0.*positive",
     "supervisor={draw: -1}": r"supervisor\.draw",
@@ -481,6 +523,51 @@ def test_a_mission_goes_on_with_the_next_spot_when_the_robot_is_given_back():
     assert state.searching
 
 
+def supervised_on_the_last_spot():
+    """A mission, and its state at the retreat of the supervisor, at a depth of 0.01 m."""
+    mission = Mission(steps=[Approach(), Hold(), Retreat()], on_retreat="skip").checked()
+    pressing = Measured(np.array([0.01, 0.0, 0.0]), 0.0, touched=True)
+    state = begin(mission, np.array([-0.1, 0.0, 0.0]), 0.0)
+    state, _ = advance(mission, state, pressing, 1.0)
+    assert state.searching and state.deepest > 0.01
+    return mission, state, pressing._replace(retreated=True)
+
+
+def test_after_the_retreat_of_its_last_spot_a_mission_does_not_ask_for_the_robot():
+    mission, state, retreating = supervised_on_the_last_spot()
+    for t, depth in ((2.0, 0.01), (3.0, -0.3)):
+        state, due = advance(mission, state, retreating._replace(
+            tip=np.array([depth, 0.0, 0.0])), t)
+        assert state.outcome == SKIPPED and not state.waits
+        assert due.force == 0.0 and due.deepest == 0.01
+    assert list(state.outcomes) == [SKIPPED] * 3 and REASONS[state.reason] == "retreated"
+
+
+def test_after_a_time_out_of_the_wait_a_mission_does_not_ask_for_the_robot():
+    steps = [Approach(), Hold(), Retreat(), Approach(timeout=20.0), Retreat()]
+    mission = Mission(steps=steps, on_retreat="skip").checked()
+    away = Measured(np.array([-0.3, 0.0, 0.0]), 0.0, touched=False, retreated=True)
+    state, _ = advance(mission, begin(mission, np.zeros(3), 0.0), away, 1.0)
+    assert state.waits
+    state, due = advance(mission, state, away, 21.0)
+    assert state.outcome == RETREATED and not state.waits and due.deepest == -0.3
+
+
+@pytest.mark.parametrize("pressed", [1.0, 2.0, 3.0])
+def test_a_stop_that_is_pressed_and_released_while_the_supervisor_retreats_is_the_end(pressed):
+    """At its trip, while the mission waits, and when the robot is given back at 3 s."""
+    steps = [Approach(), Hold(), Retreat(), Approach(), Retreat()]
+    mission = Mission(steps=steps, on_retreat="skip").checked()
+    away = Measured(np.array([-0.3, 0.0, 0.0]), 0.0, touched=False)
+    state = begin(mission, np.zeros(3), 0.0)
+    for t in (1.0, 2.0, 3.0, 4.0, 5.0):
+        tip = away.tip - [0.5 * (t > 3.0), 0.0, 0.0]  # The mission's own retreat is followed.
+        state, due = advance(mission, state, away._replace(
+            tip=tip, retreated=t < 3.0, stop=t == pressed), t)
+        assert due.force == 0.0
+    assert state.outcome == RETREATED and REASONS[state.reason] == "stopped" and not state.waits
+
+
 def test_the_robot_is_given_back_only_after_it_has_stood_with_all_as_declared(model, settings):
     """Never after the law has failed."""
     def seconds(seen, cause, count):
@@ -496,6 +583,20 @@ def test_the_robot_is_given_back_only_after_it_has_stood_with_all_as_declared(mo
     assert seconds(asked, slope, 2.8) == STANDING == seconds(QUIET, slope, 3.2)
     assert seconds(asked._replace(drift=np.full(6, 0.06)), slope, 3.2) == STANDING
     assert seconds(asked, list(CAUSES).index("raised") + 1.0, 3.2) == STANDING
+
+
+def test_the_time_for_which_all_is_well_begins_again_after_a_lost_state(model, settings):
+    """Lost at each other update, it never stands for long enough."""
+    back = START - np.append(0.28, np.zeros(9))
+    for every, mode in ((2, STANDING), (10**6, WATCHING)):
+        now = tripped(settings)._replace(safety=np.array([STANDING, 2.0, 8.0, np.nan, 0.0]))
+        for k in range(1, 400):
+            tip = np.full(3, np.nan) if k % every == 0 else QUIET.tip
+            seen = QUIET._replace(time=9.0 + 0.02 * k, resume=True, force=0.0, tip=tip)
+            now = updated(now, seen, back, LIMITS, settings, model)
+            if now.safety[0] == WATCHING:
+                break
+        assert now.safety[0] == mode
 
 
 @pytest.fixture(scope="module")
@@ -519,6 +620,30 @@ def test_a_thruster_is_isolated_if_it_alone_explains_what_disturbs_the_vehicle(m
         assert faulty_thruster(thrusters, 0.2 * wrench) == 0
     for axis in range(3):
         assert faulty_thruster(thrusters, 60.0 * np.eye(6)[axis]) == 0
+
+
+@pytest.mark.parametrize(("cause", "changes", "seconds", "isolated"), [
+    ("drift", {}, 0.2, 1), ("drift", {}, 0.06, 0), ("tip", {}, 0.2, 0),
+    ("drift", {"force": np.nan}, 0.2, 0), ("drift", {"saturated": True}, 0.2, 0),
+    ("drift", {"lost_time": 0.02}, 0.2, 0)])
+def test_a_thruster_is_isolated_after_a_drift_alone_if_it_is_the_same_for_a_while(
+        model, settings, thrusters, cause, changes, seconds, isolated):
+    """While the force is read: one that is missed would be in the wrench."""
+    wrench = np.append(30.0 * thrusters.B[:, 0], np.zeros(4))
+    zeta = np.linalg.solve(model.mass_matrix(model.kinematics(START)), wrench)
+    drift = (configuration_rate_matrix(START) @ zeta)[:6]
+    settings = settings._replace(thrusters=thrusters)
+
+    def after(of_drift):
+        now = tripped(settings)._replace(
+            safety=np.array([RETREATING, list(CAUSES).index(cause) + 1.0, 8.98, np.nan, 0.0]))
+        for k in range(int(seconds / 0.02)):
+            now = updated(now, QUIET._replace(time=9.0 + 0.02 * k, drift=of_drift(k), **changes),
+                          START, LIMITS, settings, model)
+        return now.safety[4]
+
+    assert after(lambda k: drift) == isolated
+    assert after(lambda k: drift * (k % 4 > 0)) == 0  # Found for 0.06 s at a time.
 
 
 def test_without_a_thruster_the_others_give_the_wrench(thrusters):

@@ -232,9 +232,12 @@ class Planner:
         return replace(memory, plan=self._guess(sample, memory, ocp), report=report, awaits=True)
 
     def taken(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
-        """Returns the memory with the plan that comes; without it, if it is late or not sound."""
+        """Returns the memory with the plan that comes; without it, if it is late or not sound.
+
+        One that is not awaited is from before the last plan to rest, and passed over.
+        """
         coming, memory = memory.coming, replace(memory, coming=None)
-        if coming is not None:
+        if coming is not None and memory.awaits:
             ocp = self._current(sample, coming).ocp
             new, last = (ocp.evaluate(plan.after(self._committed))
                          for plan in (coming.plan, memory.plan) if plan is not None)

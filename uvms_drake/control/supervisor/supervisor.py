@@ -40,7 +40,12 @@ from uvms_drake.control.supervisor.detections import (
     ratios,
     stiffness_of_touch,
 )
-from uvms_drake.control.supervisor.isolation import ISOLATION, faulty_thruster, wrench_of
+from uvms_drake.control.supervisor.isolation import (
+    CONFIRMED,
+    ISOLATION,
+    faulty_thruster,
+    wrench_of,
+)
 from uvms_drake.control.supervisor.retreat import (
     PATIENCE,
     RETREATING,
@@ -99,6 +104,8 @@ class Watch(NamedTuple):
     """`Reference`: position at the trip (3,) [m]."""
     left: np.ndarray
     """`Reference`: distances left (2,) [m]."""
+    suspect: np.ndarray
+    """Number of the thruster that explains the wrench, and time since when it does [s] (2,)."""
 
     @property
     def reference(self) -> Reference:
@@ -111,7 +118,7 @@ def initial_watch(size: int) -> Watch:
     return Watch(np.array([WATCHING, 0.0, np.nan, np.nan, 0.0]), np.zeros(len(CAUSES)),
                  np.full(6 * ROWS, np.nan),
                  np.array([np.nan, -np.inf, np.nan, np.nan, 0.0, 0.0, 0.0, 0.0]), np.zeros(2),
-                 np.zeros(size), np.zeros(size), np.zeros(3), np.zeros(2))
+                 np.zeros(size), np.zeros(size), np.zeros(3), np.zeros(2), np.zeros(2))
 
 
 def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
@@ -153,13 +160,22 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
             safety=np.array([RETREATING, cause + 1.0, seen.time, stiffness_of_touch(
                 limits.walls.depth(in_touch[:, 1:4]), in_touch[:, 4], limits.depth_error,
                 0.5 * limits.error), 0.0]),
+            suspect=np.zeros(2),
             **begun(settings, config, seen.time - clocks[1] <= WINDOW)._asdict())
     # Retreating and standing: the reference moves on, or rests while the state is lost.
     reference, safety = before.reference, before.safety.copy()
     if not is_finite(seen.tip):
-        return now._replace(rate=np.zeros_like(before.rate))
-    if settings.thrusters is not None and not safety[4] and seen.time - safety[2] <= ISOLATION:
-        safety[4] = faulty_thruster(settings.thrusters, wrench_of(model, config, seen.drift))
+        clocks[7] = 0.0
+        return now._replace(rate=np.zeros_like(before.rate), suspect=np.zeros(2))
+    name, suspect = list(CAUSES)[int(safety[1]) - 1], before.suspect
+    if (settings.thrusters is not None and not safety[4] and name == "drift"
+            and seen.time - safety[2] <= ISOLATION):
+        is_read = np.isfinite(seen.force) and not seen.saturated and seen.lost_time == 0.0
+        number = faulty_thruster(
+            settings.thrusters, wrench_of(model, config, seen.drift)) if is_read else 0
+        suspect = suspect if number == suspect[0] else np.array([number, seen.time])
+        if suspect[0] and seen.time - suspect[1] >= CONFIRMED - 1e-9:
+            safety[4] = suspect[0]
     if since > 0.0:
         waited = seen.time - safety[2] >= settings.distance / settings.speed
         heading = float(np.arctan2(-flow[1], -flow[0])) if (
@@ -168,11 +184,11 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     standing = stands(settings, safety[0] == STANDING, reference.left)
     safety[0] = STANDING if standing else RETREATING
     well = seen.resume and standing and (found <= 1.0).all() and not (
-        safety[4] or list(CAUSES)[int(safety[1]) - 1] in FINAL)
+        safety[4] or name in FINAL)
     clocks[7] = clocks[7] + since if well else 0.0
     if clocks[7] >= SETTLED:
         safety[0], clocks[7] = WATCHING, 0.0
-    return now._replace(safety=safety, **reference._asdict())
+    return now._replace(safety=safety, suspect=suspect, **reference._asdict())
 
 
 class Supervisor(WiredSystem):

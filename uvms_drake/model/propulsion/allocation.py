@@ -147,6 +147,17 @@ class Allocation:
         y = np.concatenate([self.weights * wrench[self.thrusters.driven], ridge * self.bias])
         return bounded_least_squares(A, y, lower, upper)
 
+    def forces_without(self, isolated: int, wrench: np.ndarray) -> np.ndarray:
+        """Returns the forces (m,) [N] for a wrench, zero of an isolated thruster.
+
+        Args:
+            isolated: Its number, from 1; 0 for none.
+            wrench: τ_v (6,) [N, N m].
+        """
+        if not isolated:
+            return self.forces(wrench)
+        return np.insert(self.others[isolated - 1].forces(wrench), isolated - 1, 0.0)
+
     def shortfall(self, wrench: np.ndarray) -> np.ndarray:
         """Returns the part (6,) of a wrench that the thrusters cannot exert, at rest."""
         return wrench - self.thrusters.B @ self.forces(wrench)

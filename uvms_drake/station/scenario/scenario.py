@@ -150,6 +150,9 @@ class Supervision:
     drift: Annotated[np.ndarray, Vector(2), Positive] | None = None
     """Threshold of the disturbance of the vehicle, linear and angular (2,) [m/s², rad/s²]; None:
     that by the declared unknowns. A drawn run has that of the scenario it is drawn from."""
+    reading: Annotated[np.ndarray, Vector(3), NotNegative] | None = None
+    """Error of a reading: in all, the part that may change, that which does not (3,) [N]; None: by
+    the declared data. Of a drawn run likewise."""
 
 
 @dataclass
