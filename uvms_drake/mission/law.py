@@ -12,8 +12,7 @@
     Hold, Slide     → failed: no touch during `patience`, or the force or the state is lost
 
 A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by
-the end; a Retreat that times out is the end. The supervisor's is too, or without a stop meanwhile
-`on_retreat: skip`.
+the end; a Retreat that times out is the end. The supervisor's is too, or `on_retreat: skip`.
 
 *Every mission ends:* a spot is begun at most 1 + `retries` times, so after 1 + `retries` times the
 sum of all time-outs and one clock period a step all is over. It is `DONE` if every step is; else
@@ -224,8 +223,8 @@ def _waiting(mission: Mission, state: State, stop: bool, t: float) -> State:
     """
     state = state._replace(deepest=float(state.tip[0]))
     if state.waits:
-        late = t - state.since >= mission.steps[state.step].timeout - ROUNDING
-        if not stop and not late:
+        timed_out = t - state.since >= mission.steps[state.step].timeout - ROUNDING
+        if not stop and not timed_out:
             return state
         return _over(state._replace(home=True, reason=STOPPED if stop else TIME_OUT))
     state = state._replace(reason=STOPPED if stop else SUPERVISED, failures=state.failures + 1)
