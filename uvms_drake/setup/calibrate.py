@@ -280,8 +280,10 @@ def available_radii(scenario: Scenario, model: ContactModel) -> dict[str, float]
     depth = largest_margin(scenario, strongest(scenario))
     require(depth > 0.0, "draws.force", strongest(scenario),
             "less: contact.force and contact.force_error leave no room for a tube")
+    tilt = contact.walls.tilt
     return out | {
-        "depth": depth, "position": depth / (2.0 * np.sqrt(2.0) * contact.walls.tilt),
+        "depth": depth,
+        "position": min(out["position"], depth / (2.0 * np.sqrt(2.0) * tilt) if tilt else depth),
         "between_knots": depth, "tip_speed": scenario.draws.speed,
         "depth_speed": scenario.draws.speed}
 
