@@ -10,7 +10,7 @@ from uvms_drake.common.constraints import Constraint, Positive
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
 from uvms_drake.common.kinds import offer
 from uvms_drake.common.schema import check_values
-from uvms_drake.control.limits.inputs import Accelerations, Forces, InputLimit, ThrusterForces
+from uvms_drake.control.limits.inputs import Accelerations, Forces, ThrusterForces
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.pose import Joints, TipBox, TipPitch, VehicleAngle
 from uvms_drake.control.limits.radii import TubeRadii, check_tube, resolved_radii
@@ -159,7 +159,7 @@ def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
     for limit in limits.values():
         for i, (label, radius, available) in enumerate(limit.margins(tube)):
             if available <= radius < np.inf:
-                key = f"{limit.name}[{i}]" if isinstance(limit, InputLimit) else label
+                key = f"{limit.name}[{i}]" if type(limit) in (Accelerations, Forces) else label
                 raise InvalidParameter(
                     f"limits.{key}", available, f"larger than the tube's {radius:.4g}")
     return {name: limit.tightened(tube) for name, limit in limits.items()}
