@@ -271,7 +271,7 @@ def available_radii(scenario: Scenario, model: ContactModel) -> dict[str, float]
         f"{key}_{name}": 0.0
         for key in ("u", *(("tau",) if scenario.limits.tau is not None else ()))
         for name in input_names(model.num_joints)}
-    out = {}
+    out = dict[str, float]()
     for name in none:
         unit = tube_of(none | {name: 1.0})
         out[name] = min((half / radius for limit in limits.values()
@@ -280,12 +280,12 @@ def available_radii(scenario: Scenario, model: ContactModel) -> dict[str, float]
     depth = largest_margin(scenario, strongest(scenario))
     require(depth > 0.0, "draws.force", strongest(scenario),
             "less: contact.force and contact.force_error leave no room for a tube")
-    tilt = contact.walls.tilt
+    tilt, speed = contact.walls.tilt, scenario.draws.speed
+    assert speed is not None
     return out | {
         "depth": depth,
         "position": min(out["position"], depth / (2.0 * np.sqrt(2.0) * tilt) if tilt else depth),
-        "between_knots": depth, "tip_speed": scenario.draws.speed,
-        "depth_speed": scenario.draws.speed}
+        "between_knots": depth, "tip_speed": speed, "depth_speed": speed}
 
 
 def with_totals(radii: dict[str, float]) -> dict[str, float]:
