@@ -108,8 +108,8 @@ def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
 
 KEPT = {"index": 0, "error": None, "finite": True, "exits_set": 0, "exits_trajectory": 0,
         "violations": 0, "limited": False, "mpc_failures": 0, "losses": 0, "inside": True,
-        "use": {"nu1": 0.6, "u_heave": 0.9}, "off_line": 0.8, "starts": 2, "walls": 1,
-        "desired_force": 10.0, "touched": True,
+        "use": {"nu1": 0.6, "u_heave": 0.9}, "off_line": 0.8, "supervisor": {"slope": 0.3},
+        "starts": 2, "walls": 1, "desired_force": 10.0, "touched": True,
         "wall": {"static": 0.4, "peak": 0.5, "losses": 0, "in_class": True,
                  "first_touch_s": 12.0}}
 
@@ -158,6 +158,7 @@ def test_a_run_that_fails_in_two_ways_is_one_failure_and_none_can_be_left_out(re
     results[3] |= {"starts": 5, "use": {"nu1": 0.2, "u_heave": 0.95}}
     found = certificate_of(real, results[::-1])
     assert (found.draws, found.use) == ({"starts": 123, "walls": 60}, {"nu1": 0.6, "u_heave": 0.95})
+    assert found.supervisor == {"slope": 0.3}
     assert found.force == {"least": 10.0, "largest": 10.0, "off_line": 0.8}
     assert (found.runs, found.failures, found.failed) == (60, 2, (7, 9))
     assert (found.kinds["tube"], found.kinds["limit"]) == (2, 1)

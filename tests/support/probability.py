@@ -17,6 +17,6 @@ def made(failed=(), runs=60, p=0.0487, **changes) -> ProbabilityCertificate:
         "probability": p, "kinds": kinds, "failed": tuple(failed),
         "distribution": ("start: anywhere", "wall: any"), "never_drawn": (),
         "draws": {"starts": 2 * runs, "walls": runs}, "use": {"depth": 0.5, "u_heave": 0.75},
-        "force": {"least": 5.0, "largest": 20.0, "off_line": 0.4},
+        "supervisor": {}, "force": {"least": 5.0, "largest": 20.0, "off_line": 0.4},
         "attempts": (Attempt("girona500_arm5e, SensedContact, press", NAME, runs, 64 * "a", 0.95),),
         "campaign": "c0ffee", **probability_fingerprint(scenario)} | changes))

@@ -73,6 +73,8 @@ def certificate_in_probability(
         never_drawn=tuple(never_drawn(campaign.base)),
         draws={key: sum(result[key] for result in ended) for key in ("starts", "walls")},
         use={row: max(use[row] for use in uses) for row in (uses[0] if uses else ())},
+        supervisor={cause: max(result["supervisor"][cause] for result in ended)
+                    for cause in (ended[0]["supervisor"] if ended else ())},
         force={"least": min(forces, default=None), "largest": max(forces, default=None),
                "off_line": max((result["off_line"] for result in ended if forces), default=None)},
         attempts=attempts, campaign=campaign.identity,

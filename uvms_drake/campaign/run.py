@@ -24,6 +24,7 @@ from uvms_drake.report.signals import DONE_STEP, attempts_of
 from uvms_drake.report.tube_use import tube_use
 from uvms_drake.station.contact.bounds import force_line
 from uvms_drake.station.record import Record
+from uvms_drake.station.safety import summarise_safety
 from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
@@ -116,6 +117,7 @@ def outcome(record: Record) -> dict[str, Any]:
         "limited": any(event["kind"] == "input_limited" for event in found["events"]),
         "finite": is_finite(record),
         "retreated_s": record.trip if np.isfinite(record.trip) else None,
+        "supervisor": summarise_safety(record).get("ratios", {}),
         **({"wall": wall} if wall else {}),
         **({"mission": mission_outcome(mission)} if mission else {}),
     }

@@ -68,6 +68,8 @@ class ProbabilityCertificate:
     class or too far included."""
     use: dict[str, float]
     """Largest deviation of all runs over each radius of the tube."""
+    supervisor: dict[str, float]
+    """Largest value of all runs over each threshold of the supervisor; empty without one."""
     force: dict[str, float | None]
     """Least and largest desired force [N], and the largest error at the end of a hold over the
     force line; None without a sensed contact."""

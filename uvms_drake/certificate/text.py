@@ -389,14 +389,17 @@ def format_probability(certificate: ProbabilityCertificate) -> str:
 def _probability_rows(certificate: ProbabilityCertificate) -> list[str]:
     """Returns runs, failures, attempt, bound, largest uses, force, and the shares accepted."""
     runs, draws, force = certificate.runs, certificate.draws, certificate.force
-    most = sorted(certificate.use.items(), key=lambda row: -row[1])[:USES]
+    most, watched = (", ".join(
+        f"{name} {use:.2f}" for name, use in sorted(found.items(), key=lambda row: -row[1])[:USES])
+        for found in (certificate.use, certificate.supervisor))
     level = spent(certificate.confidence, certificate.attempt)
     rows = {
         "runs": _count(certificate),
         "attempt": f"{certificate.attempt} at: {certificate.attempts[-1].task}",
         "bound": f"{percent_above(certificate.probability)}, at {100.0 * level:.5g} % confidence "
                  "for this attempt",
-        "tube used": ", ".join(f"{name} {use:.2f}" for name, use in most) or "not watched",
+        "tube used": most or "not watched",
+        "supervisor": f"largest over its threshold: {watched}" if watched else "",
         "force": "" if force["off_line"] is None else
                  f"{force['least']:.3g} to {force['largest']:.3g} N desired; at the end of a hold "
                  f"off by at most {force['off_line']:.2f} of the force line",

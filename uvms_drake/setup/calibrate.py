@@ -459,8 +459,8 @@ class _Pilots:
             f"pilot runs: {task_of(scenario)}".encode()).hexdigest()[:8], 16)
 
     def results(self, scenario: Scenario, number: int, progress: Progress) -> list[dict[str, Any]]:
-        """Returns the results of the first runs."""
-        campaign = make_campaign(with_step(scenario), self._seed, None)
+        """Returns the results of the first runs, without a supervisor: radii are its thresholds."""
+        campaign = make_campaign(with_step(replace(scenario, supervisor=None)), self._seed, None)
         return runs(range(number), partial(run_one, campaign),
                     cache_dir() / "pilot-runs" / campaign.identity[:32], self._pool,
                     progress=progress)
