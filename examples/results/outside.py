@@ -39,7 +39,8 @@ HEAD = """# Outside of the class
 
 `{base}`, one run of {duration:g} s for each event, the tip 0.09 m off at the start; one of 18 s is
 in contact. *Above* is the time with more than the declared {limit:g} N, *off* the largest distance
-of the vehicle from where it was when the event began, *beyond* that of a joint beyond its range,
+of the vehicle from the way of its retreat, 0.3 m straight back from where it was at the trip,
+*beyond* that of a joint beyond its range,
 *q̇* the largest one over its limit. *Detected* is the cause and its time after the event, for a wall
 after the touch; *off wall* the time from there to the last contact, *end* the vehicle's speed at
 the end.
@@ -156,14 +157,16 @@ def row_of(name: str, event: Event, record: Record) -> str:
     force = record.force[:, :3] @ np.asarray(contact.direction)
     touched = record.time[force > 1.0]
     start = event.start if event.start is not None else float(touched[0])
-    since = record.time >= start
     q, rates = record.config[:, 6:], np.abs(record.zeta[:, 6:])
     beyond = float(max(np.max(q - model.q_upper), np.max(model.q_lower - q)))
-    place = record.config[since, :3]
     safety = record.summary()["safety"]
+    after = record.time >= min(record.trip, record.time[-1])
+    way = record.config[after, :3] - record.config[after, :3][0]
+    back = -np.asarray(contact.direction)
+    off = way - np.clip(way @ back, 0.0, record.scenario.supervisor.distance)[:, None] * back
     cells = [f"{np.max(force):.1f}",
              f"{np.sum(force > contact.force) * record.scenario.log_period:.2g}",
-             f"{np.max(np.linalg.norm(place - place[0], axis=1)):.3f}",
+             f"{np.max(np.linalg.norm(off, axis=1)):.3f}",
              "–" if beyond <= 0.0 else f"{beyond:.2g}",
              f"{np.max(rates / model.joint_speed):.2f}"]
     cells += ["no", "–"] if safety["retreated_s"] is None else [

@@ -22,6 +22,7 @@ from uvms_drake.common.finite import is_finite
 from uvms_drake.common.schema import check_values
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.laws.law import AncillaryLaw, Command, Pair, pair_of
+from uvms_drake.control.laws.outputs import POSE
 from uvms_drake.control.limits import Limits, check_limits
 from uvms_drake.control.supervisor.retreat import (
     WATCHING,
@@ -208,7 +209,7 @@ class AncillaryFeedback(WiredSystem):
         now = now.given(**given)
         # The command, within limits.
         if mode != WATCHING:
-            wanted = self._of_retreat(now, config, rate)
+            wanted = self._of_retreat(now, config, rate, int(isolated))
         else:
             wanted = self._of_law(context, now) if self._safety is None else (
                 self._wanted_safely(context, now))
@@ -251,15 +252,22 @@ class AncillaryFeedback(WiredSystem):
         still = self._of_retreat(now, now.config[0], np.zeros_like(now.config[0]))
         return replace(still, raised=True)
 
-    def _of_retreat(self, now: Pair, config: np.ndarray, rate: np.ndarray) -> Command:
-        """Returns the command of the retreat's law about a reference 𝔮 and its rate (6+n,)."""
-        model, size = self._model, self._model.size
+    def _of_retreat(self, now: Pair, config: np.ndarray, rate: np.ndarray, isolated: int = 0
+                    ) -> Command:
+        """Returns the command of the retreat's law about a reference 𝔮 and its rate (6+n,).
+
+        An axis that thrusters do not drive without an isolated one is given up.
+        """
+        model, size, law = self._model, self._model.size, self._retreat_law
+        if isolated and self._allocation is not None:
+            law = replace(law, undriven=[
+                POSE[i] for i in self._allocation.others[isolated - 1].thrusters.undriven])
         zeta = np.linalg.solve(configuration_rate_matrix(config), rate)
         estimate = None if now.estimate is None else np.append(
             now.estimate[:6], np.zeros(model.num_joints))
         about = Pair(model, np.array([now.config[0], config]), np.array([now.zeta[0], zeta])).given(
             contact=now.contact, wrench=now.wrench, estimate=estimate)
-        return self._retreat_law.command(model, about, lambda: np.zeros(size),
+        return law.command(model, about, lambda: np.zeros(size),
                                          lambda: np.zeros(size))
 
     def _kept_within(self, wanted: Command, now: Pair, safety: RetreatSettings, cut: bool,

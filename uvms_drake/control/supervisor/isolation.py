@@ -2,10 +2,11 @@
 
 A thruster whose force is off by f exerts the wrench b f, b its column of the thrust map. If one
 column explains the observed wrench w, the robot cuts the power of that thruster and goes on with
-the others. It is looked for shortly after the trip only, before the retreat's own motion, the turn
-into the flow and saturated thrusters are in w, and never cut if it alone drives an axis. A contact
-force that is not read is in w, too: so only after a trip by drift, while the force is read, and if
-the same thruster is found for a while.
+the others; an axis that they do not drive for themselves is given up, see `ThrusterModel.without`.
+It is looked for from half of the threshold on until shortly after the trip, before the retreat's
+own motion, the turn into the flow and saturated thrusters are in w, and never cut if it alone
+drives an axis. A contact force that is not read is in w, too: so only after a trip by drift, while
+the force is read, and if the same thruster is found for a while.
 """
 
 import numpy as np
@@ -15,9 +16,11 @@ from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
 ISOLATION = 1.0
 """Time after the trip in which a thruster is isolated [s]."""
+SUSPICION = 0.5
+"""Ratio of the drift to its threshold from which on one is looked for."""
 CONFIRMED = 0.1
 """Time for which it has to be the same one [s]."""
-UNEXPLAINED = 0.4
+UNEXPLAINED = 0.5
 """Largest part of w, weighted, that its column may leave. A current along an axis leaves 0.7: of
 two thrusters abreast, one alone turns the vehicle, too."""
 OFF = 0.12

@@ -4,7 +4,8 @@ The reference is a pose of the vehicle and joint angles, integrated from the mea
 trip, in two modes:
 
     RETREATING  the vehicle goes back along −n; if a force was read in the last second, the joints
-                draw the tip back along −n too, by J_q⁺(−n), which is faster than any vehicle.
+                draw the tip back too, by those that are not at their stops along (n·J_q)⁺, which is
+                faster than any vehicle, and wherever that goes meanwhile.
                 → STANDING: the vehicle is `distance` back, by its measured position
     STANDING    station, with the joints held.
                 → RETREATING: the vehicle is pushed back towards the wall
@@ -29,7 +30,8 @@ from uvms_drake.model.uvms_model import UvmsModel
 WATCHING, RETREATING, STANDING = range(3)
 """Modes of a `Supervisor`."""
 LEASH = 0.25
-"""Largest distance of the reference from the vehicle [m]."""
+"""Largest distance of the reference from the vehicle along each axis [m]: one that a thruster does
+not hold takes no other with it."""
 ARRIVED, AGAIN = 0.2, 0.4
 """Shares of the distance that are left when the vehicle stands, and when it retreats again."""
 ROUNDING = 1e-9
@@ -85,12 +87,15 @@ class Reference(NamedTuple):
     start: np.ndarray
     """Position of the vehicle at the trip (3,) [m]; the goal is `distance` back from it."""
     left: np.ndarray
-    """Distances that the vehicle as measured, and the tip's reference still have to go (2,) [m]."""
+    """Distance that the vehicle as measured still has to go, and depth n·𝔭 to which the joints draw
+    the tip, as the vehicle is, inf for none (2,) [m]."""
 
 
-def begun(settings: RetreatSettings, config: np.ndarray, touched: bool) -> Reference:
+def begun(settings: RetreatSettings, model: UvmsModel, config: np.ndarray, touched: bool
+          ) -> Reference:
     """Returns the reference at the trip, the measured 𝔮 (6+n,); after a touch the tip is drawn."""
-    left = np.array([settings.distance, settings.draw if touched else 0.0])
+    depth = float(settings.direction @ model.task_pose(config)[:3])
+    left = np.array([settings.distance, depth - settings.draw if touched else np.inf])
     return Reference(config.copy(), np.zeros_like(config), config[:3].copy(), left)
 
 
@@ -111,25 +116,24 @@ def moved(settings: RetreatSettings, model: UvmsModel, now: Reference, config: n
     remaining = settings.distance - float(n @ (now.start - now.config[:3]))
     if remaining > ROUNDING:
         rate[:3] = -min(settings.speed, remaining / step) * n
-    if left[1] > 0.0:
-        J = model.task_jacobian(now.config)[:3, 6:]
-        back = np.linalg.pinv(J, rcond=0.1) @ -n
-        reach = max(float(-n @ J @ back), 0.1)
-        fastest = SHARE * np.min(settings.joint_speed / np.maximum(np.abs(back), 1e-9))
-        speed = min(settings.draw_speed, fastest, left[1] / reach / step)
-        rate[6:], left[1] = speed * back, left[1] - speed * reach * step
+    low, high = settings.lower + 2.0 * MARGIN, settings.upper - 2.0 * MARGIN
+    placed, q = np.append(config[:6], now.config[6:]), now.config[6:]
+    deeper = float(n @ model.task_pose(placed)[:3]) - left[1]
+    if deeper > 0.0:
+        J = n @ model.task_jacobian(placed)[:3, 6:]
+        J = np.where(((J < 0.0) & (q >= high)) | ((J > 0.0) & (q <= low)), 0.0, J)
+        back = -J / max(float(J @ J), ROUNDING)
+        fastest = SHARE * np.min(settings.joint_speed / np.maximum(np.abs(back), ROUNDING))
+        rate[6:] = min(settings.draw_speed, fastest, deeper / step) * back
     if heading is not None:
         off = (heading - now.config[5] + np.pi) % (2.0 * np.pi) - np.pi
         rate[5] = np.clip(off / step, -TURNING, TURNING)
     out = now.config + step * rate
-    low, high = settings.lower + 2.0 * MARGIN, settings.upper - 2.0 * MARGIN
-    joints = np.clip(out[6:], np.minimum(low, now.config[6:]), np.maximum(high, now.config[6:]))
-    rate[6:], out[6:] = (joints - now.config[6:]) / step, joints
+    joints = np.clip(out[6:], np.minimum(low, q), np.maximum(high, q))
+    rate[6:], out[6:] = (joints - q) / step, joints
     lead = out[:3] - config[:3]
-    distance = float(np.linalg.norm(lead))
-    if distance > LEASH:
-        out[:3], rate[:3] = config[:3] + LEASH / distance * lead, 0.0
-    left[1] = max(left[1], 0.0)
+    out[:3] = config[:3] + np.clip(lead, -LEASH, LEASH)
+    rate[:3] *= np.abs(lead) <= LEASH
     return Reference(out, rate, now.start, left)
 
 

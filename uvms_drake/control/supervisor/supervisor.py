@@ -43,6 +43,7 @@ from uvms_drake.control.supervisor.detections import (
 from uvms_drake.control.supervisor.isolation import (
     CONFIRMED,
     ISOLATION,
+    SUSPICION,
     faulty_thruster,
     wrench_of,
 )
@@ -68,6 +69,8 @@ SATURATED = 2.0
 """`force_status` of a reading at the end of the sensor's range."""
 GOOD = (SOLVED, KEPT, HOVERED)
 """Outcomes of a sample with a plan that is as good as new."""
+DRIFT = list(CAUSES).index("drift")
+"""Index of the cause after which a thruster is isolated."""
 
 
 class Safety(NamedTuple):
@@ -103,7 +106,7 @@ class Watch(NamedTuple):
     start: np.ndarray
     """`Reference`: position at the trip (3,) [m]."""
     left: np.ndarray
-    """`Reference`: distances left (2,) [m]."""
+    """`Reference`: distance left and depth of the tip (2,) [m]."""
     suspect: np.ndarray
     """Number of the thruster that explains the wrench, and time since when it does [s] (2,)."""
 
@@ -148,8 +151,16 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     clocks[6] = clocks[6] + since if driven else 0.0
     now = before._replace(readings=rows.ravel(), clocks=clocks, flow=flow)
     found = ratios(seen, np.vstack([recent, present]), limits)
+    safety, suspect, trip = before.safety.copy(), np.zeros(2), before.safety[2]
+    if (settings.thrusters is not None and not safety[4] and found[DRIFT] > SUSPICION
+            and not seen.time - trip > ISOLATION and is_finite(seen.tip) and np.isfinite(seen.force)
+            and not seen.saturated and seen.lost_time == 0.0):
+        number = faulty_thruster(settings.thrusters, wrench_of(model, config, seen.drift))
+        suspect = before.suspect if number == before.suspect[0] else np.array([number, seen.time])
+    isolated = suspect[0] if seen.time - suspect[1] >= CONFIRMED - 1e-9 else 0.0
+    now = now._replace(suspect=suspect)
     # Watching: the first ratio above one is the trip, at the measured place.
-    if before.safety[0] == WATCHING:
+    if safety[0] == WATCHING:
         now = now._replace(largest=np.maximum(before.largest, found))
         if not (found > 1.0).any():
             return now
@@ -159,23 +170,15 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
         return now._replace(
             safety=np.array([RETREATING, cause + 1.0, seen.time, stiffness_of_touch(
                 limits.walls.depth(in_touch[:, 1:4]), in_touch[:, 4], limits.depth_error,
-                0.5 * limits.error), 0.0]),
-            suspect=np.zeros(2),
-            **begun(settings, config, seen.time - clocks[1] <= WINDOW)._asdict())
+                0.5 * limits.error), isolated if cause == DRIFT else 0.0]),
+            **begun(settings, model, config, seen.time - clocks[1] <= WINDOW)._asdict())
     # Retreating and standing: the reference moves on, or rests while the state is lost.
-    reference, safety = before.reference, before.safety.copy()
+    reference = before.reference
     if not is_finite(seen.tip):
         clocks[7] = 0.0
-        return now._replace(rate=np.zeros_like(before.rate), suspect=np.zeros(2))
-    name, suspect = list(CAUSES)[int(safety[1]) - 1], before.suspect
-    if (settings.thrusters is not None and not safety[4] and name == "drift"
-            and seen.time - safety[2] <= ISOLATION):
-        is_read = np.isfinite(seen.force) and not seen.saturated and seen.lost_time == 0.0
-        number = faulty_thruster(
-            settings.thrusters, wrench_of(model, config, seen.drift)) if is_read else 0
-        suspect = suspect if number == suspect[0] else np.array([number, seen.time])
-        if suspect[0] and seen.time - suspect[1] >= CONFIRMED - 1e-9:
-            safety[4] = suspect[0]
+        return now._replace(rate=np.zeros_like(before.rate))
+    if safety[1] == DRIFT + 1.0 and isolated:
+        safety[4] = isolated
     if since > 0.0:
         waited = seen.time - safety[2] >= settings.distance / settings.speed
         heading = float(np.arctan2(-flow[1], -flow[0])) if (
@@ -184,11 +187,11 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     standing = stands(settings, safety[0] == STANDING, reference.left)
     safety[0] = STANDING if standing else RETREATING
     well = seen.resume and standing and (found <= 1.0).all() and not (
-        safety[4] or name in FINAL)
+        safety[4] or list(CAUSES)[int(safety[1]) - 1] in FINAL)
     clocks[7] = clocks[7] + since if well else 0.0
     if clocks[7] >= SETTLED:
         safety[0], clocks[7] = WATCHING, 0.0
-    return now._replace(safety=safety, suspect=suspect, **reference._asdict())
+    return now._replace(safety=safety, **reference._asdict())
 
 
 class Supervisor(WiredSystem):

@@ -149,11 +149,14 @@ class ThrusterModel:
             self.largest_current / total) ** (2.0 / 3.0)
 
     def without(self, index: int) -> "ThrusterModel":
-        """Returns the others, on the axes that they drive."""
+        """Returns the others, on the axes that they drive independently, from surge to yaw."""
         kept = np.delete(np.arange(self.size), index)
-        B = self.B[:, kept]
+        B, driven = self.B[:, kept], self.driven[:0]
+        for axis in self.driven:
+            if np.linalg.matrix_rank(B[[*driven, axis]]) > len(driven):
+                driven = np.append(driven, axis)
         return replace(
-            self, B=B, driven=self.driven[np.any(B[self.driven] != 0.0, axis=1)],
+            self, B=B, driven=driven,
             names=tuple(self.names[i] for i in kept), curves=tuple(self.curves[i] for i in kept),
             lag=self.lag[kept], smallest=self.smallest[kept], current=self.current[kept])
 
