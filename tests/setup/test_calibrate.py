@@ -19,6 +19,7 @@ from uvms_drake.setup.calibrate import (
     Calibration,
     Row,
     available_radii,
+    best_gains,
     check_real,
     fitting,
     other_failures,
@@ -213,8 +214,9 @@ class Drawn:
         self.rounds, self.shares, self.failed = list[uv.Scenario](), shares, failed
         monkeypatch.setattr(module._Pilots, "results", lambda _, *args: self.results(*args))
 
-    def results(self, scenario, number, progress):
+    def results(self, scenarios, number, progress):
         """Returns the results, of which the last has the failures."""
+        scenario, = scenarios
         self.rounds.append(scenario)
         available = available_radii(scenario, uv.load_model(scenario))
         largest = {name: self.shares.get(name, 0.02) * min(most, 10.0)
@@ -223,6 +225,28 @@ class Drawn:
             name: (0.9 + 0.1 * (i == 1)) * largest[name] / radius
             for name, radius in radii_by_row(scenario.tube).items()}}
             | (self.failed if i == number - 1 else {}) for i in range(number)]
+
+
+def test_the_gains_are_the_best_well_below_those_that_fail(real, model, monkeypatch):
+    """The fourth of five is best, but less than 1.5 times smaller than the one that fails."""
+    pilots, available = module._Pilots(real, 1, local_pool()), available_radii(real, model)
+    tried = list[uv.Scenario]()
+
+    def results(scenarios, number, progress):
+        tried.extend(scenarios)
+        return [FINE | {"use": {"nu1": use / module.SLOWER * available["nu1"] / each.tube.nu1}}
+                | ({"off_line": 2.0} if use > 1.0 else {})
+                for use, each in zip((0.5, 0.4, 0.45, 0.2, 1.1), scenarios, strict=True)]
+
+    monkeypatch.setattr(pilots, "results", results)
+    monkeypatch.setattr(module, "derived", lambda scenario, model, tube: scenario)
+    scale, found = best_gains(real, model, available, pilots, silent)
+    assert scale == module.SCALES[1]
+    ratios = [each.ancillary.vehicle.k / found.ancillary.vehicle.k for each in tried]
+    assert ratios == pytest.approx([each / scale for each in module.SCALES], rel=0.03)
+    # Delays of the clock and the thrusters are longer in these runs, and not in what is found.
+    assert tried[0].actuation[0].delay == pytest.approx(1.5 * real.actuation[0].delay)
+    assert found.actuation == real.actuation
 
 
 @pytest.mark.long

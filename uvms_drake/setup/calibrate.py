@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.actuation import SampledCommand, Thrusters
-from uvms_drake.campaign.campaign import make_campaign
+from uvms_drake.campaign.campaign import Campaign, make_campaign
 from uvms_drake.campaign.drawn_contact import force_to_admit
 from uvms_drake.campaign.draws import first_feasible
 from uvms_drake.campaign.failures import failures_of
@@ -402,9 +402,8 @@ def best_gains(scenario: Scenario, model: ContactModel, available: dict[str, flo
     tried = {scale: derived(with_gains(scenario, scale, model), model, scenario.tube)
              for scale in SCALES}
     scores, said = dict[float, float](), list[str]()
-    for i, (scale, each) in enumerate(tried.items()):
-        result = pilots.results(slowed(each, model), 1, part_of(
-            progress, i / len(tried), (i + 1) / len(tried)))[0]
+    results = pilots.results([slowed(each, model) for each in tried.values()], 1, progress)
+    for (scale, each), result in zip(tried.items(), results, strict=True):
         radii, bad = radii_by_row(each.tube), other_failures(result)
         scores[scale] = np.inf if bad else max(
             SLOWER * use * radii[name] / available[name] for name, use in result["use"].items())
@@ -458,12 +457,18 @@ class _Pilots:
         self._seed = int(hashlib.sha256(
             f"pilot runs: {task_of(scenario)}".encode()).hexdigest()[:8], 16)
 
-    def results(self, scenario: Scenario, number: int, progress: Progress) -> list[dict[str, Any]]:
-        """Returns the results of the first runs, without a supervisor: radii are its thresholds."""
-        campaign = make_campaign(with_step(replace(scenario, supervisor=None)), self._seed, None)
-        return runs(range(number), partial(run_one, campaign),
-                    cache_dir() / "pilot-runs" / campaign.identity[:32], self._pool,
-                    progress=progress)
+    def results(self, scenarios: Sequence[Scenario], number: int, progress: Progress
+                ) -> list[dict[str, Any]]:
+        """Returns the results of the first runs of each scenario, one after the other.
+
+        They are without a supervisor: radii are its thresholds.
+        """
+        campaigns = [make_campaign(with_step(replace(scenario, supervisor=None)), self._seed, None)
+                     for scenario in scenarios]
+        name = hashlib.sha256("".join(each.identity for each in campaigns).encode()).hexdigest()
+        cells = [(i, index) for i in range(len(campaigns)) for index in range(number)]
+        return runs(cells, partial(_run_of, campaigns), cache_dir() / "pilot-runs" / name[:32],
+                    self._pool, progress=progress)
 
     def largest(self, scenario: Scenario, progress: Progress) -> tuple[dict[str, float], float]:
         """Returns the largest deviation of each row, and the share of redrawn starts.
@@ -471,7 +476,7 @@ class _Pilots:
         Raises:
             PilotsFailed: A run failed for another reason than a radius.
         """
-        results = self.results(scenario, self._number, progress)
+        results = self.results([scenario], self._number, progress)
         failed = [f"run {result['index']} {', and '.join(bad)}"
                   for result in results if (bad := other_failures(result))]
         if failed:
@@ -479,6 +484,11 @@ class _Pilots:
         return {name: radius * max(result["use"][name] for result in results)
                 for name, radius in radii_by_row(scenario.tube).items()}, (
             1.0 - self._number / sum(result["starts"] for result in results))
+
+
+def _run_of(campaigns: Sequence[Campaign], cell: tuple[int, int]) -> dict[str, Any]:
+    """Returns the result of a run of one of several campaigns."""
+    return run_one(campaigns[cell[0]], cell[1])
 
 
 def other_failures(result: dict[str, Any]) -> list[str]:
