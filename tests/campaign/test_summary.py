@@ -43,7 +43,7 @@ def test_the_distribution_tells_whose_the_worst_is():
 @pytest.mark.parametrize("broken", [
     {"exits_set": 1}, {"exits_trajectory": 2}, {"limited": True}, {"violations": 1},
     {"finite": False}, {"error": "ValueError: x"}, {"wall": {"static": 1.02}},
-    {"wall": {"peak": 1.02}}, {"wall": {}, "mpc_failures": 2}], ids=str)
+    {"wall": {"peak": 1.02}}, {"wall": {}, "mpc_failures": 2}, {"retreated_s": 5.0}], ids=str)
 def test_a_promise_that_is_not_kept_is_told(campaign, result, broken):
     fine = result | {"wall": result["wall"] | FINE}
     worse = fine | broken | {"wall": fine["wall"] | broken.get("wall", {})}
@@ -156,13 +156,14 @@ def test_a_run_that_fails_in_two_ways_is_one_failure_and_none_can_be_left_out(re
     results[7] |= {"exits_set": 1, "violations": 2}
     results[9] |= {"exits_set": 1}
     results[3] |= {"starts": 5, "use": {"nu1": 0.2, "u_heave": 0.95}}
+    results[8] = {"index": 8, "error": "ValueError: x", "starts": 3, "walls": 1}
     found = certificate_of(real, results[::-1])
-    assert (found.draws, found.use) == ({"starts": 123, "walls": 60}, {"nu1": 0.6, "u_heave": 0.95})
+    assert (found.draws, found.use) == ({"starts": 124, "walls": 60}, {"nu1": 0.6, "u_heave": 0.95})
     assert found.supervisor == {"slope": 0.3}
     assert found.force == {"least": 10.0, "largest": 10.0, "off_line": 0.8}
-    assert (found.runs, found.failures, found.failed) == (60, 2, (7, 9))
+    assert (found.runs, found.failures, found.failed) == (60, 3, (7, 8, 9))
     assert (found.kinds["tube"], found.kinds["limit"]) == (2, 1)
-    assert found.probability == failure_bound(60, 2, 0.975)
+    assert found.probability == failure_bound(60, 3, 0.975)
     with pytest.raises(AssertionError, match="a run is missing"):
         certificate_of(real, results[1:])
     with pytest.raises(AssertionError):  # Runs of a seed that is not that of the attempt.

@@ -167,6 +167,24 @@ def test_no_motion_of_the_plant_is_off_by_more_than_the_sum(name, basis):
     assert np.max(norm) > 0.2 * total
 
 
+def test_the_terms_of_a_source_do_not_change_by_those_after_it(basis):
+    """Or a second search would be of another function than the first."""
+    scenario, effects = uv.load_scenario(NAME, [*FEW, *TOGETHER]), list[declared.UnknownEffect]()
+    bounds, kept = bounds_in(scenario, basis), []
+    motions = MotionSet(basis.model, basis.declared)
+    at = motions.at(np.mean(motions.box, axis=0, keepdims=True))
+
+    def sizes(term):
+        return [float(np.sum(np.abs(part))) for part in term(at)]
+
+    for source in declared.declared_sources(scenario.unknowns, bounds, effects):
+        kept.append((source, [sizes(term) for term in source.terms]))
+        effects.append(declared.UnknownEffect(source.name, 1.0, (0.5,) * 10))
+    assert len(kept) == 4
+    for source, first in kept:
+        assert [sizes(term) for term in source.terms] == first
+
+
 def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basis):
     scenario = uv.load_scenario(NAME, [*FEW, "model_error.drag=1.02", "current=[0.005, 0, 0]"])
     effects = effects_of(scenario, basis)

@@ -121,7 +121,9 @@ def test_a_certificate_is_stale_exactly_if_something_it_depends_on_has_changed(
     ("ancillary.tip.k=19", "the scenario"), ("tube.z=0.4", "the scenario"),
     ("contact.friction=0.4", "the scenario"), ("mpc.hover=3", "the scenario"),
     ("disturbance.bound=0.01", "the scenario"),
-    ("faults=[!SolverFailure {probability: 1.0}]", "the scenario")])
+    ("faults=[!SolverFailure {probability: 1.0}]", "the scenario"),
+    ("simulator.integration_scheme=explicit_euler", "the scenario"),
+    ("simulator.max_step_size=0.005", None)])
 def test_one_in_probability_is_of_the_whole_scenario(change, reason):
     assert stale_reason(made(), uv.load_scenario(NAME, [change])) == reason
 
@@ -129,6 +131,17 @@ def test_one_in_probability_is_of_the_whole_scenario(change, reason):
 def test_the_force_line_of_drawn_runs_is_none_of_the_worst_case():
     assert len({fingerprint(uv.load_scenario("girona500_contact", [f"contact.force_line={line}"]))[
         "inputs"] for line in ("null", "2", "3")}) == 1
+
+
+@pytest.mark.parametrize("change", [
+    "log_period=0.4", "faults=[!SolverFailure {duration: 3.0}]",
+    "faults=[!SolverFailure {probability: 0.5}]"])
+def test_the_silence_of_a_supervisor_is_of_readings_and_plans(change):
+    """Which a certificate without one does not depend on."""
+    for supervisor, same in (("supervisor=null", True), ("supervisor={}", False)):
+        inputs = {fingerprint(uv.load_scenario("girona500_contact", [supervisor, *more]))["inputs"]
+                  for more in ([], [change])}
+        assert (len(inputs) == 1) == same
 
 
 def test_another_robot_or_program_makes_it_stale(certificate, scenario):

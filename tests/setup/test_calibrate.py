@@ -190,6 +190,27 @@ def test_a_calibrated_file_has_the_numbers_their_origin_and_is_calibrated_to_its
     assert text.startswith(scenario_path(REAL).read_text("utf-8")[:300])
 
 
+def test_a_calibrated_file_keeps_what_stands_after_its_tube(real):
+    rows = {name: Row(0.4 * radius, radius, 4.0 * radius)
+            for name, radius in radii_by_row(real.tube).items()}
+    found = Calibration(real, rows, 20, 2.0, 2, None, 0.2)
+    text = calibrated_text("a: 1\ntube:\n  # of pilots\n\n  e: 1.0\n# of the maker\nlimits: 2\n"
+                           "mpc:\n  hover: 3.0", found, "x")
+    assert text.startswith("a: 1\n# of the maker\nlimits: 2\nmpc:\n")
+    assert "of pilots" not in text and text.count("tube:") == 1
+
+
+def test_a_layout_that_takes_no_numbers_is_refused_before_the_pilot_runs(
+        tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"base: {REAL}\nmpc: {{hover: 4.0}}\n", "utf-8")
+    assert main(["calibrate", str(file), "--quiet"]) == 2
+    err = capsys.readouterr().err
+    assert "mine_calibrated.yaml" in err and err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [file]
+
+
 def test_the_table_has_every_row_and_the_share_of_redrawn_starts(real):
     rows = {"nu1": Row(0.011, 0.022, 0.25), "e": Row(0.05, 0.1, np.inf)}
     text = str(Calibration(real, rows, 20, 2.0, 2, None, 0.25))

@@ -215,14 +215,14 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
 
     plus the time of the distance F_des/κ at the largest speed. Both are conservative estimates.
 
-    With declared `draws` no radius is in them: the speed limit is the declared one, and s₀ that of
+    With a declared `draws.speed` no radius is in them: that is the speed limit, and s₀ that of
     the largest tube with which the safe region admits the largest force.
     """
     committed = _committed(scenario, ocp)
     contact, lag = sensed_contact(scenario), ocp.following_lag(committed)
     distance = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH_DEPTH
     fastest = scenario.draws.speed or contact.speed - (scenario.tube.depth_speed or 0.0)
-    if scenario.draws.force is not None:
+    if scenario.draws.speed is not None:
         distance += safe_depth_margin(scenario) - largest_margin(scenario, force_to_admit(scenario))
     speed = min(distance / lag, fastest, search_speed(force, contact.stiffness, touch_to_plan(
         ocp.time_step, committed, sensing_of(scenario))))

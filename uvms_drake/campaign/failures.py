@@ -64,19 +64,22 @@ def certificate_in_probability(
     assert inputs["source"] == campaign.source and attempts[-1].seed == campaign.seed
     ended = [result for result in results if result["error"] is None]
     uses = [result["use"] for result in ended if result["use"]]
-    forces = [result["desired_force"] for result in ended if result["off_line"] is not None]
+    pressed = [step for step in scenario.mission.steps if step.force > 0.0]
+    forces = [force for step in pressed for force in (step.force, step.strongest)] or [
+        result["desired_force"] for result in ended if result["off_line"] is not None]
     return ProbabilityCertificate(
         scenario=scenario.name, runs=len(results), failures=len(failed), confidence=confidence,
         probability=failure_bound(len(results), len(failed), spent(confidence, len(attempts))),
         kinds={kind: sum(kind in each for each in kinds.values()) for kind in FAILURES},
         failed=failed, distribution=tuple(declared_distribution(campaign.base)),
         never_drawn=tuple(never_drawn(campaign.base)),
-        draws={key: sum(result[key] for result in ended) for key in ("starts", "walls")},
+        draws={key: sum(result.get(key, 0) for result in results) for key in ("starts", "walls")},
         use={row: max(use[row] for use in uses) for row in (uses[0] if uses else ())},
         supervisor={cause: max(result["supervisor"][cause] for result in ended)
                     for cause in (ended[0]["supervisor"] if ended else ())},
         force={"least": min(forces, default=None), "largest": max(forces, default=None),
-               "off_line": max((result["off_line"] for result in ended if forces), default=None)},
+               "off_line": max((result["off_line"] for result in ended
+                                if result["off_line"] is not None), default=None)},
         attempts=attempts, campaign=campaign.identity,
         mission=", ".join(type(step).__name__.lower() for step in scenario.mission.steps),
         **inputs)

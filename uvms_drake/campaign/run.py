@@ -29,6 +29,9 @@ from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 
+TRIPPED = 1e9
+"""Largest ratio to a threshold of the supervisor that is kept; that of an exception is infinite."""
+
 
 def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     """Returns the draws and figures of merit of a run, and its wall times under `times`.
@@ -73,8 +76,8 @@ def drawn(scenario: Scenario) -> dict[str, Any]:
         "surface": asdict(scenario.surface),  # type: ignore[call-overload]  # It is a dataclass.
         "eta": scenario.start.eta, "q": scenario.start.q,
         "unknown": {**{name: getattr(error, name) - 1.0 for name in FACTORS},
-                    **{f"{body}.{name}": off for body in BODIES for name in COEFFICIENTS
-                       if np.any(off := error.by_axis(body, name) - 1.0)},
+                    **{f"{body}.{name}": float(np.max(np.abs(error.by_axis(body, name) - 1.0)))
+                       for body in BODIES for name in COEFFICIENTS},
                     "current": float(np.linalg.norm(scenario.current)),
                     "payload": error.payload.mass}}
 
@@ -117,7 +120,8 @@ def outcome(record: Record) -> dict[str, Any]:
         "limited": any(event["kind"] == "input_limited" for event in found["events"]),
         "finite": is_finite(record),
         "retreated_s": record.trip if np.isfinite(record.trip) else None,
-        "supervisor": summarise_safety(record).get("ratios", {}),
+        "supervisor": {cause: min(ratio, TRIPPED) for cause, ratio in summarise_safety(
+            record).get("ratios", {}).items()},
         **({"wall": wall} if wall else {}),
         **({"mission": mission_outcome(mission)} if mission else {}),
     }

@@ -74,6 +74,7 @@ def summarise_campaign(campaign: Campaign, results: Results) -> dict[str, Any]:
             "not_finite": sum(not result["finite"] for result in carried),
             "counted": len(done), "not_covered": len(carried) - len(done),
             "limited": sum(result["limited"] for result in done),
+            "retreated": sum(result["retreated_s"] is not None for result in done),
             "never_settled": sum(result["settling_time_s"] is None for result in done),
             **{name: sum(result[name] for result in done) for name in COUNTS}},
         "distributions": {name: distribution(done, name) for name in MEASURES},
@@ -158,11 +159,15 @@ def _grouped(results: Results, key: Callable[[Result], str]) -> dict[str, dict[s
 
 
 def is_broken(result: Result) -> bool:
-    """Returns whether a run broke a guarantee; all but two are for a disturbance within d̃."""
+    """Returns whether a run broke a guarantee; all but two are for a disturbance within d̃.
+
+    A supervisor's retreat is one: inside of its class it is silent.
+    """
     if result["error"] is not None or not result["finite"]:
         return True
     return bool(result["inside"]) and bool(
-        any(result[name] for name in PROMISED) or broken_promises(result))
+        any(result[name] for name in PROMISED) or broken_promises(result)
+        or result["retreated_s"] is not None)
 
 
 def _badness(result: Result) -> tuple[float, ...]:
@@ -264,7 +269,8 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
              f"constraint violations: {counts['violations']}; command cut in {counts['limited']} "
              f"runs; exceptions: {counts['exceptions']}; not finite: {counts['not_finite']}",
              f"failed solves: {counts['mpc_failures']}; force never settled: "
-             f"{counts['never_settled']}; terminal set missed by {slack} at most"]
+             f"{counts['never_settled']}; retreats of the supervisor: {counts['retreated']}; "
+             f"terminal set missed by {slack} at most"]
     unknown = {name: value for name, value in summary["largest_unknown"].items() if value > 0.0}
     if unknown:
         lines.append("largest errors: " + ", ".join(

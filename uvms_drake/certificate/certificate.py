@@ -35,9 +35,12 @@ IRRELEVANT = ("name", "description", "modules", "seed", "duration", "log_period"
 """Keys of a scenario that a certificate does not depend on: `tube` is for runs without one, and the
 files of `modules` count by their content. Other keys count in part, see `fingerprint`: bound and
 weights of `disturbance`, all of `task` but the tolerance of the force, those of `faults` that
-the proofs do not cover, and, of a declared wall, the duration and `mpc.hover`."""
-UNDRAWN = ("name", "description", "modules", "seed", "simulator", "visual")
-"""Keys of a scenario that two distributions may differ in; a run is kept with its chosen step."""
+the proofs do not cover, of a declared wall the duration and `mpc.hover`, and of a supervisor the
+log's period and faults of the solver."""
+UNDRAWN = ("name", "description", "modules", "seed", "visual")
+"""Keys of a scenario that two distributions may differ in."""
+SCHEME = ("integration_scheme", "accuracy", "use_error_control")
+"""Keys of `simulator` that a distribution depends on; a run is kept with its chosen step."""
 UNREAD = ("benchmark", "command", "setup", "visual")
 """Rooms of the package that no drawn run depends on."""
 
@@ -95,6 +98,9 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     relevant["faults"] = uncovered(scenario.faults)
     if scenario.contact.declared_wall() is not None:  # Within which the task is to be reached.
         relevant["duration"] = scenario.duration
+        if scenario.supervisor is not None:  # On which its silence depends.
+            relevant["supervised"] = [scenario.log_period, *(
+                each.duration for each in scenario.faults if each.place == "solver")]
     else:  # At rest where it starts: the tube holds from then on.
         relevant["mpc"].pop("hover", None)
     relevant["mpc"].pop("terminal_radius")
@@ -113,6 +119,7 @@ def probability_fingerprint(scenario: Scenario) -> dict[str, Any]:
     fixed = yaml_load_data(dump_scenario(scenario))
     for key in UNDRAWN:
         fixed.pop(key, None)
+    fixed["simulator"] = {key: fixed["simulator"][key] for key in SCHEME}
     return fingerprint(scenario) | {
         "inputs": _digest(jsonable(fixed, names=True)), "source": run_source()}
 

@@ -8,7 +8,7 @@ Theorem: tube/theory.md#declared-unknowns.
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -274,15 +274,16 @@ def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[
     error = unknowns.error
     corners: list[tuple[dict[str, Any], UvmsModel]] = [({}, bounds.model)]
 
-    def rate(at: Motions) -> np.ndarray:
-        found: np.ndarray = bounds.rate(at) + sum(np.array(each.each) for each in before)
-        return found
+    def rate() -> Callable[[Motions], np.ndarray]:
+        """Returns the rate of a motion with the effects so far; later ones do not change it."""
+        so_far = np.sum([each.each for each in before], axis=0)
+        return lambda at: bounds.rate(at) + so_far
 
     # The robot, by one error after the other; an error of each axis of its own.
     for name, changes in _robot_errors(error):
         pairs = [(base, settings | change) for settings, base in corners for change in changes]
         corners = [(settings, bounds.true(**settings)) for _, settings in pairs]
-        yield Source(name, [by_robot(family(base, []), family(true, []), rate)
+        yield Source(name, [by_robot(family(base, []), family(true, []), rate())
                             for (base, _), (_, true) in zip(pairs, corners, strict=True)], [])
     ends, errors = [list[UvmsModel]() for _ in corners], list[float]()
     robots = [family(model, []) for _, model in corners]
@@ -292,7 +293,7 @@ def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[
         errors = [*errors, *(least for _, least in axes)]
         known, robots = robots, [family(model, end) for (_, model), end in zip(
             corners, ends, strict=True)]
-        yield Source(name, [by_robot(base, true, rate)
+        yield Source(name, [by_robot(base, true, rate())
                             for base, true in zip(known, robots, strict=True)], errors)
     # Friction and water act on the robot as it is.
     if error.joint_friction.largest > 0.0:
@@ -319,7 +320,7 @@ def _robot_errors(error: ModelError) -> Iterator[tuple[str, list[dict[str, Any]]
             yield (f"{name.replace('_', ' ')} off by {size:.3g}",
                    [{name: 1.0 + size}, {name: max(1.0 - size, LEAST_FACTOR)}])
     if error.payload.present:
-        yield f"payload of {error.payload.mass:g} kg", [{"payload": error.payload}]
+        yield f"payload of {error.payload.mass:g} kg", [{"payload": error.payload}, {}]
 
 
 def _errors_by_axis(error: ModelError) -> Iterator[tuple[str, list[tuple[dict[str, Any], float]]]]:

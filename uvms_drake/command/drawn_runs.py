@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -62,7 +63,14 @@ from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_overview
 from uvms_drake.report.tube_use import check_log
-from uvms_drake.setup.calibrate import PilotsFailed, calibrate
+from uvms_drake.setup.calibrate import (
+    MULTIPLE,
+    ROUNDS,
+    SCALES,
+    Calibration,
+    PilotsFailed,
+    calibrate,
+)
 from uvms_drake.setup.calibrated_file import calibrated_text
 from uvms_drake.station.contact.bounds import largest_force
 from uvms_drake.station.problem import check_inputs
@@ -157,6 +165,13 @@ def calibrate_scenario(args: argparse.Namespace) -> int:
     require(file.suffix == ".yaml" and not file.exists(), "--output", str(file),
             "a .yaml file that is not there yet")
     pool = make_pool(args.workers, args.scheduler)
+    command = " ".join([PROGRAM, "calibrate", args.scenario, *(["--gains"] if args.gains else [])])
+    text = path.read_text(encoding="utf-8")
+    # Whether its layout takes the numbers, before the runs that find them.
+    scale = SCALES[0] if args.gains else None
+    _write_scenario(file, calibrated_text(text, Calibration(
+        scenario, {}, args.runs, MULTIPLE, ROUNDS, scale, 0.0), command))
+    file.unlink()
     with reported_in(args.scenario), bar(args, "pilot runs") as progress:
         try:
             found = calibrate(scenario, args.runs, args.gains, pool, progress)
@@ -164,19 +179,23 @@ def calibrate_scenario(args: argparse.Namespace) -> int:
             for line in error.lines:
                 print(line, file=sys.stderr)
             raise
-    command = " ".join([PROGRAM, "calibrate", args.scenario, *(["--gains"] if args.gains else [])])
-    text = calibrated_text(path.read_text(encoding="utf-8"), found, command)
+    _write_scenario(file, calibrated_text(text, found, command),
+                    lambda written: check_declared(drawable(written)))
+    print(f"{found}\n\nwritten to {file}; '{PROGRAM} certify {file} --runs 300' draws other runs")
+    return 0
+
+
+def _write_scenario(file: Path, text: str, check: Callable[[Scenario], None] = lambda _: None
+                    ) -> None:
+    """Writes a scenario's file, which is deleted again if it cannot be loaded, or a check fails."""
     with new_at(file, "--output"):
         file.write_text(text, encoding="utf-8")
-    # The file is checked as a certificate in probability would check it.
     try:
         with reported_in(str(file)):
-            check_declared(drawable(load_scenario(str(file))))
+            check(load_scenario(str(file)))
     except BaseException:
         file.unlink()
         raise
-    print(f"{found}\n\nwritten to {file}; '{PROGRAM} certify {file} --runs 300' draws other runs")
-    return 0
 
 
 def check_draws(args: argparse.Namespace) -> None:

@@ -15,7 +15,8 @@ A failed step is followed by the Retreat of its spot, and that by `on_failure`, 
 the end; a Retreat that times out is the end. The supervisor's is too, or `on_retreat: skip`.
 
 *Every mission ends:* a spot is begun at most 1 + `retries` times, so after 1 + `retries` times the
-sum of all time-outs and one clock period a step all is over. It is `DONE` if every step is; else
+sum of all time-outs and one clock period a step all is over, and once more the time-outs of the
+approaches that wait for the supervisor. It is `DONE` if every step is; else
 `RETREATED` after a stop, a failure that ends it or a failed retreat; else `SKIPPED`.
 """
 
@@ -219,7 +220,7 @@ def _failed(mission: Mission, state: State, reason: int, t: float) -> State:
 def _waiting(mission: Mission, state: State, stop: bool, t: float) -> State:
     """Returns the state while the supervisor retreats; it waits for the time-out of a step.
 
-    A stop is the end. The tip stays where it is.
+    A stop is the end, and so is a retreat on the way to the end. The tip stays where it is.
     """
     state = state._replace(deepest=float(state.tip[0]))
     if state.waits:
@@ -227,8 +228,9 @@ def _waiting(mission: Mission, state: State, stop: bool, t: float) -> State:
         if not stop and not timed_out:
             return state
         return _over(state._replace(home=True, reason=STOPPED if stop else TIME_OUT))
-    state = state._replace(reason=STOPPED if stop else SUPERVISED, failures=state.failures + 1)
-    if stop or mission.on_retreat == "end":
+    state = state._replace(failures=state.failures + 1, reason=STOPPED if stop else
+                           state.reason if state.home else SUPERVISED)
+    if stop or state.home or mission.on_retreat == "end":
         return _over(_marked(state, SKIPPED)._replace(home=True))
     _, last = mission.spot(state.step)
     state = state._replace(outcomes=tuple(

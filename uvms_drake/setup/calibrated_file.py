@@ -46,8 +46,8 @@ def calibrated_text(text: str, found: Calibration, command: str) -> str:
                     for key in ("vehicle", "tip")}
     for why, settings in numbers.items():
         text = with_settings(text, settings, why)
-    text = re.sub(r"^tube:.*\n(?:[ #].*\n|\n(?= ))*", "", text, flags=re.M).rstrip("\n")
-    return "\n".join([text, "", *_tube(found, command), ""])
+    text = re.sub(r"^tube:.*\n(?: .*\n|\n(?= ))*", "", text.rstrip("\n") + "\n", flags=re.M)
+    return "\n".join([text.rstrip("\n"), "", *_tube(found, command), ""])
 
 
 def _tube(found: Calibration, command: str) -> list[str]:

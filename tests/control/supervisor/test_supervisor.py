@@ -570,17 +570,17 @@ def test_after_a_time_out_of_the_wait_a_mission_does_not_ask_for_the_robot():
     assert state.outcome == RETREATED and not state.waits and due.deepest == -0.3
 
 
-@pytest.mark.parametrize("pressed", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("pressed", [0.5, 1.0, 2.0, 3.0])
 def test_a_stop_that_is_pressed_and_released_while_the_supervisor_retreats_is_the_end(pressed):
-    """At its trip, while the mission waits, and when the robot is given back at 3 s."""
+    """Before, at its trip, while the mission waits, and when the robot is given back at 3 s."""
     steps = [Approach(), Hold(), Retreat(), Approach(), Retreat()]
     mission = Mission(steps=steps, on_retreat="skip").checked()
     away = Measured(np.array([-0.3, 0.0, 0.0]), 0.0, touched=False)
     state = begin(mission, np.zeros(3), 0.0)
-    for t in (1.0, 2.0, 3.0, 4.0, 5.0):
+    for t in (*([pressed] if pressed < 1.0 else []), 1.0, 2.0, 3.0, 4.0, 5.0):
         tip = away.tip - [0.5 * (t > 3.0), 0.0, 0.0]  # The mission's own retreat is followed.
         state, due = advance(mission, state, away._replace(
-            tip=tip, retreated=t < 3.0, stop=t == pressed), t)
+            tip=tip, retreated=1.0 <= t < 3.0, stop=t == pressed), t)
         assert due.force == 0.0
     assert state.outcome == RETREATED and REASONS[state.reason] == "stopped" and not state.waits
 
