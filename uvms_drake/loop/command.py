@@ -44,7 +44,7 @@ class Mode(StrEnum):
     REPEATED = "repeated"
     """That of the last tick again: the sample was not used."""
     RETREATING = "retreating"
-    """That of the scenario's supervisor: off the wall, then station there, until `reset`."""
+    """That of the supervisor: off the wall, then station, until `reset` or a mission goes on."""
     STOPPED = "stopped"
     """That of keeping station at the last place known, until `reset`; see `loop.controller`."""
 

@@ -55,8 +55,8 @@ def _tube(found: Calibration, command: str) -> list[str]:
     lines = [
         "tube:",
         f"  # Of {found.runs} pilot runs, of a seed of their own, by `{command}`:",
-        f"  # a radius is {found.multiple:.3g} times their largest deviation, or up to {FILLED:g} "
-        f"times, where that is less",
+        f"  # a radius is {found.multiple:.3g} times their largest deviation or more, and up to "
+        f"{FILLED:g} times where that is less",
         f"  # than {SHARE:g} of the limit. In brackets that deviation and the radius' part of the "
         "limit."]
     for key, value in vars(found.scenario.tube).items():

@@ -75,7 +75,7 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     * slope: that after the readings of the last second, see `detections.largest_force`, with the
       sensor's own errors, of which the part that never changes is apart, as far as the tool keeps
       its angle; the force turns with the tip and has a part older than the delay, a share of it;
-    * tip, its angles, joints: the radii, and ε;
+    * tip, its angles, joints: the radii, and ε, see `tip_errors`;
     * fix: the longest gap, and a period of the fixes, which lie in between;
     * drift: the accelerations by all that is declared, see `declared_drift`, and twice the noise of
       the velocity through the observer;
@@ -119,6 +119,8 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
             [velocity, turning])
     off = np.array([tube.position or 0.0, tube.orientation or 0.0, tube.joints or 0.0])
     off += np.sqrt([3.0, 3.0, model.num_joints]) * noise
+    moved = tip_errors(scenario, model, noise)
+    off[:2] += moved
     # A plan's tip changes its speed by twice the largest one in an interval at most.
     horizon, h = scenario.mpc.horizon, scenario.mpc.time_step
     faster = (tube.depth_speed or 0.0) + contact.walls.tilt * (tube.tip_speed or 0.0)
@@ -127,10 +129,30 @@ def thresholds_of(scenario: Scenario, model: ContactModel) -> Thresholds:
     return Thresholds(
         force=largest_reading(contact, error), error=changing, constant=constant,
         share=float(share), delay=contact.delay, walls=contact.walls, faster=faster,
-        touch=TOUCH * error, depth_error=float(noise[0]),
+        touch=TOUCH * error, depth_error=float(noise[0] + moved[0]),
         off=(1.0 + MONITOR_SLACK) * off + MONITOR_FLOOR, fix=fix, drift=drift,
         cut=TIMES * max(path.mean_delays[0], h),
         plan=max(horizon - 2, 1) * h + outage, lost=LOST, begin=scenario.mpc.hover)
+
+
+def tip_errors(scenario: Scenario, model: ContactModel, noise: np.ndarray) -> np.ndarray:
+    """Returns how far off tip and its angles (2,) are by errors of attitude and joints [m, rad].
+
+    Those of the vehicle's attitude act by the lever on the tip, those of the joints on both: the
+    norms of |J| times them, the larger ones of the start and the task.
+
+    Args:
+        scenario: The scenario.
+        model: The controller's model.
+        noise: Largest error of each position, angle and joint (3,) [m, rad, rad].
+    """
+    at_task = model.configuration(np.concatenate([scenario.task.pose, scenario.task.posture]))
+    J = np.abs([model.task_jacobian(config)[:6] for config in (
+        np.asarray(scenario.start.config, dtype=float), at_task)])
+    J[:, 3:, 3:6] = 0.0  # The angles' own errors count already.
+    off = J @ np.repeat([0.0, *noise[1:]], [3, 3, model.num_joints])
+    largest: np.ndarray = np.max(np.linalg.norm(off.reshape(2, 2, 3), axis=2), axis=0)
+    return largest
 
 
 def largest_reading(contact: SensedContact, error: float) -> float:
@@ -175,7 +197,7 @@ def spacing_of(scenario: Scenario, period: float) -> float:
     """Returns the largest time between two readings that a supervisor keeps [s].
 
     It keeps that of the first update `SPACING` after the last one. Updates are the ticks of the
-    clock, or at the end of every step of the integrator, of which one is at each `log_period`.
+    clock, or at the beginning of every step of the integrator, one at each `log_period`.
 
     Args:
         scenario: The scenario.
