@@ -133,8 +133,8 @@ class Calibration:
                   f"{row.radius / row.available:>14.0%}" for name, row in self.rows.items()]
         gains = "" if self.scale is None else f"; gains of the scale {self.scale:g}"
         return "\n".join([*lines, "", f"{self.runs} pilot runs, {self.rounds} rounds, radii of "
-                          f"at least {self.multiple:.3g} times the largest{gains}; "
-                          f"{self.redrawn:.0%} of the starts had no first plan and were drawn again"])
+                          f"at least {self.multiple:.3g} times the largest{gains}; of the starts "
+                          f"{self.redrawn:.0%} had no first plan and were drawn again"])
 
 
 def calibrate(scenario: Scenario, runs: int = 20, gains: bool = False, pool: Pool | None = None,
