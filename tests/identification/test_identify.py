@@ -15,7 +15,7 @@ from uvms_drake.identification.checks import clock_shift, complaint
 from uvms_drake.identification.estimate import constrained_step, estimated, student
 from uvms_drake.identification.identify import identify
 from uvms_drake.identification.local_fit import local_quadratic
-from uvms_drake.identification.log import GRID, Log
+from uvms_drake.identification.log import GRID, Log, on_grid
 from uvms_drake.identification.parameters import parameters_of
 from uvms_drake.identification.robot_file import with_numbers
 from uvms_drake.identification.windows import windows_of
@@ -134,6 +134,14 @@ def test_the_shift_of_a_clock_is_found():
     late = np.roll(x, 10, axis=0)
     assert clock_shift(late, x, 0.1) == pytest.approx(1.0)
     assert clock_shift(x, x, 0.1) == 0.0
+
+
+def test_clocks_that_have_no_time_in_common_are_refused_with_a_line():
+    """One since the start of a computer, and one of the epoch."""
+    time = np.arange(0.0, 5.0, 0.1)
+    signals = {"attitude": (time, np.zeros((50, 3))), "joints": (time + 1000.0, np.zeros((50, 4)))}
+    with pytest.raises(InvalidParameter, match=r"run: times of attitude and joints = \[1000\.0, 4"):
+        on_grid("run", signals, 4)
 
 
 @pytest.mark.slow

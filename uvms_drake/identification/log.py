@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from uvms_drake.common.errors import require
 from uvms_drake.identification.local_fit import local_quadratic
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 
@@ -63,10 +64,16 @@ def on_grid(name: str, signals: Mapping[str, Samples], joints: int, contact: flo
         signals: The signals; without `wrench` the vehicle is not driven.
         joints: Number of joints.
         contact: Largest force that is no contact [N].
+
+    Raises:
+        InvalidParameter: Attitude and joints have no time in common.
     """
     needed = ["attitude"] + ["joints"] * bool(joints)
-    grid = np.arange(max(signals[each][0][0] for each in needed),
-                     min(signals[each][0][-1] for each in needed) + 1e-9, GRID)
+    first = max(signals[each][0][0] for each in needed)
+    last = min(signals[each][0][-1] for each in needed)
+    grid = np.arange(first, last + 1e-9, GRID)
+    require(len(grid) > 1, f"{name}: times of {' and '.join(needed)}", [first, last],
+            "with a common span: one clock, in one unit")
 
     def fit(signal: str, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if signal not in signals:
