@@ -23,7 +23,7 @@ from uvms_drake.identification.identify import Identification, identify
 from uvms_drake.identification.log import GRID, STATE, Log, on_grid
 from uvms_drake.identification.output_error import OWN, STEP, simulated
 from uvms_drake.identification.parameters import SHIFT, Parameter, parameters_of
-from uvms_drake.identification.readers import read_csv
+from uvms_drake.identification.readers import read_tables
 from uvms_drake.identification.signals_file import LogSignals, Source
 from uvms_drake.identification.windows import Windows, windows_of
 from uvms_drake.identification.written import format_result, residual_sizes, validation_rms
@@ -78,7 +78,7 @@ def read_runs(clone: Path) -> list[Log]:
     """Returns the distinct runs of a clone."""
     names = sorted(path.name.removesuffix("_imu.csv")
                    for path in (clone / FOLDER).glob("*_imu.csv"))
-    return [on_grid(name, SIGNALS.in_model_axes(read_csv(clone / FOLDER / name, SIGNALS)), 4)
+    return [on_grid(name, SIGNALS.in_model_axes(read_tables(clone / FOLDER / name, SIGNALS)), 4)
             for name in names if name != DUPLICATE]
 
 

@@ -27,8 +27,9 @@ Exit status 2: the robot is not sound, and no certificate of it would be worth a
 each on stderr, by file and key.
 """
 LOGS = """\
-A log is the folder or log.npz of a run of this program, or CSV files of numbers; for the latter
---signals names a YAML file, such as
+A log is the folder or log.npz of a run of this program; a log of ArduSub (.BIN, .tlog) or a bag of
+ROS 2 (its folder, or .mcap), by pip install 'uvms_drake[logs]'; or CSV files of numbers. But for a
+run of this program --signals names a YAML file, such as
 
   world: ENU
   body: FLU
@@ -39,8 +40,10 @@ A log is the folder or log.npz of a run of this program, or CSV files of numbers
 
 Signals: joints, attitude (both needed), angular_velocity, velocity, depth, position (its depth),
 wrench (of the thrusters; without it the vehicle drifts), specific_force, force, armed. `file` is
-added to LOG. Gyro and accelerometer are checked against the attitude where the log has them; senses
-of joints and wrench are taken as declared.
+added to LOG; of ArduSub it is the message, as ATT or IMU[0], of ROS 2 the topic, and columns are
+fields, as Roll, orientation.x, position[0], time_s (of recording), header.stamp. Gyro and
+accelerometer are checked against the attitude where the log has them; senses of joints and wrench
+are taken as declared.
 
 The water is taken to be at rest: the folder of a run with a current or waves is refused, but a bare
 log.npz or CSV does not show it. At least 12 windows of 8 s without contact are needed. An interval

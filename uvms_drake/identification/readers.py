@@ -9,6 +9,7 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.identification.log import Log, Samples, on_grid
+from uvms_drake.identification.recordings import Table, is_recording, recorded_tables
 from uvms_drake.identification.signals_file import TIMES, UNITS, LogSignals
 from uvms_drake.plant.waves import UnknownFlow
 from uvms_drake.station.record import SCENARIO_FILE
@@ -24,8 +25,8 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
     """Returns a log, by the kind of its file.
 
     Args:
-        path: Folder or `log.npz` of a run of this program, or CSV: the path, to which `signals`
-            adds the ends of its files.
+        path: Folder or `log.npz` of a run of this program, a recording (see `recordings`), or CSV:
+            the path, to which `signals` adds the ends of its files.
         joints: Number of joints of the robot.
         signals: Where the signals are; of a run of this program nothing.
 
@@ -35,7 +36,7 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
         ScenarioError: The scenario in the folder of a run cannot be read.
     """
     own = path / OWN_FILE if path.is_dir() else path
-    if own.suffix == ".npz":
+    if own.suffix == ".npz" and not is_recording(path):
         found = read_own(own, joints)
         if path.is_dir():
             _require_still_water(path)
@@ -43,7 +44,7 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
     require(signals is not None, "--signals", None,
             f"the file that says where the signals of {path} are")
     assert signals is not None
-    found = read_csv(path, signals)
+    found = read_tables(path, signals)
     for needed in ["attitude"] + ["joints"] * bool(joints):
         require(needed in found, f"{path}: signals", ", ".join(found) or "none",
                 f"{needed} among them")
@@ -88,13 +89,14 @@ def read_own(path: Path, joints: int) -> dict[str, Samples]:
         "force": (time, arrays["force"][:, :3])}
 
 
-def read_csv(path: Path, signals: LogSignals) -> dict[str, Samples]:
-    """Returns the signals of CSV files, in SI units and the declared axes."""
-    tables: dict[str, dict[str, np.ndarray]] = {}
+def read_tables(path: Path, signals: LogSignals) -> dict[str, Samples]:
+    """Returns the signals of a recording or of CSV files, in SI units and the declared axes."""
+    ends = sorted({each.file for each in signals.signals})
+    tables = recorded_tables(path, ends) if is_recording(path) else {
+        end: _table(Path(f"{path}{end}")) for end in ends}
     found = dict[str, Samples]()
     for each in signals.signals:
-        file = f"{path}{each.file}"
-        table = tables.setdefault(file, _table(Path(file)))
+        file, table = f"{path}{each.file}", tables[each.file]
         for column in (each.time, *each.columns):
             require(column in table, f"{file}: column", column,
                     f"one of {', '.join(table)}")
@@ -104,7 +106,7 @@ def read_csv(path: Path, signals: LogSignals) -> dict[str, Samples]:
     return found
 
 
-def _table(path: Path) -> dict[str, np.ndarray]:
+def _table(path: Path) -> Table:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header, *rows = csv.reader(file)
@@ -130,6 +132,8 @@ def digest(path: Path, signals: LogSignals | None) -> str:
     """Returns the SHA-256 of a log's files."""
     found = hashlib.sha256()
     ends = [""] if signals is None else sorted({each.file for each in signals.signals}) or [""]
-    for file in [path / OWN_FILE] if path.is_dir() else [Path(f"{path}{end}") for end in ends]:
+    for file in ([path] if path.is_file() and is_recording(path) else sorted(path.glob("*.*"))
+                 if is_recording(path) else [path / OWN_FILE] if path.is_dir() else
+                 [Path(f"{path}{end}") for end in ends]):
         found.update(file.read_bytes())
     return found.hexdigest()

@@ -26,7 +26,8 @@ class Source:
     columns: list[str] = field(default_factory=list)
     """Its columns, in the order of its components."""
     file: str = ""
-    """End of the file's path, after the path that is given for the log."""
+    """End of the file's path, after the path that is given for the log; of a recording the message
+    of ArduSub, as `ATT` or `IMU[0]`, or the topic of ROS 2."""
     time: str = "time_s"
     """Column of the times."""
     time_unit: Annotated[str, OneOf(*TIMES)] = "s"

@@ -14,10 +14,10 @@
 A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by
 the end; a Retreat that times out is the end. The supervisor's is too, or `on_retreat: skip`.
 
-*Every mission ends:* a spot is begun at most 1 + `retries` times, so after 1 + `retries` times the
-sum of all time-outs and one clock period a step all is over, and once more the time-outs of the
-approaches that wait for the supervisor. It is `DONE` if every step is; else
-`RETREATED` after a stop, a failure that ends it or a failed retreat; else `SKIPPED`.
+*Every mission ends:* a spot is begun at most 1 + `retries` times, so all is over after as often the
+sum of all time-outs and a clock period a step, and the time-outs of what waits for the supervisor.
+It is `DONE` if every step is; else `RETREATED` after a stop, a failure that ends it or a failed
+retreat; else `SKIPPED`.
 """
 
 import math
