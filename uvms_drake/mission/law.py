@@ -14,8 +14,8 @@
 A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by
 the end; a Retreat that times out is the end. The supervisor's is too, or `on_retreat: skip`.
 
-*Every mission ends:* a spot is begun at most 1 + `retries` times, and all is over after as often the
-sum of all time-outs and a clock period a step, and the waits for the supervisor. It is `DONE` if
+*Every mission ends:* a spot is begun at most 1 + `retries` times, and all is over after as often
+the sum of all time-outs and a clock period a step, and the supervisor's waits. It is `DONE` if
 every step is; else `RETREATED` after a stop, an ending failure or a failed retreat; else `SKIPPED`.
 """
 
