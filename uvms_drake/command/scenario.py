@@ -9,7 +9,7 @@ import numpy as np
 from uvms_drake.command.files import folder, new_at, take_quiet
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.progress import CERTIFYING, bar
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.common.schema import read_yaml
 from uvms_drake.common.wiring import release
 from uvms_drake.model.contact_model import ContactModel
@@ -40,6 +40,12 @@ def add_scenario(commands: argparse._SubParsersAction) -> None:
                           help="with --new: name of a shipped robot, or a robot's folder")
     scenario.add_argument("--force", type=float, default=5.0, metavar="N",
                           help="desired force (default: %(default)s)")
+    scenario.add_argument("--unknown-wall", action="store_true",
+                          help="with --new: the place, tilt and stiffness of the wall are unknown, "
+                               "and a wrist sensor measures the force")
+    scenario.add_argument("--real-loop", action="store_true",
+                          help="with --new: an unknown wall behind the robot's own thrusters, a "
+                               "clock and a navigation, for `calibrate`; no worst-case certificate")
     scenario.add_argument("--uncertified", action="store_true",
                           help="with --new: write it without computing its certificate, which "
                                "takes some ten seconds and may change it by the advice there")
@@ -51,6 +57,8 @@ def new_or_checked(args: argparse.Namespace) -> int:
     if args.check is not None:
         require(args.robot is None, "--robot", args.robot, "left out with --check")
         require(not args.uncertified, "--uncertified", True, "left out with --check")
+        require(not args.unknown_wall, "--unknown-wall", True, "left out with --check")
+        require(not args.real_loop, "--real-loop", True, "left out with --check")
         return check_scenario(args.check)
     require(args.robot is not None, "--robot", args.robot, "a robot, with --new")
     return new_scenario(args)
@@ -115,30 +123,38 @@ def compass(offset: np.ndarray) -> str:
 def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall, and which a run takes."""
     from uvms_drake.plant.model_check import sound_robot
-    from uvms_drake.setup.first_scenario import first_scenario, format_first_scenario
-    from uvms_drake.setup.settle import settle
+    from uvms_drake.setup.first_scenario import first_scenario
+    from uvms_drake.setup.settle import forbidding, settle
+    from uvms_drake.setup.unknown_wall import press
 
     file: Path = args.new
     require(file.suffix == ".yaml" and not file.exists(), "--new", str(file),
             "a .yaml file that is not there yet")
     require(0.0 < args.force < np.inf, "--force", args.force, "positive")
     robot = sound_robot(args.robot)
-    found = first_scenario(robot.uvms, args.force)
     shipped = args.robot in shipped_robots()
     # A path, though it may be that of a folder with the name of a shipped robot.
     model = args.robot if shipped else os.path.join(".", os.path.relpath(robot.folder, file.parent))
-    verdict = f"'{PROGRAM} certify {file}' says whether it holds"
+    found = first_scenario(robot.uvms, args.force)
+    with reported_in(f"the scenario made for {robot.name}"):
+        found, text_of = press(
+            robot, found, model, file, unknown=args.unknown_wall, real=args.real_loop)
+    verdict = (f"'{PROGRAM} calibrate {file}' finds its tube from pilot runs" if args.real_loop
+               else f"'{PROGRAM} certify {file}' says whether it holds")
     above = [path for path in file.parents if not path.exists()]
     with new_at(file):
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(format_first_scenario(found, model, robot.name), encoding="utf-8")
+        file.write_text(text_of(found), encoding="utf-8")
     # A scenario that `run` would refuse is refused here, and leaves no file.
     try:
         with reported_in(f"the scenario made for {robot.name}"), bar(
                 args, CERTIFYING, is_steady=False) as progress:
             require_runnable(load_scenario(str(file)))
-            if not args.uncertified:
-                verdict = settle(found, model, robot.name, file, progress).verdict
+            if not (args.uncertified or args.real_loop):
+                certificate = settle(found, text_of, file, progress)
+                if args.unknown_wall and certificate.failed is not None:
+                    raise RunFailed(forbidding(found, certificate.failed))
+                verdict = certificate.verdict
     except BaseException:
         file.unlink()
         for path in above:

@@ -352,6 +352,13 @@ def first_radii(scenario: Scenario, model: ContactModel, available: dict[str, fl
             return tube
 
 
+def first_guess(scenario: Scenario, model: ContactModel, scale: float) -> Calibration:
+    """Returns a scenario with the gains of a scale, and the tube that pilot runs begin with."""
+    scenario = with_gains(scenario, scale, model)
+    tube = first_radii(scenario, model, available_radii(scenario, model))
+    return Calibration(derived(scenario, model, tube), {}, 0, 0.0, 0, scale, 0.0)
+
+
 def fitting(scenario: Scenario, model: ContactModel, rows: dict[str, Row], *, grow: bool
             ) -> tuple[TubeRadii, float]:
     """Returns the tube of (1) with the largest m up to 2 that fits, and m; see the module.

@@ -21,7 +21,7 @@ COLUMN = 34
 """Column of the comments."""
 
 
-def calibrated_text(text: str, found: Calibration, command: str) -> str:
+def calibrated_text(text: str, found: Calibration, command: str = "") -> str:
     """Returns the text of a scenario's file with tube, gains and derived numbers.
 
     Args:
@@ -40,8 +40,8 @@ def calibrated_text(text: str, found: Calibration, command: str) -> str:
         "the largest terminal set within the tightened limits": {
             "mpc.terminal_radius": f"{scenario.mpc.terminal_radius:g}"}}
     if found.scale is not None:
-        numbers[f"1/s; of the scale {found.scale:g}, the best one with {SLOWER:g} times the delays"
-                ] = {f"ancillary.{key}": "{" + ", ".join(
+        why = f", the best one with {SLOWER:g} times the delays" if found.runs else ""
+        numbers[f"1/s; of the scale {found.scale:g}{why}"] = {f"ancillary.{key}": "{" + ", ".join(
                     f"{name}: {value:g}" for name, value in vars(getattr(law, key)).items()) + "}"
                     for key in ("vehicle", "tip")}
     for why, settings in numbers.items():
@@ -58,7 +58,7 @@ def _tube(found: Calibration, command: str) -> list[str]:
         f"  # a radius is {found.multiple:.3g} times their largest deviation or more, and up to "
         f"{FILLED:g} times where that is less",
         f"  # than {SHARE:g} of the limit. In brackets that deviation and the radius' part of the "
-        "limit."]
+        "limit."] if found.runs else ["tube:  # a guess, with which pilot runs begin"]
     for key, value in vars(found.scenario.tube).items():
         if value is None or not np.any(value):
             continue
@@ -67,9 +67,9 @@ def _tube(found: Calibration, command: str) -> list[str]:
         said = "({}{})".format(
             ", ".join(f"{row.largest:.2g}" for _, row in rows),
             "".join(f"; {row.radius / row.available:.0%}" for _, row in rows
-                    if len(rows) == 1 and np.isfinite(row.available)))
+                    if len(rows) == 1 and np.isfinite(row.available))) if rows else ""
         text = f"[{', '.join(f'{part:g}' for part in value)}]" if np.ndim(value) else f"{value:g}"
-        if np.ndim(value):
+        if np.ndim(value) and said:
             lines.append(f"  # {said}")
             said = ""
         lines.append(f"{f'  {key}: {text}':<{COLUMN - 1}} # {UNITS[key]} {said}".rstrip())

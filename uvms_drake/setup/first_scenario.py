@@ -20,9 +20,11 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import RunFailed, require
-from uvms_drake.control.limits import TubeRadii
+from uvms_drake.control.limits import HoldRadii, TubeRadii
+from uvms_drake.control.limits.input_in_contact import ForceCone
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.report.robot.robot_sheet import dexterities, largest_wrench
@@ -61,6 +63,8 @@ SPARE = 8.0
 """Multiple of these that it is given where the limit is unknown."""
 MOST = (2.0, 6.0, 20.0)
 """Inputs that are enough, in addition to those of the task: linear, angular, of a joint."""
+UNKNOWN = 3.0
+"""Multiple of these for a wall that is unknown, too."""
 GAINS = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0)
 """Candidates for k = σ [1/s]."""
 STIFFNESS = 1000.0
@@ -75,8 +79,6 @@ REMAINDER = 2.0
 """Factor for the remainders of velocities, attitude and inputs in it."""
 TERMINAL = 0.1
 """Radius of the terminal set without a certificate."""
-LAG_MARGIN = 0.5
-"""Gain times lag of a loop that is far from its edge of stability, which is at 2 for k = σ."""
 TEMPLATE = Path(__file__).with_name("first_scenario.template")
 """Text of a scenario's file, with a name in braces for each of its numbers."""
 
@@ -119,8 +121,6 @@ class FirstScenario:
     """Covered share of `CURRENT` and `FRICTION`."""
     gain: float
     """k = σ [1/s]."""
-    lag: float
-    """Lag and dead time of the thrusters [s]; 0 if they are not known."""
     undriven: tuple[str, ...]
     """Axes that they do not drive."""
     short: tuple[str, ...]
@@ -132,6 +132,16 @@ class FirstScenario:
     """ε of these."""
     source: str = "closed forms of the law for this robot and disturbance"
     """Source of both."""
+    nu1: float = 0.2
+    """Limit of the vehicle's speed [m/s]."""
+    nu2: float = 0.2
+    """Limit of its angular speed [rad/s]."""
+    qdot: float = 0.3
+    """Limit of the joints' speed [rad/s]."""
+    horizon: int = 15
+    """Steps of a plan."""
+    time_step: float = 0.2
+    """Time of each [s]."""
 
     def weaker(self, share: float) -> "FirstScenario":
         """Returns the same against a part of the disturbance."""
@@ -232,7 +242,7 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2, chosen: Choi
         force=force * into, frame=frame, pose=pose, posture=posture, dexterity=dexterity,
         eta=start, q_limits=q_limits,
         u=u, strength=strength, tau_eq=tau_eq, disturbance=covered * wanted, covered=covered,
-        gain=gain, lag=_lag(uvms),
+        gain=gain,
         tube=declared_tube(model, q_limits, covered * wanted, gain),
         undriven=() if uvms.thrusters is None else tuple(uvms.thrusters.undriven),
         short=tuple(coordinate(i) for i, is_short in enumerate(short) if is_short))
@@ -328,6 +338,54 @@ def _disturbance(model: UvmsModel, config: np.ndarray, inertia: np.ndarray, stre
     return np.concatenate([np.full(3, hull), np.full(3, TILTING * hull), friction / inertia[6:]])
 
 
+def pressed_inputs(uvms: Uvms, found: FirstScenario, walls: SurfaceClass, force: float
+                   ) -> np.ndarray:
+    """Returns limits of the inputs (6+n,) with every force of a class of walls [m/s², rad/s²].
+
+    With N its largest part along n and ψ its largest angle to it, and s the `SHARES`,
+
+        |(M⁻¹b)ᵢ| + N (|(M⁻¹Jᵀn)ᵢ| + tan ψ ‖(M⁻¹J_tᵀ)ᵢ‖) + s (τ_max,i − the same of τᵢ)/Mᵢᵢ,
+
+    or `UNKNOWN` times `MOST` in place of the last term.
+
+    Args:
+        uvms: The robot.
+        found: Its first scenario.
+        walls: The class.
+        force: Largest normal force [N].
+
+    Raises:
+        RunFailed: A thruster or a motor is too weak for it.
+    """
+    model, cone = UvmsModel(uvms, found.frame), ForceCone.of_surface(walls, force)
+    config = model.configuration(np.concatenate([np.zeros(3), found.pose, found.posture]))
+    at, rest = model.kinematics(config), np.zeros(model.size)
+    M, J_T = model.mass_matrix(at), model.task_jacobian(config)[:3].T
+    bias = model.inverse_dynamics(at, rest, rest)
+
+    # Of generalised forces, and of accelerations.
+    by_force = np.stack([J_T, np.linalg.solve(M, J_T)])
+    along = by_force @ cone.direction
+    across = np.linalg.norm(by_force - along[..., None] * cone.direction, axis=-1)
+    held, u = np.abs([bias, np.linalg.solve(M, bias)]) + cone.largest * (
+        np.abs(along) + np.tan(cone.spread) * across)
+    blocks, inertia, strength = [3, 3, model.num_joints], np.diag(M), found.strength
+    reserve = inertia * np.repeat(MANOEUVRE, blocks)
+    missing = held + reserve - strength.force
+    i = int(np.argmax(missing))
+    if missing[i] > 0.0:
+        raise RunFailed(
+            f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "
+            f"{unit_of(i)} along {coordinate(i)}: an unknown wall, of up to {cone.largest:.3g} N "
+            f"with errors and friction, takes {held[i]:.3g} and a motion {reserve[i]:.3g} of it, "
+            f"{missing[i]:.3g} {unit_of(i)} more than there is; what would help: a smaller --force "
+            "or a stronger one")
+    margin = np.repeat(SHARES, [6, model.num_joints]) * (strength.force - held) / inertia
+    limits: np.ndarray = u + np.where(
+        np.isfinite(margin), margin, UNKNOWN * np.repeat(MOST, blocks))
+    return limits
+
+
 def _gain(model: UvmsModel, config: np.ndarray, disturbance: np.ndarray, force: float) -> float:
     """Returns the smallest gain by which the deviation is a fifth of the force, or the largest."""
     reach = float(np.linalg.norm(model.task_jacobian(config)[:3] * disturbance, 2))
@@ -368,12 +426,6 @@ def declared_tube(model: UvmsModel, q_limits: np.ndarray, disturbance: np.ndarra
         tip_speed=2.0 * gain * position, roll=tilt, pitch=tilt, u=REMAINDER * disturbance)
 
 
-def _lag(uvms: Uvms) -> float:
-    if uvms.thrusters is None:
-        return 0.0
-    return uvms.thrusters.dead_time + max(kind.lag for kind in uvms.thrusters.kinds.values())
-
-
 def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
     """Returns the text of a scenario's file.
 
@@ -390,40 +442,38 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
     tau = np.where(known, found.strength.force, np.ceil(4.0 * np.abs(found.tau_eq) + 20.0))
     text = TEMPLATE.read_text(encoding="utf-8").format(
         robot=robot, model=model, undriven=", ".join(found.undriven), force=force,
-        lag=_lag_note(found), eta=_row(found.eta),
-        posture=_row(found.posture), normal=_exact(-found.force / force),
+        eta=row(found.eta),
+        posture=row(found.posture), normal=exact(-found.force / force),
         covered="" if found.covered == 1.0 else f"{found.covered:.0%} of ",
-        current=CURRENT, friction=FRICTION, bound=_number(bound), weights=_row(weights, 2),
-        wrench=_exact([*found.force, 0.0, 0.0, 0.0]), pose=_row([0.0, 0.0, 0.0, *found.pose]),
-        frame=_exact(found.frame), dexterity=found.dexterity, tolerance=_number(0.1 * force),
+        current=CURRENT, friction=FRICTION, bound=_number(bound), weights=row(weights, 2),
+        wrench=exact([*found.force, 0.0, 0.0, 0.0]), pose=row([0.0, 0.0, 0.0, *found.pose]),
+        frame=exact(found.frame), dexterity=found.dexterity, tolerance=_number(0.1 * force),
         tip_pitch=_number(max(0.4, 0.3 + abs(float(found.pose[1])))),
+        **{key: getattr(found, key) for key in ("nu1", "nu2", "qdot", "horizon", "time_step")},
         static=_number(max(3.0 * force, force + 3.0)),
-        q_lower=_row(-_floored(-found.q_limits[0]), 10),
-        q_upper=_row(_floored(found.q_limits[1]), 10),
+        q_lower=row(-_floored(-found.q_limits[0]), 10),
+        q_upper=row(_floored(found.q_limits[1]), 10),
         thrust=thrust,
-        u=_row(found.u, 2), tau=_row(tau, 3), source=found.source, tilt=_number(TILT),
+        u=row(found.u, 2), tau=row(tau, 3), source=found.source, tilt=_number(TILT),
         tube="\n  ".join(
-            f"{key}: {_row(value, 3) if np.ndim(value) else _number(value)}"
-            for key, value in vars(found.tube).items() if value is not None),
+            f"{key}: {row(value, 3) if np.ndim(value) else _number(value)}"
+            for key, value in vars(found.tube).items()
+            if value is not None and not isinstance(value, HoldRadii)),
         terminal=_number(found.terminal_radius),
-        weight_y=_row([20.0] * 3 + [10.0] * 3 + [2.0] * n),
-        weight_zeta=_row([5.0] * 6 + [10.0] * n),
-        weight_u=_row(np.clip(1.5 / found.u**2, 0.005, 30.0), 2), gain=_number(found.gain),
+        weight_y=row([20.0] * 3 + [10.0] * 3 + [2.0] * n),
+        weight_zeta=row([5.0] * 6 + [10.0] * n),
+        weight_u=row(np.clip(1.5 / found.u**2, 0.005, 30.0), 2), gain=_number(found.gain),
         step=min(0.02, 0.2 / found.gain))
-    return "".join(f"{_aligned(line)}\n" for line in text.splitlines())
+    return aligned(text)
 
 
-def _aligned(line: str) -> str:
-    value, mark, comment = line.partition("  # ")
-    return f"{value:<32}{mark}{comment}" if value.strip() and mark else line
+def aligned(text: str) -> str:
+    """Returns a text whose comments at the ends of lines begin in one column."""
+    def line_of(line: str) -> str:
+        value, mark, comment = line.partition("  # ")
+        return f"{value.rstrip():<32}{mark}{comment}" if value.strip() and mark else line
 
-
-def _lag_note(found: FirstScenario) -> str:
-    if found.lag == 0.0:
-        return ""
-    most = LAG_MARGIN / found.lag
-    return (f"\n# Thrusters with a delay of {found.lag:g} s allow gains of about {most:.2g} 1/s:\n"
-            "# with them, see the law of `girona500_real_loop`.")
+    return "".join(f"{line_of(line)}\n" for line in text.splitlines())
 
 
 def _number(value: float) -> str:
@@ -435,10 +485,12 @@ def _floored(values: np.ndarray) -> np.ndarray:
     return np.floor(1e4 * values + 1e-6) / 1e4
 
 
-def _row(values: Iterable[float], digits: int = 4) -> str:
+def row(values: Iterable[float], digits: int = 4) -> str:
+    """Returns a list of numbers, rounded to digits."""
     rounded = (0.0 if abs(value) < 1e-9 else float(f"{value:.{digits}g}") for value in values)
     return "[" + ", ".join(f"{value:.10g}" for value in rounded) + "]"
 
 
-def _exact(values: Iterable[float]) -> str:
+def exact(values: Iterable[float]) -> str:
+    """Returns a list of numbers that are read as they are."""
     return "[" + ", ".join(f"{value + 0.0:.17g}" for value in values) + "]"

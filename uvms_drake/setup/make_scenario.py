@@ -18,7 +18,8 @@ from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_check import sound_robot
-from uvms_drake.setup.first_scenario import Choices, first_scenario, format_first_scenario
+from uvms_drake.setup.first_scenario import Choices, first_scenario
+from uvms_drake.setup.unknown_wall import press
 from uvms_drake.station.problem import check_inputs, load_model
 from uvms_drake.station.scenario.contact import Contact
 from uvms_drake.station.scenario.scenario import Scenario, typed_scenario
@@ -38,6 +39,8 @@ def make_scenario(
     contact: Contact | None = None,
     sensing: Sequence[Sensor] = (),
     distance: float = 0.2,
+    unknown_wall: bool = False,
+    real_loop: bool = False,
     name: str = "press",
 ) -> Scenario:
     """Returns a scenario in which a robot swims to a surface and presses on it.
@@ -63,6 +66,9 @@ def make_scenario(
             `SensedContact` the force is along its direction, and a part of `sensing` measures it.
         sensing: Parts between the robot's state and the controller, from the robot on.
         distance: Distance of the tip from the surface at the start [m].
+        unknown_wall: Whether the wall is unknown, with a sensor that is assumed, as by `scenario
+            --new --unknown-wall`; parts that are given are in the place of those.
+        real_loop: Whether it is behind the robot's thrusters, too, as by `--real-loop`.
         name: Name of the scenario, of its files.
 
     Raises:
@@ -97,8 +103,9 @@ def make_scenario(
     # The file that the command writes, with the objects in the place of its numbers.
     shipped = robot.name in shipped_robots() and robot.folder == model_dir(robot.name)
     model = robot.name if shipped else str(robot.folder.resolve())
-    text = format_first_scenario(found, model, robot.name)
-    scenario = typed_scenario(with_base(parse_yaml(text), FOLDER / "scenarios" / "made.yaml", ()))
+    path = FOLDER / "scenarios" / "made.yaml"
+    found, text_of = press(robot, found, model, path, unknown=unknown_wall, real=real_loop)
+    scenario = typed_scenario(with_base(parse_yaml(text_of(found)), path, ()))
     scenario.name, scenario.simulator.max_step_size = name, 0.0
     if surface is not None:
         scenario.surface = surface
@@ -108,7 +115,8 @@ def make_scenario(
     scenario.start = replace(scenario.start, q=found.posture)
     scenario.ancillary = law or scenario.ancillary
     scenario.disturbance = disturbance or scenario.disturbance
-    scenario.contact, scenario.sensing = contact or scenario.contact, list(sensing)
+    scenario.contact, scenario.sensing = contact or scenario.contact, (
+        list(sensing) or scenario.sensing)
     if not scenario.contact.takes_static_force(scenario.surface):
         scenario.limits.static_force = None
     check_values(scenario)

@@ -7,14 +7,18 @@ would take it, or else the disturbance is made smaller, and the certificate comp
 
 import re
 import shlex
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
+from uvms_drake.certificate.text import violation
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.setup.first_scenario import WEAKEST, FirstScenario, format_first_scenario
+from uvms_drake.control.limits.inputs import input_names
+from uvms_drake.setup.first_scenario import WEAKEST, FirstScenario
 from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.tube.conditions import Condition
 
 ATTEMPTS = 5
 """Number of certificates that are computed at most."""
@@ -22,22 +26,20 @@ LESS = 0.7
 """Part of the disturbance that is kept where a condition fails without a number that helps."""
 
 
-def settle(found: FirstScenario, model: str, robot: str, file: Path, progress: Progress = silent
-           ) -> Certificate:
+def settle(found: FirstScenario, text_of: Callable[[FirstScenario], str], file: Path,
+           progress: Progress = silent) -> Certificate:
     """Writes a scenario, with tube and terminal set of its certificate, and returns that.
 
     Args:
         found: Its numbers.
-        model: As `model` has it: a name or a path from the file's folder.
-        robot: Name of the robot.
+        text_of: Function that returns the text of its file.
         file: The scenario's.
         progress: As of `certify`.
     """
     settings: dict[str, str] = {}
 
     def write() -> None:
-        text = with_settings(format_first_scenario(found, model, robot), settings)
-        file.write_text(text, encoding="utf-8")
+        file.write_text(with_settings(text_of(found), settings), encoding="utf-8")
 
     for _ in range(ATTEMPTS):
         write()
@@ -80,3 +82,20 @@ def with_settings(text: str, settings: dict[str, str], why: str = "by advice of 
             text = re.sub(rf"^{section}:.*$", rf"\g<0>\n  {name}: 0", text, flags=re.M)
         text = line.sub(rf"\g<1>{value}  # {why}", text)
     return text
+
+
+def overlaid(text: str, other: str) -> str:
+    """Returns a text with the paragraphs of another one, in place of those with that key."""
+    paragraphs = {}
+    for each in [*text.strip("\n").split("\n\n"), *other.strip("\n").split("\n\n")]:
+        key = re.search(r"^\w+:", each, re.M)
+        paragraphs[key[0] if key else ""] = each
+    return "\n\n".join(paragraphs.values()) + "\n"
+
+
+def forbidding(found: FirstScenario, failed: Condition) -> str:
+    """Returns the number of the robot that forbids a certificate, and by how much."""
+    names = dict(zip((f"u_{name}" for name in input_names(len(found.posture))),
+                     found.strength.names, strict=True)) | {"qdot": "the velocity of its joints"}
+    because = f", because of {names[failed.about]}" if failed.about in names else ""
+    return f"not with this robot{because}: {violation(failed)}"

@@ -228,9 +228,12 @@ def _of_safe_region(scenario: Scenario, faster: float) -> list[Condition]:
     free = stopping_distance(
         contact.force, contact.force_error / share, contact.stiffness, margin,
         retreat=contact.dissipation * fastest_advance(contact))
+    most = BETWEEN_KNOTS * min(contact.speed, contact.speed_across)
+    # It is in proportion to the step.
+    shorter = np.floor(100.0 * scenario.mpc.time_step * most / max(faster, 1e-9)) / 100.0
     return [
-        Condition("contact.speed, excess between two knots [m/s]", faster, "<=",
-                  BETWEEN_KNOTS * min(contact.speed, contact.speed_across),
+        Condition("contact.speed, excess between two knots [m/s]", faster, "<=", most,
+                  f"--set mpc.time_step={shorter:g}" if shorter > 0.0 else "",
                   theorem="control/theory.md#motion-between-two-knots", topic="contact.speed"),
         Condition("safe region, margin from a reading without touch [m]", free, ">", 0.0,
                   theorem=SAFE_REGION, topic="safe region"),
