@@ -367,20 +367,20 @@ def pressed_inputs(uvms: Uvms, found: FirstScenario, walls: SurfaceClass, force:
     by_force = np.stack([J_T, np.linalg.solve(M, J_T)])
     along = by_force @ cone.direction
     across = np.linalg.norm(by_force - along[..., None] * cone.direction, axis=-1)
-    held, u = np.abs([bias, np.linalg.solve(M, bias)]) + cone.largest * (
+    taken, u = np.abs([bias, np.linalg.solve(M, bias)]) + cone.largest * (
         np.abs(along) + np.tan(cone.spread) * across)
     blocks, inertia, strength = [3, 3, model.num_joints], np.diag(M), found.strength
     reserve = inertia * np.repeat(MANOEUVRE, blocks)
-    missing = held + reserve - strength.force
+    missing = taken + reserve - strength.force
     i = int(np.argmax(missing))
     if missing[i] > 0.0:
         raise RunFailed(
             f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "
             f"{unit_of(i)} along {coordinate(i)}: an unknown wall, of up to {cone.largest:.3g} N "
-            f"with errors and friction, takes {held[i]:.3g} and a motion {reserve[i]:.3g} of it, "
+            f"with errors and friction, takes {taken[i]:.3g} and a motion {reserve[i]:.3g} of it, "
             f"{missing[i]:.3g} {unit_of(i)} more than there is; what would help: a smaller --force "
             "or a stronger one")
-    margin = np.repeat(SHARES, [6, model.num_joints]) * (strength.force - held) / inertia
+    margin = np.repeat(SHARES, [6, model.num_joints]) * (strength.force - taken) / inertia
     limits: np.ndarray = u + np.where(
         np.isfinite(margin), margin, UNKNOWN * np.repeat(MOST, blocks))
     return limits
@@ -452,8 +452,7 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
         **{key: getattr(found, key) for key in ("nu1", "nu2", "qdot", "horizon", "time_step")},
         static=_number(max(3.0 * force, force + 3.0)),
         q_lower=row(-_floored(-found.q_limits[0]), 10),
-        q_upper=row(_floored(found.q_limits[1]), 10),
-        thrust=thrust,
+        q_upper=row(_floored(found.q_limits[1]), 10), thrust=thrust,
         u=row(found.u, 2), tau=row(tau, 3), source=found.source, tilt=_number(TILT),
         tube="\n  ".join(
             f"{key}: {row(value, 3) if np.ndim(value) else _number(value)}"

@@ -14,7 +14,6 @@ and tube are those with which `calibrate` begins.
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +49,7 @@ FIELDS: tuple[dict[str, Any], dict[str, Any]] = (
 """E of (1) [m], sensor [Hz, s], angle of the tool [rad], lag across the direction [s]."""
 MORE = 1.1
 """Factor of (1), and on the bound of a reading's error."""
-STIFFNESS, OFF, FELT = 1000.0, 0.002, 0.2
+STIFFNESS, OFF, MOST_OFF = 1000.0, 0.002, 0.2
 """κ₊ [N/m]; behind thrusters, with an estimate of the tip off by `OFF` [m], as much less as makes
 that no more than this share of the force."""
 TOUCH, SCALE = 0.3, 0.16
@@ -78,11 +77,11 @@ def press(robot: Robot, found: first.FirstScenario, model: str, path: Path, *, u
         InvalidParameter: There is no first plan behind thrusters.
     """
     if not (unknown or real):
-        return found, partial(first.format_first_scenario, model=model, robot=robot.name)
+        return found, lambda found: first.format_first_scenario(found, model, robot.name)
     world, force = UvmsModel(robot.uvms), float(np.linalg.norm(found.force))
     into, q = found.force / force, np.clip(
         [found.posture - RANGE, found.posture + RANGE], world.q_lower, world.q_upper)
-    axes, kappa = wall_axes(into), min(STIFFNESS, FELT * force / OFF) if real else STIFFNESS
+    axes, kappa = wall_axes(into), min(STIFFNESS, MOST_OFF * force / OFF) if real else STIFFNESS
     found = replace(found, q_limits=q if real else found.q_limits, **LIMITS[real] | {
         "qdot": float(min(LIMITS[real]["qdot"], *world.joint_speed))})
     # Numbers that are not known yet have one with which the scenario gives their bounds.
