@@ -435,15 +435,13 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
         robot: Name of the robot.
     """
     n, force = len(found.posture), float(np.linalg.norm(found.force))
-    bound = float(found.disturbance[0])
-    weights = found.disturbance / bound
+    bound, weights = float(found.disturbance[0]), found.disturbance / found.disturbance[0]
     known = np.isfinite(found.strength.force)
     thrust = "thrusters.yaml" if np.any(known[:6]) else "unknown without thrusters.yaml"
     tau = np.where(known, found.strength.force, np.ceil(4.0 * np.abs(found.tau_eq) + 20.0))
     text = TEMPLATE.read_text(encoding="utf-8").format(
         robot=robot, model=model, undriven=", ".join(found.undriven), force=force,
-        eta=row(found.eta),
-        posture=row(found.posture), normal=exact(-found.force / force),
+        eta=row(found.eta), posture=row(found.posture), normal=exact(-found.force / force),
         covered="" if found.covered == 1.0 else f"{found.covered:.0%} of ",
         current=CURRENT, friction=FRICTION, bound=_number(bound), weights=row(weights, 2),
         wrench=exact([*found.force, 0.0, 0.0, 0.0]), pose=row([0.0, 0.0, 0.0, *found.pose]),
