@@ -15,6 +15,7 @@ from uvms_drake.control.feedback.disturbance_observer import (
 )
 from uvms_drake.control.feedback.feedforward_preview import add_feedforward_preview
 from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import Targets, committed_intervals
@@ -110,7 +111,8 @@ def make_tube_mpc(ocp: Ocp, law: AncillaryLaw,
     committed = int(ocp.in_advance) + committed_intervals(law, command_path, ocp.time_step)
     pressing = None if press is None else press.add_to(builder, ocp, measured, committed)
     mpc = NominalMpc.AddToBuilder(
-        builder, solver or make_solver(ocp), targets=targets, committed=committed, state=measured)
+        builder, solver or make_solver(ocp), targets=targets, committed=committed, state=measured,
+        undriven=law.undriven_rows if isinstance(law, TipFirst) else ())
     if pressing is not None:
         pressing.connect(builder, mpc)
     # Feedback about the plan, with the plan's forces in advance.

@@ -67,13 +67,13 @@ class Setup:
     """A planner alone, with a measured state that does not follow the plan."""
 
     def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None, committed=0,
-                 **given):
+                 undriven=(), **given):
         solver.ocp = copy.copy(solver.ocp)
         solver.ocp.iterations = iterations
         builder = DiagramBuilder()
         self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
         self.mpc = NominalMpc.AddToBuilder(
-            builder, solver, targets=targets, committed=committed,
+            builder, solver, targets=targets, committed=committed, undriven=undriven,
             state=self.source.get_output_port())
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
@@ -370,6 +370,21 @@ def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, 
     assert hovering.calls == plain.calls == 2
     assert setup.report() == other.report()
     np.testing.assert_array_equal(setup.read("nominal_state"), other.read("nominal_state"))
+
+
+def test_what_nothing_drives_hovers_where_the_task_has_it(short_ocp, start):
+    """Not where it swings to; the tip is kept."""
+    at_rest = start * np.repeat([1.0, 0.0], 10)
+    at_rest[3] += 0.05
+    setup = Setup(FailingSolver(short_ocp), at_rest, undriven=[3])
+    setup.ocp.hover = 2.0 * H
+    setup.go(0.5 * H)
+    config, model = setup.read("nominal_state")[:10], setup.ocp.model
+    assert config[3] == pytest.approx(model.configuration(setup.ocp.y_des)[3], abs=1e-12)
+    np.testing.assert_array_equal(config[4:], at_rest[4:10])
+    np.testing.assert_allclose(
+        model.task_pose(config)[:3], model.task_pose(at_rest[:10])[:3], atol=1e-12)
+    assert np.linalg.norm(config[:3] - at_rest[:3]) > 1e-3
 
 
 class Late:

@@ -1,6 +1,6 @@
 """Nominal MPC as a system: plans at the sampling instants, evaluates the plan in between."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -50,7 +50,8 @@ class NominalMpc(WiredSystem):
     Without a first plan there is no fallback: `RunFailed`.
 
     Before the problem's `hover` the plan is to keep the place measured at initialization, for
-    observers to settle; only the first plan after it can fail: `RunFailed`, too.
+    observers to settle; only the first plan after it can fail: `RunFailed`, too. What nothing
+    drives is where the task has it.
 
     The first n intervals of a plan may be committed: each plan then has those of the last one, and
     the first one coasts (from rest, hovers) there; see `planner`.
@@ -120,12 +121,13 @@ class NominalMpc(WiredSystem):
         solver: Solves the problem; its `ocp` is the problem.
         targets: Problems of other desired forces; None: the desired force is constant.
         committed: Number n of committed intervals.
+        undriven: Indices in 𝔮 of what nothing drives, see `Planner`.
     """
 
     def __init__(self, solver: Solver, targets: Targets | None = None,
-                 committed: int = 0):
+                 committed: int = 0, undriven: Sequence[int] = ()):
         super().__init__()
-        self.planner = Planner(solver, targets, committed)
+        self.planner = Planner(solver, targets, committed, undriven)
         self.computer: Computer | None = None
         self.raises = True
         self.ocp = solver.ocp

@@ -18,7 +18,7 @@ changed, unless the last plan is not either.
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -126,11 +126,14 @@ class Planner:
         solver: Solves the problem; its `ocp` is the problem.
         targets: Problems of other desired forces; None: the desired force is constant.
         committed: n, number of intervals at the beginning of a plan that are not decided.
+        undriven: Indices in 𝔮 of what nothing drives. It swings about its rest, so that a plan to
+            keep a place has it where the task has it, and the tip where it is.
     """
 
     def __init__(self, solver: Solver, targets: Targets | None = None,
-                 committed: int = 0):
+                 committed: int = 0, undriven: Sequence[int] = ()):
         self._solver, self._targets, self._committed = solver, targets, committed
+        self._undriven = list(undriven)
         self.clock: Callable[[], float] = time.perf_counter
         self._made = lru_cache(maxsize=SOLVERS_KEPT)(self._make)
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
@@ -185,6 +188,10 @@ class Planner:
         if not np.all(np.isfinite(state)) and memory.plan is not None:
             state = np.concatenate(memory.plan.at(sample.time)[:2])
         state = np.where(np.arange(len(state)) < ocp.model.size, state, 0.0)[: ocp.state_size]
+        if self._undriven:
+            tip = ocp.model.task_pose(state[:ocp.model.size])[:3]
+            state[self._undriven] = ocp.model.configuration(ocp.y_des)[self._undriven]
+            state[:3] += tip - ocp.model.task_pose(state[:ocp.model.size])[:3]
         report = np.zeros(len(MPC_REPORT))
         report[:2] = sample.time, HOVERED
         return replace(memory, plan=ocp.resting_plan(sample.time, state, self._committed),
