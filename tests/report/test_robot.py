@@ -15,6 +15,7 @@ from uvms_drake.model.description.thruster_file import (
     ThrusterKind,
     ThrusterParameters,
 )
+from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.trim import middle_posture
@@ -202,3 +203,20 @@ def test_the_force_is_written_where_there_is_one(name):
     texts = [text.get_text() for text in draw_robot(record).axes[0].texts]
     assert "18.9 N" in texts
     assert {"$x$", "$y$", "$z$", "0.25 m"} <= set(texts)
+
+
+def test_a_picture_that_turns_with_a_wall_has_its_light():
+    """To the east as to the north: the wall was nearly black there."""
+    north, ahead = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.5, 0.9]), np.array([1.0, 0.0, 0.0])
+    wall = np.array([[[0.0, -0.4, -0.4], [0.0, 0.4, -0.4], [0.0, 0.4, 0.4]],
+                     [[0.0, -0.4, -0.4], [0.0, 0.4, 0.4], [0.0, -0.4, 0.4]]]) + ahead
+    wall = np.concatenate([wall, wall[:, ::-1]])
+    pictures = []
+    for heading in (0.0, 0.5 * np.pi):
+        turn = rotation_matrix(np.array([0.0, 0.0, heading]))
+        config = north + heading * np.eye(8)[5]
+        scene = RobotScene("box_uvms", config, [(wall @ turn.T, np.full(3, 0.8))], heading)
+        R = picture_axes(turn @ np.array([-0.5, -0.8, -0.4]))
+        pictures.append(scene.picture(R, np.full(2, -1.5), np.full(2, 1.5), 150))
+    assert np.mean(np.any(pictures[0] < 0.99, axis=-1)) > 0.05
+    assert np.mean(np.abs(pictures[1] - pictures[0])) < 0.003

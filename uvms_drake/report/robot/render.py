@@ -36,11 +36,9 @@ from uvms_drake.model.uvms import add_uvms
 
 AWAY = 400.0
 """Distance of the eye over the width of the picture."""
-LIGHTS = [LightParameter(type="directional", frame=frame, direction=direction, intensity=intensity)
-          for frame, direction, intensity in (
-              ("world", [0.3, -0.3, 0.9], 0.6), ("world", [0.9, -0.3, 0.1], 0.5),
-              ("camera", [0.0, 0.0, 1.0], 0.5))]
-"""Lights from above and from behind in Σ_I, whose z points down, and from the eye."""
+LIGHTS = (("world", [0.3, -0.3, 0.9], 0.6), ("world", [0.9, -0.3, 0.1], 0.5),
+          ("camera", [0.0, 0.0, 1.0], 0.5))
+"""Lights from above and from behind a robot that heads north, z down, and from the eye."""
 
 
 class RobotScene:
@@ -50,10 +48,11 @@ class RobotScene:
         model: A shipped robot or a robot's folder.
         config: Configuration 𝔮 (6+n,).
         beside: Triangles (K, 3, 3) [m] in Σ_I and colours (3,).
+        heading: Heading with which the lights turn [rad].
     """
 
     def __init__(self, model: str, config: np.ndarray,
-                 beside: Sequence[tuple[np.ndarray, np.ndarray]] = ()):
+                 beside: Sequence[tuple[np.ndarray, np.ndarray]] = (), heading: float = 0.0):
         # The robot's shapes at the configuration.
         builder = DiagramBuilder()
         plant, robot = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
@@ -69,8 +68,12 @@ class RobotScene:
         # The same in a scene of their own.
         self._scene = SceneGraph()
         self._source = self._scene.RegisterSource("picture")
+        turn = RotationMatrix.MakeZRotation(heading)
         self._scene.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams(
-            default_clear_color=[1.0, 1.0, 1.0], lights=LIGHTS)))
+            default_clear_color=[1.0, 1.0, 1.0], lights=[LightParameter(
+                type="directional", frame=frame, intensity=intensity,
+                direction=turn @ direction if frame == "world" else direction)
+                for frame, direction, intensity in LIGHTS])))
         corners = [np.zeros((0, 3))]
         signs = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
         for shape in inspector.GetAllGeometryIds(Role.kPerception):

@@ -60,7 +60,8 @@ def scene_at(record: Record, sample: int) -> RobotScene:
     surface = check_surface(true_surface(record.scenario))
     wall = surface.patch(record.chi[-1, :3], SIZE, SQUARES + 1)
     return RobotScene(record.scenario.model, record.config[sample],
-                      [] if wall is None else wall_triangles(wall))
+                      [] if wall is None else wall_triangles(wall),
+                      surface_heading(record.scenario))
 
 
 def _arrow(axis: Axes, tail: np.ndarray, vector: np.ndarray, text: str, color: str) -> None:
