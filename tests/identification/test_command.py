@@ -125,6 +125,7 @@ def test_the_log_of_a_run_is_read_and_only_in_still_water(tmp_path):
     ("run.csv", PLAIN.replace("r]", "heading]"), "run.csv: column = 'heading'.* one of time_s"),
     ("run.csv", PLAIN.rpartition("  -")[0], "run.csv: signals = .* joints among them"),
     ("run.csv", PLAIN.replace("[q0, q1, q2, q3]", "[]"), r"signals\[2\].columns = \[\]"),
+    ("run.csv", "joint_signs: [1, -1]\n" + PLAIN, "joint_signs = .* one number, or 4 of them"),
     ("bare.npz", None, "bare.npz'.* with force, and exerted or tau"),
     ("empty.npz", None, "empty.npz'.* a log of a run")])
 def test_bad_input_is_one_line_and_status_2(log, signals, line, tmp_path, capsys):

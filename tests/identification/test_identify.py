@@ -144,6 +144,19 @@ def test_clocks_that_have_no_time_in_common_are_refused_with_a_line():
         on_grid("run", signals, 4)
 
 
+def test_a_decay_of_another_period_is_no_late_clock():
+    time = np.arange(0.0, 8.0, 0.1)
+    seen, model = (np.exp(-0.2 * time)[:, None] * np.column_stack(
+        [np.cos(2 * np.pi * time / period), np.sin(2 * np.pi * time / period)])
+        for period in (2.5, 2.1))
+    assert clock_shift(seen, model, 0.1) == 0.0
+
+
+def test_a_log_given_twice_is_refused():
+    with pytest.raises(InvalidParameter, match=r"log1.* it has the samples of log0"):
+        identify("bluerov2_alpha5", [one_log(), replace(one_log(), name="log1")])
+
+
 @pytest.mark.slow
 def test_a_late_clock_and_too_few_windows_are_refused():
     with pytest.raises(InvalidParameter, match="at least 12 windows"):
@@ -155,6 +168,22 @@ def test_a_late_clock_and_too_few_windows_are_refused():
     with pytest.raises(InvalidParameter, match=(
             r"'9 windows'.* run: clock: its attitude is \S+ s later")):
         identify("bluerov2_alpha5", [*shifted, *logs[1:4]])
+
+
+@pytest.mark.slow
+def test_the_estimate_converges_to_a_hundredth_of_a_standard_deviation(monkeypatch):
+    """From the file's numbers, and to the same ones from elsewhere; velocities are not measured."""
+    base, parameters = parameters_of("bluerov2_alpha5")
+    chosen = [i for i, each in enumerate(parameters) if each.name in TRUTH]
+    windows = windows_of(synthetic_logs("bluerov2_alpha5", 5, 4), UvmsModel(
+        Robot.load("bluerov2_alpha5").uvms), base, [parameters[i] for i in chosen])
+    monkeypatch.setattr(estimate, "ITERATIONS", 13)
+    found = [estimated(windows, [parameters[i] for i in chosen], start * np.array(
+        [parameters[i].scale for i in chosen])) for start in (0.0, 0.2)]
+    sigma = np.sqrt(np.diag(found[0].covariance()))
+    assert np.all(np.abs(found[1].theta - found[0].theta) < 0.05 * sigma)
+    unseen = np.isnan(windows.state[windows.start[0], 3:6])
+    assert np.all(unseen) and not np.any(found[0].own[:, 3:6])
 
 
 @pytest.mark.parametrize(("confidence", "degrees", "value"), [

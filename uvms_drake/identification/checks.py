@@ -25,6 +25,8 @@ LAGS, LATEST = 2.0, 0.5
 """Largest shift of a clock that is looked for, and largest one that is allowed [s]."""
 ALIKE = 0.5
 """Smallest correlation by which the shift of a clock is known."""
+UNEXPLAINED = 0.5
+"""Largest ratio of 1 less the squared correlation with a shift to that without one."""
 
 
 def complaint(log: Log) -> str | None:
@@ -102,7 +104,8 @@ def _saturation(log: Log) -> str | None:
 def clock_shift(measured: np.ndarray, predicted: np.ndarray, step: float) -> float | None:
     """Returns the time by which a log's attitude is late to its prediction [s]; None if unknown.
 
-    It is where the correlation of both is largest.
+    It is where the correlation of both is largest; zero if that is not much larger than without
+    a shift, as where the model's period differs.
 
     Args:
         measured: Roll and pitch at the samples (T, 2) [rad]; nan where unknown.
@@ -118,5 +121,8 @@ def clock_shift(measured: np.ndarray, predicted: np.ndarray, step: float) -> flo
         a, b = after[both].ravel(), before[both].ravel()
         if len(a) > 0.5 * m.size / 2 and (size := np.linalg.norm(a) * np.linalg.norm(b)) > 0.0:
             found[i] = a @ b / size
-    best = int(np.argmax(found))
-    return float(lags[best] * step) if found[best] > ALIKE else None
+    best, here = int(np.argmax(found)), found[len(lags) // 2]
+    if found[best] <= ALIKE:
+        return None
+    better = 1.0 - found[best]**2 < UNEXPLAINED * (1.0 - max(here, 0.0)**2)
+    return float(lags[best] * step) if better else 0.0

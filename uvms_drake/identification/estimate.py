@@ -5,6 +5,10 @@ the own parameters, of known spread Λ⁻¹, are eliminated:
 
     H_w = AᵀA − AᵀB(BᵀB + Λ)⁻¹BᵀA,   g_w = Aᵀr − AᵀB(BᵀB + Λ)⁻¹(Bᵀr − Λ(own − its mean)).       (1)
 
+Those that are seen (measured parts of x₀, moments, the clock) move with θ. Velocities that nothing
+measures and the forces along them would have several minima in a window; they keep their mean, and
+are errors of the outputs with covariance BΛ⁻¹Bᵀ, which is what (1) makes of them.
+
 A step solves min ½δᵀHδ − gᵀδ with factors and added masses that a body can have. Errors within a
 window are correlated, those of different windows are taken as independent: with R windows
 
@@ -37,11 +41,14 @@ INDEPENDENT = 0.5
 TILT, ACCELERATION, CLOCK = np.deg2rad(0.5), 0.01, 0.1
 """Spread of a window's constant wrench: moments that tilt the vehicle so [rad], forces that
 accelerate it so [m/s²]; and of its clock [s]."""
-ITERATIONS, CONVERGED, LARGEST_STEP = 40, 0.1, 0.5
+ITERATIONS, CONVERGED, LARGEST_STEP = 25, 0.01, 0.5
 """Most steps; step over the standard deviation at which it ends; and largest step over a
 parameter's scale."""
-HALVINGS = 4
-"""Most halvings of a step that does not lessen the cost."""
+NOISES = 5
+"""Number of times that the noise is estimated anew before a step."""
+HALVINGS, WORSE = 4, 1.01
+"""Most trials of a step, each half of the one before while it makes the cost larger by this factor;
+not by less, since (1) leaves out how B changes."""
 
 
 class Own(NamedTuple):
@@ -51,6 +58,8 @@ class Own(NamedTuple):
     """(W, 16)."""
     spread: np.ndarray
     """Standard deviations (W, 16)."""
+    seen: np.ndarray
+    """Whether they move with θ (W, 16)."""
 
 
 class Quadratic(NamedTuple):
@@ -61,7 +70,7 @@ class Quadratic(NamedTuple):
     g: np.ndarray
     """(W, P)."""
     cost: np.ndarray
-    """½ Σ r² (W,)."""
+    """½ Σ r², with the own parameters eliminated (W,)."""
     step: np.ndarray
     """Step of the own parameters without one of the others (W, 16)."""
     gain: np.ndarray
@@ -138,50 +147,59 @@ def _stiffness(windows: Windows) -> float:
 def own_of(windows: Windows, noise: np.ndarray) -> Own:
     """Returns mean and spread of the windows' own parameters before they are simulated."""
     first = windows.state[windows.start]
-    mean, seen = np.zeros((len(first), OWN)), np.isfinite(first)
-    mean[:, :len(STATE)] = np.where(seen, first, 0.0)
+    mean, known = np.zeros((len(first), OWN)), np.isfinite(first)
+    mean[:, :len(STATE)] = np.where(known, first, 0.0)
     inertia = np.mean(windows.dynamics.composite.inertia, axis=0)
     force, moment = ACCELERATION * np.mean(np.diag(inertia)[:3]), TILT * _stiffness(windows)
     spread = np.tile(np.concatenate(
         [np.zeros(len(STATE)), np.repeat([force, moment], 3), [CLOCK]]), (len(first), 1))
-    spread[:, :len(STATE)] = np.where(seen, 3.0 * noise, UNSEEN)
-    return Own(mean, spread)
+    spread[:, :len(STATE)] = np.where(known, 3.0 * noise, UNSEEN)
+    seen = np.concatenate([known, known[:, 3:6], np.ones((len(first), 4), dtype=bool)], axis=1)
+    return Own(mean, spread, seen)
 
 
-def residuals(windows: Windows, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Returns r (W, K, 9) of motions x over their noise; zero where nothing was measured."""
-    return np.nan_to_num((windows.measured() - x) / noise) * np.sqrt(STEP * GRID / INDEPENDENT)
+def products_of(windows: Windows, theta: np.ndarray, own: np.ndarray,
+                progress: Progress = silent) -> np.ndarray:
+    """Returns the sums over a window of all products of [A, B, r], by parts of x (W, 9, ·, ·).
 
-
-def quadratic_of(windows: Windows, theta: np.ndarray, own: np.ndarray, about: Own,
-                 noise: np.ndarray, progress: Progress = silent) -> tuple[Quadratic, np.ndarray]:
-    """Returns (1) of each window, and its simulated motion (W, K, 9)."""
-    moved, parts, states = windows.dynamics.with_parameters(theta), [], []
+    A, B and r are in units of x, and zero where nothing was measured.
+    """
+    moved, parts = windows.dynamics.with_parameters(theta), []
     blocks = np.array_split(np.arange(len(windows.start)), -(-len(windows.start) // 60))
     for i, block in enumerate(blocks):
         progress("simulation of windows", i / len(blocks))
         some = windows.of(block)
-        motion = simulated(moved, windows.wrench, some.start, INSTANTS, own[block])
-        r = residuals(some, motion.state, noise)
-        S = motion.sensitivity / noise[:, None] * np.sqrt(STEP * GRID / INDEPENDENT)
-        S = np.where(np.isfinite(some.measured())[..., None], S, 0.0).reshape(
-            len(block), -1, S.shape[-1])
-        A, B = S[..., :len(theta)], S[..., len(theta):]
-        weight = 1.0 / about.spread[block] ** 2
-        off, flat = own[block] - about.mean[block], r.reshape(len(block), -1, 1)
-        B_T = B.swapaxes(1, 2)
-        inner = B_T @ B + np.eye(OWN) * weight[:, None]
-        g_own = B_T @ flat - (weight * off)[..., None]
-        solved = np.linalg.solve(inner, np.concatenate([g_own, B_T @ A], axis=-1))
-        A_T, cross = A.swapaxes(1, 2), A.swapaxes(1, 2) @ B
-        parts.append(Quadratic(
-            A_T @ A - cross @ solved[..., 1:],
-            times(A_T, flat[..., 0]) - times(cross, solved[..., 0]),
-            0.5 * np.sum(r**2, axis=(1, 2)) + 0.5 * np.sum(weight * off**2, axis=1),
-            solved[..., 0], -solved[..., 1:]))
-        states.append(motion.state)
-    return Quadratic(*(np.concatenate(each) for each in zip(*parts, strict=True))), (
-        np.concatenate(states))
+        motion, measured = simulated(moved, windows.wrench, some.start, INSTANTS, own[block]), (
+            some.measured()[..., None])
+        columns = np.where(np.isfinite(measured), np.concatenate(
+            [motion.sensitivity, measured - motion.state[..., None]], axis=-1), 0.0).swapaxes(1, 2)
+        parts.append(STEP * GRID / INDEPENDENT * columns.swapaxes(-1, -2) @ columns)
+    return np.concatenate(parts)
+
+
+def quadratic_of(products: np.ndarray, own: np.ndarray, about: Own, noise: np.ndarray
+                 ) -> Quadratic:
+    """Returns (1) of each window by its `products_of`."""
+    N = np.tensordot(products, noise**-2.0, (1, 0))
+    first, last = slice(None, -OWN - 1), slice(-OWN - 1, -1)
+    weight, off = about.spread**-2.0, own - about.mean
+    inner, cross = N[:, last, last] + np.eye(OWN) * weight[:, None], N[:, first, last]
+    g_own = N[:, last, -1] - weight * off
+    solved = np.linalg.solve(inner, np.concatenate(
+        [g_own[..., None], cross.swapaxes(1, 2)], axis=-1))
+    step, gain = solved[..., 0], -solved[..., 1:]
+    return Quadratic(N[:, first, first] + cross @ gain, N[:, first, -1] - times(cross, step),
+                     0.5 * (N[:, -1, -1] + np.sum(weight * off**2 - g_own * step, axis=1)),
+                     step, gain)
+
+
+def _noise(windows: Windows, products: np.ndarray, found: Quadratic) -> np.ndarray:
+    """Returns the rms residuals of x (9,) that the own parameters leave."""
+    weights = np.concatenate([-found.step, np.ones((len(found.step), 1))], axis=1)
+    part = products[..., -OWN - 1:, -OWN - 1:]
+    left = np.einsum("wi,wcij,wj->c", weights, part, weights) / (STEP * GRID / INDEPENDENT)
+    count = np.sum(np.isfinite(windows.measured()), axis=(0, 1))
+    return np.where(count, np.maximum(np.sqrt(left / np.maximum(count, 1)), LEAST_NOISE), NOISE)
 
 
 def constrained_step(H: np.ndarray, g: np.ndarray, theta: np.ndarray,
@@ -217,38 +235,32 @@ def estimated(windows: Windows, parameters: Sequence[Parameter], theta: np.ndarr
     Raises:
         RunFailed: It does not converge.
     """
-    noise, prior = NOISE, np.array([each.scale for each in parameters]) ** -2.0
-    about = own_of(windows, noise)
+    prior = np.array([each.scale for each in parameters]) ** -2.0
+    about = own_of(windows, NOISE)
     own = about.mean if own is None else own
+    products = products_of(windows, theta, own, part_of(
+        progress, 0.0, 1.0 / (ITERATIONS + 1)))
+    found = quadratic_of(products, own, about, NOISE)
     for iteration in range(ITERATIONS):
-        found, x = quadratic_of(windows, theta, own, about, noise, part_of(
-            progress, iteration / ITERATIONS, (iteration + 1) / ITERATIONS))
-        total = float(np.sum(found.cost) + 0.5 * np.sum(prior * theta**2))
+        for _ in range(NOISES):
+            noise = _noise(windows, products, found)
+            about = own_of(windows, noise)
+            found = quadratic_of(products, own, about, noise)
         H, g = np.sum(found.H, axis=0) + np.diag(prior), np.sum(found.g, axis=0) - prior * theta
         step = constrained_step(H, g, theta, parameters)
-        if iteration and np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(np.linalg.inv(H)))):
-            break
-        # The step, halved until it lessens the cost; none, if no half does.
-        for _ in range(HALVINGS):
-            new, new_own = theta + step, own + found.step + times(found.gain, step)
-            moved = simulated(windows.dynamics.with_parameters(new), windows.wrench,
-                              windows.start, INSTANTS, new_own, sensitive=False).state
-            off = (new_own - about.mean) / about.spread
-            if np.all(np.isfinite(moved)) and 0.5 * (
-                    np.sum(residuals(windows, moved, noise)**2) + np.sum(off**2)
-                    + np.sum(prior * new**2)) < total * (1.0 + 1e-6):
-                theta, own, x = new, new_own, moved
+        if np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(np.linalg.inv(H)))):
+            return Estimate(theta, own, noise, found, prior)
+        own_step = about.seen * (found.step + times(found.gain, step))
+        total = np.sum(found.cost) + 0.5 * np.sum(prior * theta**2)
+        for share in 0.5 ** np.arange(HALVINGS):
+            new, new_own = theta + share * step, own + share * own_step
+            moved = products_of(windows, new, new_own, part_of(
+                progress, (iteration + 1) / (ITERATIONS + 1), (iteration + 2) / (ITERATIONS + 1)))
+            there = quadratic_of(moved, new_own, about, noise)
+            if np.sum(there.cost) + 0.5 * np.sum(prior * new**2) < WORSE * total:
+                theta, own, products, found = new, new_own, moved, there
                 break
-            step = 0.5 * step
-            found = found._replace(step=0.5 * found.step)
-        left = (windows.measured() - x).reshape(-1, len(STATE))
-        seen = np.any(np.isfinite(left), axis=0)
-        noise = np.where(seen, np.maximum(np.sqrt(np.nanmean(
-            np.where(seen, left, 0.0)**2, axis=0)), LEAST_NOISE), NOISE)
-        about = own_of(windows, noise)
-    else:
-        raise RunFailed(f"identify: no convergence after {ITERATIONS} steps")
-    return Estimate(theta, own, noise, found, prior)
+    raise RunFailed(f"identify: no convergence after {ITERATIONS} steps")
 
 
 def student(confidence: float, degrees: int) -> float:

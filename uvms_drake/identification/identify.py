@@ -15,6 +15,7 @@ from uvms_drake.identification.estimate import (
     estimated,
     hydrostatics,
     own_of,
+    products_of,
     quadratic_of,
     student,
 )
@@ -23,7 +24,6 @@ from uvms_drake.identification.output_error import OWN, STEP, simulated
 from uvms_drake.identification.parameters import VOLUME, Parameter, error_of, parameters_of
 from uvms_drake.identification.windows import INSTANTS, WINDOW, Windows, windows_of
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.model.links import Links
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.model_error import ModelError
@@ -114,7 +114,7 @@ class Identification:
             sizes = np.linalg.norm(np.concatenate(rows), axis=1)
             return float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
 
-        logs = self.windows.logs
+        logs = [self.windows.logs[i] for i in np.unique(self.windows.log_of)]
         return {"nu1": largest([log.state[log.known, 3:6] for log in logs]),
                 "nu2": largest([log.state[log.known, 6:] for log in logs]),
                 "nu1_dot": largest([log.rate[log.known, 3:6] for log in logs]),
@@ -139,27 +139,33 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
     require(0.5 <= confidence < 1.0, "--confidence", confidence, "at least 0.5, and less than 1")
     robot = Robot.load(model) if isinstance(model, str) else model
     base, parameters = parameters_of(robot)
+    first_with = dict[bytes, str]()
+    for log in logs:
+        samples = log.q.tobytes() + log.state.tobytes()
+        require(samples not in first_with, "LOG", log.name,
+                f"logs that differ: it has the samples of {first_with.get(samples)}")
+        first_with[samples] = log.name
     complaints = [complaint(log) for log in logs]
     refused = [f"{log.name}: {why}" for log, why in zip(logs, complaints, strict=True) if why]
     sound = [log for log, why in zip(logs, complaints, strict=True) if not why]
-    windows = _enough(sound, UvmsModel(robot.uvms), base, parameters, refused)
+    require(bool(sound), "LOG", len(logs), "; ".join(["logs without a fault", *refused]))
+    windows = _enough(windows_of(sound, UvmsModel(robot.uvms), base, parameters), refused)
     if not np.any(windows.resting):
         refused.append("no rest: the hydrostatics are from motion alone")
     theta = hydrostatics(windows, parameters)
 
     # Logs whose clock is off.
-    shifts = [_clock(windows.of(windows.log_of == i), theta) or 0.0 for i in range(len(sound))]
-    if np.max(np.abs(shifts)) > LATEST:
-        refused += [f"{log.name}: clock: its attitude is {shift:.2g} s later than arm and wrench "
-                    f"ask for, and must be within {LATEST:g} s"
-                    for log, shift in zip(sound, shifts, strict=True) if abs(shift) > LATEST]
-        sound = [log for log, shift in zip(sound, shifts, strict=True) if abs(shift) <= LATEST]
-        windows = _enough(sound, UvmsModel(robot.uvms), base, parameters, refused)
+    shifts = _clocks(windows, theta)
+    refused += [f"{log.name}: clock: its attitude is {shift:.2g} s later than arm and wrench ask "
+                f"for, and must be within {LATEST:g} s"
+                for log, shift in zip(sound, shifts, strict=True) if abs(shift) > LATEST]
+    windows = _enough(windows.of(np.abs(shifts[windows.log_of]) <= LATEST), refused)
 
     # All parameters that the windows say something about; then those that prove to be known.
     why, kept = dict[str, str](), np.arange(len(parameters))
     about = own_of(windows, NOISE)
-    first, _ = quadratic_of(windows, theta, about.mean, about, NOISE, part_of(progress, 0.0, 0.1))
+    first = quadratic_of(products_of(windows, theta, about.mean, part_of(progress, 0.0, 0.1)),
+                         about.mean, about, NOISE)
     outlier = first.cost > OUTLIER * np.median(first.cost)
     for i in np.unique(windows.log_of[outlier]):
         refused.append(f"{windows.logs[i].name}: {np.sum(outlier & (windows.log_of == i))} windows "
@@ -196,12 +202,10 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
                           _validation(some, estimate), _residual(some, estimate), tuple(refused))
 
 
-def _enough(logs: list[Log], model: UvmsModel, base: Links, parameters: list[Parameter],
-            refused: list[str]) -> Windows:
-    """Returns the windows of logs, or raises if they are too few, with the reasons."""
-    windows = windows_of(logs, model, base, parameters) if logs else None
-    count = 0 if windows is None else len(windows.start)
-    if windows is None or count < LEAST_WINDOWS:
+def _enough(windows: Windows, refused: list[str]) -> Windows:
+    """Returns windows, or raises if they are too few, with the reasons."""
+    count = len(windows.start)
+    if count < LEAST_WINDOWS:
         raise InvalidParameter("LOG", f"{count} windows", "; ".join(
             [f"logs with at least {LEAST_WINDOWS} windows of {WINDOW:g} s", *refused]))
     return windows
@@ -244,18 +248,20 @@ def _reasons(estimate: Estimate, windows: Windows, parameters: list[Parameter], 
     return out
 
 
-def _clock(windows: Windows, theta: np.ndarray) -> float | None:
-    """Returns the time by which the attitude of a log's windows is late [s]; None if unknown.
+def _clocks(windows: Windows, theta: np.ndarray) -> np.ndarray:
+    """Returns the time by which the attitude of each log is late [s]; zero where it is unknown.
 
     Where neither arm nor wrench moves the vehicle, there is nothing that it could be late to.
     """
-    logs = [windows.logs[i] for i in np.unique(windows.log_of)]
-    if not any(np.max(np.ptp(x[log.known], axis=0), initial=0.0) > DRIVEN
-               for log in logs for x in (log.q, log.wrench)):
-        return None
-    measured, predicted = (x[:, :, :2].reshape(-1, 2)
-                           for x in (windows.measured(), _predicted(windows, theta)))
-    return clock_shift(measured, predicted, STEP * GRID)
+    out, known = np.zeros(len(windows.logs)), np.unique(windows.log_of)
+    measured, predicted = windows.measured()[..., :2], _predicted(windows, theta)[..., :2]
+    for i in known:
+        log, its = windows.logs[i], windows.log_of == i
+        if any(np.max(np.ptp(x[log.known], axis=0), initial=0.0) > DRIVEN
+               for x in (log.q, log.wrench)):
+            out[i] = clock_shift(measured[its].reshape(-1, 2), predicted[its].reshape(-1, 2),
+                                 STEP * GRID) or 0.0
+    return out
 
 
 def _predicted(windows: Windows, theta: np.ndarray) -> np.ndarray:

@@ -66,6 +66,9 @@ class LogSignals(Conventions):
         out["attitude"] = time, euler_angles(R)
         for name, (at, x) in signals.items():
             if name == "joints":
+                for key in ("joint_signs", "joint_offsets"):
+                    require(getattr(self, key).size in (1, x.shape[1]), key, getattr(self, key),
+                            f"one number, or {x.shape[1]} of them")
                 out[name] = at, self.joint_signs * x + self.joint_offsets
             elif name in ("angular_velocity", "specific_force") or (
                     name == "velocity" and self.velocity == "body"):
