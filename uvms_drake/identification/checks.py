@@ -25,8 +25,8 @@ LAGS, LATEST = 2.0, 0.5
 """Largest shift of a clock that is looked for, and largest one that is allowed [s]."""
 ALIKE = 0.5
 """Smallest correlation by which the shift of a clock is known."""
-UNEXPLAINED = 0.5
-"""Largest ratio of 1 less the squared correlation with a shift to that without one."""
+BETTER = 0.05
+"""Smallest gain of correlation by a shift."""
 
 
 def complaint(log: Log) -> str | None:
@@ -121,8 +121,7 @@ def clock_shift(measured: np.ndarray, predicted: np.ndarray, step: float) -> flo
         a, b = after[both].ravel(), before[both].ravel()
         if len(a) > 0.5 * m.size / 2 and (size := np.linalg.norm(a) * np.linalg.norm(b)) > 0.0:
             found[i] = a @ b / size
-    best, here = int(np.argmax(found)), found[len(lags) // 2]
+    best, none = int(np.argmax(found)), len(lags) // 2
     if found[best] <= ALIKE:
         return None
-    better = 1.0 - found[best]**2 < UNEXPLAINED * (1.0 - max(here, 0.0)**2)
-    return float(lags[best] * step) if better else 0.0
+    return float(lags[best] * step) if found[best] > found[none] + BETTER else 0.0

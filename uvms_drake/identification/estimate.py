@@ -7,7 +7,7 @@ the own parameters, of known spread Λ⁻¹, are eliminated:
 
 Those that are seen (measured parts of x₀, moments, the clock) move with θ. Velocities that nothing
 measures and the forces along them would have several minima in a window; they keep their mean, and
-are errors of the outputs with covariance BΛ⁻¹Bᵀ, which is what (1) makes of them.
+are errors of the outputs with covariance BΛ⁻¹Bᵀ in (1).
 
 A step solves min ½δᵀHδ − gᵀδ with factors and added masses that a body can have. Errors within a
 window are correlated, those of different windows are taken as independent: with R windows
