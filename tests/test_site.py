@@ -56,7 +56,7 @@ def test_every_link_and_every_anchor_resolves(site, pages):
             continue
         for target in page.targets:
             url = urlsplit(target)
-            if url.scheme in ("https", "data", "mailto"):
+            if url.scheme in ("https", "data", "mailto", "javascript"):
                 continue
             file = (path.parent / unquote(url.path)).resolve() if url.path else path
             file = file / "index.html" if file.is_dir() else file
