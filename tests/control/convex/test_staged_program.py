@@ -180,36 +180,6 @@ def test_both_relaxations_and_more_than_one_conic_program_occur():
     assert max(solution.cone_programs for solution in found) > 1
 
 
-def both_forms(program: StagedProgram, *, softened: bool) -> bool:
-    """Checks that both forms of the conic program have one solution; returns if there is one."""
-    regulator = riccati(program)
-    z = motion(program, regulator)
-    kept = WorkingSet.broken(program, z, 0.0) | WorkingSet.near(program, 0.03)
-    condensed, sparse = (
-        least_norm(program, regulator, z, kept, sparse=sparse, softened=softened)
-        for sparse in (False, True))
-    assert (condensed is None) == (sparse is None)
-    if condensed is None or sparse is None:
-        return False
-    r, *others = condensed
-    np.testing.assert_allclose(sparse.r, r, atol=1e-3 * max(1.0, np.max(np.abs(r))))
-    np.testing.assert_allclose(sparse[1:], others, atol=1e-4 * max(1.0, condensed.multiplier))
-    lengths = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack
-               + program.excess_penalty * each.excess for each in (condensed, sparse)]
-    assert lengths[1] == pytest.approx(lengths[0], rel=1e-6)
-    return True
-
-
-def test_the_condensed_and_the_sparse_conic_program_have_one_solution(short_ocp, start_plans):
-    """For few limits and for many, without solution too."""
-    for softened in (False, True):
-        solved = [both_forms(random_program(seed, scale), softened=softened)
-                  for scale in (0.03, 1.0) for seed in range(6)]
-        assert 0 < sum(solved) < len(solved)
-        assert all(both_forms(short_ocp.staged_program(guess), softened=softened)
-                   for guess in start_plans["off"][:3])
-
-
 def test_without_an_excess_the_price_of_one_is_the_derivative_by_it():
     """Checked by widening the soft rows a little."""
     seen = []
@@ -220,7 +190,7 @@ def test_without_an_excess_the_price_of_one_is_the_derivative_by_it():
         kept = WorkingSet.broken(program, z, 0.0)
         widened = replace(program, linear=program.linear._replace(
             lower=program.linear.lower - wide, upper=program.linear.upper + wide))
-        here, there = (least_norm(each, regulator, z, kept, sparse=True, softened=False)
+        here, there = (least_norm(each, regulator, z, kept, softened=False)
                        for each in (program, widened))
         if here is not None and there is not None:
             saved = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack

@@ -1,11 +1,7 @@
 """Least-norm r under active limits of a staged program, by a conic solver.
 
-There are two forms of the conic program, with the same solution, in the variables y:
-
-* condensed, for few limits: r is a combination of their gradients. With a basis of these,
-  r = basis · y, and all stages depend on the same few y.
-* sparse, for many: a stage depends on its own x_k and r_k, and the motion is a constraint. A row
-  has no more entries than a stage has variables, so the time grows with N as the number of rows.
+A stage depends on its own x_k and r_k, and the motion is a constraint. A row has no more entries
+than a stage has variables, so the time grows with N as the number of rows.
 """
 
 from typing import NamedTuple
@@ -18,7 +14,7 @@ from uvms_drake.control.convex.staged_program import StagedProgram, WorkingSet
 
 
 class Form(NamedTuple):
-    """Variables y of a conic program: z_k changes by Z_k y_k, where y_k is a part of y."""
+    """Variables y = (r_0, x_1, r_1, ..., x_N): z_k changes by Z_k y_k, where y_k is a part of y."""
 
     motion: np.ndarray
     """Equality rows (m, size of y), zero at y."""
@@ -27,9 +23,7 @@ class Form(NamedTuple):
     Z: list[np.ndarray]
     """Derivatives ∂z_k/∂y_k (nx+nw, size of y_k)."""
     r: np.ndarray
-    """Indices of the part of y that determines r; the cost is half its square."""
-    r_y: np.ndarray
-    """Matrix from that part to r (N nw,)."""
+    """Indices of r (N nw,) in y; the cost is half its square."""
 
 
 class Rows(NamedTuple):
@@ -55,7 +49,7 @@ class LeastNorm(NamedTuple):
 
 
 def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet,
-             *, sparse: bool, softened: bool) -> LeastNorm | None:
+             *, softened: bool) -> LeastNorm | None:
     """Returns the least-norm r that keeps some limits.
 
     Args:
@@ -63,15 +57,13 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
         regulator: Its regulator.
         z: The motion for r = 0 (N+1, nx+nw).
         kept: Limits that are active.
-        sparse: Whether the sparse form of the conic program is solved.
         softened: Whether there is an excess v; without one, soft rows are hard.
 
     Returns:
         None if there is no solution.
     """
     N, _, nw = program.B.shape
-    form = (_sparse(program, regulator) if sparse
-            else _condensed(program, regulator.responses, kept))
+    form = _form(program, regulator)
     # Variables (y, s), then v and t, if there are: t is the least of the terminal radii, less s.
     s = form.motion.shape[1]
     v, t = s + softened, s + softened + kept.terminal
@@ -81,9 +73,8 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
     prog.AddLinearCost([program.slack_penalty, program.excess_penalty][: 1 + softened], x[s: v + 1])
     prog.AddBoundingBoxConstraint(0.0, np.inf, x[s: v + 1])
     # In Fortran's order: of another one Drake's bindings make a copy, and import SciPy before.
-    if len(form.motion):
-        prog.AddLinearEqualityConstraint(
-            np.asfortranarray(form.motion), np.zeros(len(form.motion)), x[:s])
+    prog.AddLinearEqualityConstraint(
+        np.asfortranarray(form.motion), np.zeros(len(form.motion)), x[:s])
     # Linear limits, all rows at once (a call costs as much as a hundred); v relaxes the soft ones.
     rows = linear_rows(form, program, z, kept, len(x))
     if softened:
@@ -119,7 +110,7 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
         return None
     multipliers = np.zeros(0) if limits is None else -result.GetDualSolution(limits)
     return LeastNorm(
-        (form.r_y @ found[form.r]).reshape(N, nw), float(found[s]),
+        found[form.r].reshape(N, nw), float(found[s]),
         float(found[v]) if softened else 0.0,
         float(np.sum(multipliers[: len(rows.soft)][rows.soft])))
 
@@ -141,25 +132,8 @@ def linear_rows(form: Form, program: StagedProgram, z: np.ndarray, kept: Working
     return Rows(np.concatenate(A), np.concatenate(b), np.concatenate(soft))
 
 
-def _condensed(program: StagedProgram, response: np.ndarray, kept: WorkingSet) -> Form:
-    """Returns the condensed form, by the responses ∂z/∂r (N+1, nx+nw, N nw)."""
-    linear, nx = program.linear, program.A.shape[-1]
-    gradients = [(linear.C @ response)[kept.upper | kept.lower]]
-    gradients += [(limit.C @ response[stages]).reshape(-1, response.shape[-1])
-                  for limit, stages in zip(program.norms, kept.norms, strict=True)]
-    if kept.terminal:
-        ends = program.terminal.T
-        if program.terminal.radius_bound is not None:
-            ends = np.concatenate([ends, program.terminal.radius_bound.rows])
-        gradients.append(ends @ response[-1, :nx])
-    basis = np.linalg.qr(np.concatenate(gradients).T)[0]
-    size = basis.shape[1]
-    return Form(np.zeros((0, size)), [slice(size)] * len(response), list(response @ basis),
-                np.arange(size), basis)
-
-
-def _sparse(program: StagedProgram, regulator: Regulator) -> Form:
-    """Returns the sparse form, in r_0, x_1, r_1, ..., x_N; x_0 does not change."""
+def _form(program: StagedProgram, regulator: Regulator) -> Form:
+    """Returns the variables of the conic program; x_0 does not change."""
     N, nx, nw = program.B.shape
     Z = np.zeros((N + 1, nx + nw, nx + nw))
     Z[:, :nx, :nx], Z[:-1, nx:, :nx], Z[:-1, nx:, nx:] = np.eye(nx), regulator.K, regulator.W
@@ -172,5 +146,4 @@ def _sparse(program: StagedProgram, regulator: Regulator) -> Form:
         motion[k, :, now] = next_state[k, :, now.start - now.stop:]
         motion[k, :, now.stop: now.stop + nx] = -np.eye(nx)
     r = np.concatenate([np.arange(now.stop - nw, now.stop) for now in y[:-1]])
-    return Form(motion.reshape(N * nx, -1), y, [Z[0, :, nx:], *Z[1:-1], Z[N, :, :nx]], r,
-                np.eye(len(r)))
+    return Form(motion.reshape(N * nx, -1), y, [Z[0, :, nx:], *Z[1:-1], Z[N, :, :nx]], r)

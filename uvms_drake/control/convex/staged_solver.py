@@ -8,9 +8,9 @@ limits that its solution violates are added and it is solved again. A solution t
 while having some of them is the solution with all.
 
 Where every active limit can be a row, a dual active set is fastest (`least_norm_active_set`);
-otherwise a conic program is solved (`least_norm`). In its sparse form, for many limits, a limit
-that is active at one stage is added at all of them, and so are those that are less nearly reached:
-a row costs little there, and solving again costs as much as before.
+otherwise a conic program is solved (`least_norm`). There a limit that is active at one stage is
+added at all of them, and so are those that are less nearly reached: a row costs little, and solving
+again costs as much as before.
 
 A plan that keeps its soft limits is solved without v first: a third of the conic solver's
 iterations served to bring a v to zero. A solution without v whose multipliers of soft rows sum up
@@ -27,8 +27,6 @@ from uvms_drake.control.convex.least_norm_conic import least_norm
 from uvms_drake.control.convex.regulator import Regulator, motion, riccati
 from uvms_drake.control.convex.staged_program import ActiveLimits, StagedProgram, WorkingSet
 
-MANY = 0.75
-"""Rows of limits, over the number of decisions, above which the sparse form is used."""
 NEAR, LESS_NEAR = 0.03, 0.1
 """Distance to a bound, over the limit's range, below which it counts as nearly reached, and as less
 nearly."""
@@ -62,8 +60,7 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         regulator = riccati(program)
     except np.linalg.LinAlgError:
         return None
-    N, nx, nw = program.B.shape
-    z = motion(program, regulator)
+    z, nx = motion(program, regulator), program.A.shape[-1]
     if not np.isfinite(z).all():
         return None
     kept = WorkingSet.broken(program, z, 0.0)
@@ -79,10 +76,8 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
                               kept.rows(program), regulator, active)
     # The conic solver, until its solution violates no limit outside of the working set.
     while True:
-        sparse = kept.rows(program) > MANY * N * nw
-        if sparse:
-            kept = (kept | WorkingSet.near(program, LESS_NEAR)).at_all_stages(program)
-        found = least_norm(program, regulator, z, kept, sparse=sparse, softened=softened)
+        kept = (kept | WorkingSet.near(program, LESS_NEAR)).at_all_stages(program)
+        found = least_norm(program, regulator, z, kept, softened=softened)
         cone_programs += 1
         if not softened and (found is None or found.multiplier > program.excess_penalty):
             softened = True
