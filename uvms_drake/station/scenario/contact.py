@@ -14,7 +14,6 @@ from uvms_drake.control.limits.pose import ToolAngle
 from uvms_drake.control.limits.speeds import ContactSpeed
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact, UnknownSurface
-from uvms_drake.plant.model_error import ModelError
 
 
 class Contact(ABC):
@@ -47,13 +46,6 @@ class Contact(ABC):
     def force_in_law(self, logs: Mapping[str, np.ndarray]) -> np.ndarray | None:
         """Returns the force 𝔉 (T, 6) that the law should take in place of the model's, if any."""
         return logs.get("force_last_valid")
-
-    def allowances(self, error: ModelError) -> dict[str, float]:
-        """Returns the settings, by key, that have to grow with the declared unknowns.
-
-        One of the contact is the left side of a condition of that topic.
-        """
-        return {}
 
 
 @dataclass
@@ -95,13 +87,6 @@ class SensedContact(UnknownContact, Contact):
     def force_in_law(self, logs: Mapping[str, np.ndarray]) -> np.ndarray:
         """Returns the true force (T, 6): the errors of its measurement count as a disturbance."""
         return logs["force"]
-
-    def allowances(self, error: ModelError) -> dict[str, float]:
-        """Returns the error of a reading, and the acceleration of a payload that is read."""
-        read = {"contact.force_error": self.force_error}
-        if error.payload.present:
-            read["model_error.payload.acceleration"] = error.payload.acceleration
-        return read
 
 
 offer(Contact, KnownSurface, SensedContact)

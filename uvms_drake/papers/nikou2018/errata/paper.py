@@ -5,10 +5,13 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from uvms_drake.certificate.certify import declared_set
+from uvms_drake.common.schema import read_yaml
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
@@ -68,6 +71,18 @@ class Erratum:
     def verdict(self) -> str:
         """Word for a table."""
         return "confirmed" if self.wrong else "not confirmed"
+
+
+@cache
+def _words() -> Any:
+    """Returns the words of all errata, by number."""
+    return read_yaml(Path(__file__).with_name("errata.yaml"))
+
+
+def erratum(number: str, wrong: bool, **computed: Any) -> Erratum:
+    """Returns an erratum: its words in errata.yaml with computed numbers, and the verdict."""
+    return Erratum(number, wrong=wrong, **{
+        key: text.format(**computed) for key, text in _words()[number].items()})
 
 
 def errata_table(errata: list[Erratum], width: int = 100) -> str:

@@ -10,7 +10,13 @@ import numpy as np
 
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.papers.nikou2018.errata import paper
-from uvms_drake.papers.nikou2018.errata.paper import Erratum, configuration, numbers, robot
+from uvms_drake.papers.nikou2018.errata.paper import (
+    Erratum,
+    configuration,
+    erratum,
+    numbers,
+    robot,
+)
 from uvms_drake.papers.nikou2018.transpose import LemmaConstants
 
 DIRECTIONS = 4000
@@ -33,15 +39,8 @@ def acceleration_input() -> Erratum:
     as_acceleration = float(np.linalg.norm(tau - M @ u) / np.linalg.norm(tau))
     as_force = float(np.linalg.norm(np.linalg.solve(M, u) - u) / np.linalg.norm(u))
     diagonal = np.diag(M)
-    return Erratum(
-        "E1", "𝔲 is an acceleration", "eq:dynamics",
-        "ζ̇ = f + 𝔲 with f = −M⁻¹{...}; 𝔲 is the vector of forces and torques",
-        f"ζ̇ = f + u takes τ = M u (M with added mass, diagonal from {np.min(diagonal):.2g} to "
-        f"{np.max(diagonal):.3g} kg, kg m²); τ = u gives an acceleration that is {as_force:.0%} of "
-        "‖u‖ off",
-        "The command of thrusters and joints is τ = M(𝔮)𝔲, and limits of τ are limits of "
-        "M(𝔮̄)ū.",
-        wrong=as_acceleration < tolerance < as_force)
+    return erratum("E1", as_acceleration < tolerance < as_force, as_force=as_force,
+                   least=np.min(diagonal), most=np.max(diagonal))
 
 
 def law_shapes() -> Erratum:
@@ -49,15 +48,9 @@ def law_shapes() -> Erratum:
     size = 6 + paper.NUM_JOINTS
     J, e, z = np.ones((6, size)), np.ones(6), np.ones(size)
     rows = len(z + J.T @ e)
-    return Erratum(
-        "E2", "The feedback law does not type-check", "eq:kappa_law, sec:optimal_contol",
-        "κ = −k(e − ē) − kσJᵀ(ζ − ζ̄) and Ū = U ⊖ [Λ∘Ω̄]",
-        f"n = {paper.NUM_JOINTS}: Jᵀ(ζ − ζ̄) is {size}×6 times {len(z)}; k(e − ē) has {len(e)} "
-        f"rows, the input {size}; Λ∘Ω̄ lies in R^{6 + size}, U in R^{size}; −k𝔯 with "
-        f"𝔯 = 𝔷 + σJᵀ𝔢 has {rows} rows",
-        "The law that the proof needs is κ = −k(ζ − ζ̄) − kσJ(𝔮̄)ᵀ(e − ē), here `transpose`; "
-        "inputs are tightened by k‖𝔯‖.",
-        wrong=len(J) != len(z) and len(e) != len(z) and rows == size)
+    return erratum("E2", len(J) != len(z) and len(e) != len(z) and rows == size,
+                   joints=paper.NUM_JOINTS, size=size, of_z=len(z), of_e=len(e), both=6 + size,
+                   rows=rows)
 
 
 class QuadraticForm(NamedTuple):
@@ -127,16 +120,9 @@ def lost_terms(constants: LemmaConstants, J: np.ndarray, sigma: float) -> Erratu
     form = quadratic_form(constants, sigma)
     printed, corrected = form.Lambda_1, form.corrected
     needed = needed_lambda(constants, J, sigma)
-    return Erratum(
-        "E3", "The proof of the Lemma loses terms", "lemma:tube, eq:Lambda_1",
-        f"Λ₁ = L + J̄ + σ(L_𝔠 + J̃), which is {printed:.4g} for the robot (sampled constants, "
-        f"σ = {sigma:.3g})",
-        f"Λ₁ = L(1 + σJ̄) + J̄ + σ(L_𝔠J̄ + J̃) + σ²J̄³ = {corrected:.4g}; of {DIRECTIONS} random "
-        f"states, one needs {needed:.4g}, {needed / printed:.2f} times the printed and "
-        f"{needed / corrected:.4f} times the corrected Λ₁",
-        "Gains that satisfy the printed conditions are not covered by the proof; the corrected "
-        "conditions ask for much larger ones.",
-        wrong=printed < needed <= corrected * (1.0 + 1e-9))
+    return erratum("E3", printed < needed <= corrected * (1.0 + 1e-9), printed=printed, sigma=sigma,
+                   corrected=corrected, directions=DIRECTIONS, needed=needed,
+                   of_printed=needed / printed, of_corrected=needed / corrected)
 
 
 def attained_velocity(J: np.ndarray, sigma: float) -> float:
@@ -152,15 +138,9 @@ def velocity_tube(J: np.ndarray, sigma: float) -> Erratum:
     largest = float(np.linalg.norm(J, 2))
     printed, corrected = 2.0 / largest, math.hypot(1.0, sigma * largest)
     attained = attained_velocity(J, sigma)
-    return Erratum(
-        "E4", "Ω₂ does not follow from the proof", "eq:omega_2, eq:theom_ineq_2",
-        f"‖𝔷‖ ≤ 2ρ/J̄ where ‖(𝔢, 𝔯)‖ ≤ ρ, which is {printed:.3g} ρ for the robot "
-        f"(J̄ = {largest:.3g}, σ = {sigma:.3g})",
-        f"a state of that ball has ‖𝔷‖ = {attained:.4g} ρ, {attained / printed:.3g} times the "
-        f"printed radius; the bound is √(1 + σ²J̄²) ρ = {corrected:.4g} ρ",
-        "Velocities are tightened by too little, and the bound on ‖ζ‖ in Theorem 1 lacks the "
-        "same factor.",
-        wrong=printed < attained <= corrected * (1.0 + 1e-9))
+    return erratum("E4", printed < attained <= corrected * (1.0 + 1e-9), printed=printed,
+                   largest=largest, sigma=sigma, attained=attained, ratio=attained / printed,
+                   corrected=corrected)
 
 
 def self_motion() -> Erratum:
@@ -172,14 +152,8 @@ def self_motion() -> Erratum:
     J_gap = float(np.linalg.norm(geometry.J_chi[0] - geometry.J_chi[1], 2))
     f = model.drift(config, np.zeros_like(config))
     f_gap = float(np.linalg.norm(f[0] - f[1]))
-    return Erratum(
-        "E5", "𝔮 is not a function of χ", "eq:frak_e, eq:frak_z",
-        "J(𝔮)ζ and f have Lipschitz constants L_𝔠 and L₁ in χ",
-        f"q = {numbers(q_a)} and {numbers(q_b)} have ‖Δχ‖ < {paper.SAME:g}, ‖ΔJ‖ = {J_gap:.3g} and "
-        f"‖Δf‖ = {f_gap:.3g} at rest, at χ(0)",
-        "There are no such constants: the arm can drift at 𝔢 = 0 and its limits are not "
-        "protected. The law `resolved` acts on y = (χ, q).",
-        wrong=apart < paper.SAME and max(J_gap, f_gap) > 1e-6)
+    return erratum("E5", apart < paper.SAME and max(J_gap, f_gap) > 1e-6, q_a=numbers(q_a),
+                   q_b=numbers(q_b), same=paper.SAME, J_gap=J_gap, f_gap=f_gap)
 
 
 def corner_motion(s: float, k: float, sigma: float, z: float) -> tuple[float, float]:
@@ -224,28 +198,14 @@ def invariant_sets(J: np.ndarray, sigma: float = 1.0) -> Erratum:
         constants.J_max, k, sigma, math.hypot(1.0, sigma * constants.J_max))
     decay = -ball_rate(J, k, sigma)
     ball_is_kept = decay * e >= D_BOUND  # V̇ ≤ −decay ρ² + d̃ρ on its boundary
-    return Erratum(
-        "E12", "Ω₁ and Ω₂ are not invariant", "lemma:tube, eq:omega_1, eq:omega_2",
-        "the law renders Ω₁ and Ω₂ RCI sets, and the tube is Ω₁ × Ω₂",
-        f"with the corrected radii, J constant, f = 0, d = 0 and k = {k:.0f} 1/s, ‖𝔢‖ grows at a "
-        f"corner by {rate:.2g} of its radius per second, whatever the input, to {peak:.3f} of it; "
-        f"the ball of (𝔢, 𝔯) is kept: V̇ ≤ −{decay:.3g}‖(𝔢, 𝔯)‖² + d̃‖(𝔢, 𝔯)‖, radius "
-        f"{e / D_BOUND:.3g} d̃",
-        "𝔢̇ has no input in it. Both radii hold for a start in the ball, as from 𝔢 = 𝔷 = 0; a "
-        "state is not safe because 𝔢 and 𝔷 are within them.",
-        wrong=peak > 1.0 + 1e-9 and ball_is_kept)
+    return erratum("E12", peak > 1.0 + 1e-9 and ball_is_kept, k=k, rate=rate, peak=peak,
+                   decay=decay, radius=e / D_BOUND)
 
 
 def terminal_shapes() -> Erratum:
     """E13: the shapes of u_loc = 𝔎ξ̄ and of Q̃ = Q + 𝔎ᵀR."""
     size, state = 6 + paper.NUM_JOINTS, 12 + paper.NUM_JOINTS  # of u and of ξ = (e, ζ)
-    return Erratum(
-        "E13", "The terminal controller does not type-check", "eq:terminal_set_F",
-        "u_loc = 𝔎ξ̄ with 𝔎 ∈ R^{(6+n)×(6+n)} and 𝔎 > 0, Q̃ = Q + 𝔎ᵀR",
-        f"n = {paper.NUM_JOINTS}: 𝔎ξ̄ is {size}×{size} times {state}; Q̃ is {state}×{state} plus "
-        f"{size}×{size}",
-        f"𝔎 is {size}×{state}, so not positive definite either, and Q̃ = Q + 𝔎ᵀR𝔎.",
-        wrong=size != state)
+    return erratum("E13", size != state, joints=paper.NUM_JOINTS, size=size, state=state)
 
 
 def configuration_set() -> Erratum:
@@ -259,15 +219,8 @@ def configuration_set() -> Erratum:
     still = configuration(paper.CHI_DES, paper.Q_DES)
     J_dot = [float(np.linalg.norm(model.task_motion(still, speed * zeta)[2][:6], 2))
              for speed in (0.0, 1.0, 2.0)]
-    return Erratum(
-        "E14", "Q excludes the origin and depends on speeds", "eq:set_Q",
-        "Q contains 𝔮 = 0; in it ‖J(𝔮)‖ ≤ J̄ and ‖J̇(𝔮)‖ ≤ J̃",
-        f"‖J‖ = {steep[0]:.3g} and {steep[1]:.3g} at a vehicle pitch {gaps[0]:g} and {gaps[1]:g} "
-        f"from 𝔮 = 0; ‖J̇‖ = {J_dot[0]:.2g}, {J_dot[1]:.2g} and {J_dot[2]:.2g} 1/s at one 𝔮 with "
-        "‖ζ‖ = 0, 1 and 2",
-        "J̃ is a supremum over configurations and speeds; the declared set here limits the pitch "
-        "of the end-effector, which leaves 𝔮 = 0 out.",
-        wrong=bool(steep[1] > 10.0 * steep[0] and J_dot[2] > 1.5 * J_dot[1] > 0.0))
+    return erratum("E14", bool(steep[1] > 10.0 * steep[0] and J_dot[2] > 1.5 * J_dot[1] > 0.0),
+                   steep=steep, gaps=gaps, J_dot=J_dot)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

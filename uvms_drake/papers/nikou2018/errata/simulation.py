@@ -12,7 +12,14 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import pose_difference, wrap_angle
 from uvms_drake.papers.nikou2018.errata import paper
-from uvms_drake.papers.nikou2018.errata.paper import Erratum, configuration, number, numbers, robot
+from uvms_drake.papers.nikou2018.errata.paper import (
+    Erratum,
+    configuration,
+    erratum,
+    number,
+    numbers,
+    robot,
+)
 from uvms_drake.papers.nikou2018.kinematic_certificate import kinematic_tubes
 from uvms_drake.papers.nikou2018.kinematics import FIRST_ITERATIONS, Bounds, KinematicMpc
 from uvms_drake.station.problem import make_ocp
@@ -58,16 +65,9 @@ def hold_input() -> Erratum:
     """E6: the equilibrium of the loop with a stage cost ‖ū‖²_R, and with ‖ū − ū_eq‖²_R."""
     (errors, force, needed, _), (own_errors, own_force, *_) = settled(0.0), settled(1.0)
     tip, own_tip = (float(np.linalg.norm(each[-1, :3])) for each in (errors, own_errors))
-    return Erratum(
-        "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
-        "ξ = 0 is an equilibrium for u = 0, and the stage cost has ‖ū‖²_R",
-        f"‖f(𝔮_des, 0)‖ = {needed:.3g} m/s², rad/s² in girona500_bilateral; with ‖ū‖²_R the "
-        f"nominal loop comes to rest {1e3 * tip:.1f} mm and {np.linalg.norm(force):.1f} N off its "
-        f"20 N task, with ‖ū − ū_eq‖²_R {1e3 * own_tip:.1f} mm and "
-        f"{np.linalg.norm(own_force):.1f} N",
-        "Even without a disturbance 𝔉 does not go to 𝔉_des; the stage cost here has "
-        "ū_eq = −f(𝔮_des, 0).",
-        wrong=tip > 1e-5 > own_tip)
+    return erratum("E6", tip > 1e-5 > own_tip, needed=needed, tip_mm=1e3 * tip,
+                   force=np.linalg.norm(force), own_tip_mm=1e3 * own_tip,
+                   own_force=np.linalg.norm(own_force))
 
 
 def decrease_gains(J_min: float) -> tuple[float, float] | None:
@@ -94,14 +94,8 @@ def terminal_penalty() -> Erratum:
     """E7: the smallest J̲ for which P = ½I₆ is a terminal penalty, and λ_min(J Jᵀ) at χ_des."""
     best, q = paper.best_posture()
     left = least_increase(robot().kinematics(configuration(paper.CHI_DES, q)).J_chi)
-    return Erratum(
-        "E7", "P = ½I₆ is no terminal penalty", "sec:simulation_results, eq:terminal_set_F",
-        f"P = Q = ½I₆ and R = ½I₁₀, with J̲ = {paper.J_MIN:.4g}",
-        f"ζ_loc = −cJ⁺e needs c ≥ ½ + ½c²/J̲, so J̲ ≥ 1; the best posture at χ_des has "
-        f"λ_min(J Jᵀ) = {best:.3f} (estimated), where there are e for which no ζ whatsoever makes "
-        f"V̇ + ℓ less than {left:.3f}‖e‖²",
-        "The optimal cost need not fall from sample to sample; P has to be computed, and checked.",
-        wrong=decrease_gains(paper.J_MIN) is None and left > 0.0)
+    return erratum("E7", decrease_gains(paper.J_MIN) is None and left > 0.0, J_min=paper.J_MIN,
+                   best=best, left=left)
 
 
 def norm_at_tip_pitch(tip_pitch: float) -> float:
@@ -119,18 +113,12 @@ def simulation_numbers() -> Erratum:
     pitches = (-1.4, -1.56)
     steep = [norm_at_tip_pitch(pitch) for pitch in pitches]
     corrected = f"{tubes.corrected:.3g}" if tubes.condition.holds else "infinite"
-    return Erratum(
-        "E8", "The numbers of the simulation do not fit its conditions", "sec:simulation_results",
-        f"‖w‖ ≤ {paper.W_BOUND:g}, σ = {paper.SIGMA:g}, J̲ = {paper.J_MIN:g}, "
-        f"L_𝔠 = {paper.L_C:.3f}, and a tube of radius w̃/(σJ̲ + L_𝔠) = {paper.TUBE:g}",
-        f"‖w‖ reaches {w:.2f}; σJ̲ > L_𝔠 needs σ > {paper.L_C / paper.J_MIN:.2f}; the printed "
-        f"formula gives {tubes.printed:.4f}; its sign must be −L_𝔠, which makes the tube "
-        f"{corrected}; J̲ is at most {found:.3f} (estimated, the infimum may be lower); there "
-        f"is no J̄: ‖J‖ = {steep[0]:.1f} and {steep[1]:.0f} at an end-effector pitch of "
-        f"{number(pitches[0])} and {number(pitches[1])}",
-        "The simulation has no certified tube; the end-effector's pitch has to be limited too.",
-        wrong=(w > paper.W_BOUND * (1.0 + 1e-9) or not tubes.condition.holds or found < paper.J_MIN
-               or abs(tubes.corrected - paper.TUBE) > 0.01 * paper.TUBE))
+    wrong = (w > paper.W_BOUND * (1.0 + 1e-9) or not tubes.condition.holds or found < paper.J_MIN
+             or abs(tubes.corrected - paper.TUBE) > 0.01 * paper.TUBE)
+    return erratum("E8", wrong, bound=paper.W_BOUND, sigma=paper.SIGMA, J_min=paper.J_MIN,
+                   L_c=paper.L_C, tube=paper.TUBE, w=w, least_sigma=paper.L_C / paper.J_MIN,
+                   by_formula=tubes.printed, corrected=corrected, found=found, steep=steep,
+                   pitches=[number(pitch) for pitch in pitches])
 
 
 def initial_configuration() -> Erratum:
@@ -145,17 +133,11 @@ def initial_configuration() -> Erratum:
     end = configuration(paper.CHI_DES, paper.Q_DES)
     allowed = all(map(paper.is_allowed, config))
     reached = "reached" if off < paper.SAME else f"missed by {off:.2g}"
-    return Erratum(
-        "E10", "χ(0) does not fix 𝔮(0)", "sec:simulation_results, table:DH_parameters",
-        "χ(0) = (−1, 1.3, −1, 0, −π/8, π/12), with the end-effector “in ready-to-grasp mode”, is "
-        "the initial state",
-        f"χ(0) is {reached} from η = {numbers(config[0, :6])}, q = {numbers(q_a)} and "
-        f"from η = {numbers(config[1, :6])}, q = {numbers(q_b)}, up to {apart:.2g} rad apart and "
-        f"{'both' if allowed else 'not both'} within the printed limits; χ_des from "
-        f"η = {numbers(end[:6])}, q = {numbers(paper.Q_DES)}; at 𝔮 = 0 the end-effector's pitch is "
-        f"{number(pitch / np.pi)}π, singular",
-        "The printed data do not determine the simulation; here 𝔮(0) is part of a scenario.",
-        wrong=off < paper.SAME and apart > 0.1 and allowed)
+    return erratum("E10", off < paper.SAME and apart > 0.1 and allowed, reached=reached,
+                   apart=apart, eta_a=numbers(config[0, :6]), eta_b=numbers(config[1, :6]),
+                   q_a=numbers(q_a), q_b=numbers(q_b), eta_end=numbers(end[:6]),
+                   q_end=numbers(paper.Q_DES), within="both" if allowed else "not both",
+                   pitch=number(pitch / np.pi))
 
 
 def printed_mpc(stage_weight: float) -> KinematicMpc:
@@ -202,18 +184,10 @@ def initial_state() -> Erratum:
     (jump, off), (own_jump, own_off) = hold(True), hold(False)
     radius = paper.W_BOUND / paper.SIGMA
     smallest = math.sqrt(paper.WEIGHT) * (off - radius)
-    return Erratum(
-        "E9", "The FHOCP starts at the wrong state", "eq:diff_mpc, eq:theom_ineq_1",
-        "each solve starts at the measured state, ξ̄(t_k) = ξ(t_k)",
-        f"the printed MPC at χ_des with the law `resolved` and w = {paper.W_BOUND:g} along x: the "
-        f"nominal trajectory jumps by {1e3 * jump:.1f} mm at a sample, and χ is "
-        f"{1e3 * off:.0f} mm off after {HOLDING * paper.TIME_STEP:g} s, beyond "
-        f"ε/√λ_min(P) plus the radius w̃/σ = {1e3 * radius:.1f} mm for ε < {smallest:.2g}; started "
-        f"at the predicted state it jumps by {1e3 * own_jump:.0f} mm, and χ is "
-        f"{1e3 * own_off:.1f} mm off",
-        "The deviation that the feedback acts on is reset at every sample. Here solves start at "
-        "the predicted nominal state, as the proof has it.",
-        wrong=jump > 1e-9 and off > radius >= own_off)
+    return erratum("E9", jump > 1e-9 and off > radius >= own_off, w=paper.W_BOUND,
+                   jump_mm=1e3 * jump, off_mm=1e3 * off, seconds=HOLDING * paper.TIME_STEP,
+                   radius_mm=1e3 * radius, smallest=smallest, own_jump_mm=1e3 * own_jump,
+                   own_off_mm=1e3 * own_off)
 
 
 def reach(q: np.ndarray, stage_weight: float) -> tuple[float, float, float]:
@@ -237,15 +211,6 @@ def first_horizon() -> Erratum:
         reach(q_a, TINY), reach(q_b, TINY), reach(q_a, paper.WEIGHT))
     distance = float(np.linalg.norm(paper.CHI_START[:3] - paper.CHI_DES[:3]))
     small = [radius < SMALL and over < 1e-6 for radius, over in ((a, over_a), (b, over_b))]
-    return Erratum(
-        "E11", "The data of feasibility at t = 0 are not printed",
-        "theorem_main, sec:simulation_results",
-        "the FHOCP is supposed to be feasible at t = 0; T = 0.7 s, and neither ε nor 𝔮(0) is given",
-        f"the smallest ‖ē(T)‖_P found (P = ½I₆, local optima) is {a:.2g} from "
-        f"q(0) = {numbers(q_a)} and {b:.1g} from q(0) = {numbers(q_b)}; the printed weights "
-        f"end at {printed:.2g}. At 2 m/s the {distance:.2f} m to go take "
-        f"{distance / paper.SPEED:.2f} s, but vehicle and arm together move the tip at up to "
-        f"{speed:.1f} m/s",
-        "Theorem 1 has an assumption that cannot be checked. Here the terminal set is softened "
-        "by an exact penalty whose slack is reported.",
-        wrong=small[0] != small[1])
+    return erratum("E11", small[0] != small[1], a=a, b=b, q_a=numbers(q_a), q_b=numbers(q_b),
+                   by_printed=printed, distance=distance, seconds=distance / paper.SPEED,
+                   speed=speed)
