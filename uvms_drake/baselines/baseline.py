@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues
 
+from uvms_drake.baselines import shared_laws
 from uvms_drake.baselines.compliant_laws import (
     Admittance,
     AdmittanceGains,
@@ -16,13 +17,6 @@ from uvms_drake.baselines.compliant_laws import (
 )
 from uvms_drake.baselines.law import PERIOD, Law, Measured, PressTask, Reference
 from uvms_drake.baselines.prescribed_performance import PerformanceGains, PrescribedPerformance
-from uvms_drake.baselines.shared_laws import (
-    Compensation,
-    ForceFeedforward,
-    Gravity,
-    HoldGains,
-    VehicleHold,
-)
 from uvms_drake.baselines.sliding_mode import (
     Coupled,
     DecoupledArm,
@@ -74,7 +68,7 @@ class RobotGains:
     largest: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Largest commanded |τᵢ| (6+n,) [N, N m]; zero on an axis that nothing drives."""
     approach: ApproachGains = field(default_factory=ApproachGains)
-    hold: HoldGains = field(default_factory=HoldGains)
+    hold: shared_laws.HoldGains = field(default_factory=shared_laws.HoldGains)
     impedance: ImpedanceGains = field(default_factory=ImpedanceGains)
     admittance: AdmittanceGains = field(default_factory=AdmittanceGains)
     decoupled: SlidingGains = field(default_factory=SlidingGains)
@@ -99,8 +93,8 @@ Laws = dict[str, Law]
 
 
 def _shared(gains: RobotGains) -> Laws:
-    return {"hold": VehicleHold(gains.hold), "compensation": Compensation(),
-            "feedforward": ForceFeedforward()}
+    return {"hold": shared_laws.VehicleHold(gains.hold), "compensation": shared_laws.Compensation(),
+            "feedforward": shared_laws.ForceFeedforward()}
 
 
 BASELINES: dict[str, Callable[[RobotGains], Laws]] = {
@@ -110,15 +104,15 @@ BASELINES: dict[str, Callable[[RobotGains], Laws]] = {
         "law": Admittance(gains.admittance, len(gains.largest) - 6), **_shared(gains)},
     "sliding_decoupled": lambda gains: {
         "law": DecoupledArm(gains.decoupled), "hold": DecoupledVehicle(gains.decoupled),
-        "compensation": Compensation(), "feedforward": ForceFeedforward()},
+        "compensation": shared_laws.Compensation(), "feedforward": shared_laws.ForceFeedforward()},
     "sliding_coupled": lambda gains: {
-        "law": Coupled(gains.coupled), "compensation": Compensation()},
+        "law": Coupled(gains.coupled), "compensation": shared_laws.Compensation()},
     "prescribed_performance": lambda gains: {
         "law": PrescribedPerformance(gains.performance, len(gains.largest)),
-        "feedforward": ForceFeedforward(joints=True)},
+        "feedforward": shared_laws.ForceFeedforward(joints=True)},
     "prescribed_performance_gravity": lambda gains: {
-        "law": PrescribedPerformance(gains.performance, len(gains.largest)), "gravity": Gravity(),
-        "feedforward": ForceFeedforward(joints=True)},
+        "law": PrescribedPerformance(gains.performance, len(gains.largest)),
+        "gravity": shared_laws.Gravity(), "feedforward": shared_laws.ForceFeedforward(joints=True)},
 }
 """Laws whose sum is the command of a baseline, by the baseline's name."""
 

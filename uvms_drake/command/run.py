@@ -9,26 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
 from uvms_drake.certificate.run_verdict import BROKEN, FAILED
-from uvms_drake.command.certificates import (
-    announce,
-    compare_class,
-    kept_certificate,
-    new_certificate,
-    note,
-)
-from uvms_drake.command.files import (
-    DATA_FILES,
-    MAIN_SCENARIO,
-    REPLAY_FILE,
-    REPORT_FILE,
-    asked,
-    folder,
-    picture_files,
-    summary_of,
-    take_scenario,
-    write_data,
-    write_pictures,
-)
+from uvms_drake.command import certificates, files
 from uvms_drake.command.interrupt import postponed
 from uvms_drake.command.paper import run_own
 from uvms_drake.command.progress import alarms_above, bar
@@ -48,7 +29,7 @@ EPILOG = f"""\
 scenarios that are shipped (see 'uvms-drake scenarios'):
   {', '.join(shipped_scenarios())}
 
-keys that are changed most, of {MAIN_SCENARIO} ('uvms-drake keys' lists all):
+keys that are changed most, of {files.MAIN_SCENARIO} ('uvms-drake keys' lists all):
   duration, seed, start.eta, start.q, task.force, surface.law.stiffness, surface.geometry.point,
   surface.friction, contact.stiffness, contact.force, disturbance.bound, current, ancillary.k,
   ancillary.sigma, mpc.horizon, mpc.time_step, limits.u, limits.nu1, simulator.max_step_size,
@@ -70,8 +51,8 @@ def add_run(commands: argparse._SubParsersAction) -> None:
                               allow_abbrev=False, epilog=EPILOG,
                               formatter_class=argparse.RawDescriptionHelpFormatter)
     run.set_defaults(command=run_scenario)
-    take_scenario(run)
-    run.add_argument("--output", type=folder, metavar="DIR",
+    files.take_scenario(run)
+    run.add_argument("--output", type=files.folder, metavar="DIR",
                      help="folder to write to (default: out/<scenario>); files of a former run in "
                           "it are replaced or deleted, and no others")
     for key, unit, text in (("seed", "N", "N"), ("duration", "S", "S [s]")):
@@ -91,17 +72,18 @@ def add_run(commands: argparse._SubParsersAction) -> None:
     run.add_argument("--full", action="store_true",
                      help="print the whole summary, with every limit, and not a screen of it")
     run.add_argument("--no-figures", action="store_true",
-                     help=f"write no PNG files and no {REPORT_FILE}")
-    run.add_argument("--no-replay", action="store_true", help=f"write no {REPLAY_FILE}")
+                     help=f"write no PNG files and no {files.REPORT_FILE}")
+    run.add_argument("--no-replay", action="store_true", help=f"write no {files.REPLAY_FILE}")
 
 
 def add_plot(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
-    plot = commands.add_parser("plot", help=f"draw figures and {REPORT_FILE} of a run again",
+    plot = commands.add_parser("plot", help=f"draw figures and {files.REPORT_FILE} of a run again",
                                allow_abbrev=False)
     plot.set_defaults(command=plot_run)
-    plot.add_argument("folder", type=folder, metavar="DIR", help="folder that 'run' has written")
-    plot.add_argument("--replay", action="store_true", help=f"also write {REPLAY_FILE}")
+    plot.add_argument("folder", type=files.folder, metavar="DIR",
+                      help="folder that 'run' has written")
+    plot.add_argument("--replay", action="store_true", help=f"also write {files.REPLAY_FILE}")
     plot.add_argument("--mcap", action="store_true",
                       help="also write log.mcap, for Foxglove (pip install 'uvms_drake[mcap]')")
 
@@ -112,39 +94,39 @@ def run_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.station.step_size import with_step
 
     require(args.meshcat or args.host is None, "--host", args.host, "left out without --meshcat")
-    scenario, source, path = asked(args)
+    scenario, source, path = files.asked(args)
     if scenario.simulation:
         return run_own(args, scenario, source, path)
     with reported_in(source):
         model = load_model(scenario) if args.uncertified else check_inputs(scenario)
         if args.uncertified:
-            compare_class(scenario, model)
-    kept = None if args.uncertified else kept_certificate(
+            certificates.compare_class(scenario, model)
+    kept = None if args.uncertified else certificates.kept_certificate(
         path / CERTIFICATE_FILE, scenario, source,
         ["certify", args.scenario, *set_options(args.overrides), "--output", str(path)],
         named=args.output is not None)
-    own = (*DATA_FILES, *picture_files(), *([] if kept else [CERTIFICATE_FILE]))
+    own = (*files.DATA_FILES, *files.picture_files(), *([] if kept else [CERTIFICATE_FILE]))
     with output_folder(path, own, replaces=True) as output:
         certificate = kept
         if not args.uncertified:
             if certificate is None:
-                certificate = new_certificate(args, scenario, model, source)
+                certificate = certificates.new_certificate(args, scenario, model, source)
                 write_certificate(certificate, output.folder)
             scenario = certificate.applied_to(scenario)
-            announce(certificate)
+            certificates.announce(certificate)
         with reported_in(source):
             scenario = with_step(scenario, model)
-            note(scenario)
+            certificates.note(scenario)
         meshcat = _open_meshcat(args) if args.meshcat else None
         # An interrupted run is kept, too; and any run, even if the pictures fail.
         with postponed() as interrupted:
             with reported_in(source):
                 record = _simulate(args, scenario, model, meshcat, interrupted,
                                    certified=isinstance(certificate, Certificate))
-            summary = write_data(record, output.folder, certificate)
+            summary = files.write_data(record, output.folder, certificate)
             output.keep(replaces=True)
-        write_pictures(record, certificate, output.folder, summary, figures=not args.no_figures,
-                       replay=not args.no_replay)
+        files.write_pictures(record, certificate, output.folder, summary,
+                             figures=not args.no_figures, replay=not args.no_replay)
     status = print_outcome(summary, path, output.kept, full=args.full)
     if meshcat is not None and not args.no_wait:
         from uvms_drake.visual.controls import wait_for_end
@@ -207,10 +189,11 @@ def plot_run(args: argparse.Namespace) -> int:
     from uvms_drake.report.log_export import MCAP_FILE, write_mcap
 
     record, certificate = load_run(args.folder)
-    with output_folder(args.folder, (*picture_files(), MCAP_FILE)) as output:
+    with output_folder(args.folder, (*files.picture_files(), MCAP_FILE)) as output:
         if args.mcap:
             write_mcap(record, output.folder / MCAP_FILE)
-        write_pictures(record, certificate, output.folder, summary_of(record, certificate),
-                       figures=True, replay=args.replay)
+        summary = files.summary_of(record, certificate)
+        files.write_pictures(record, certificate, output.folder, summary, figures=True,
+                             replay=args.replay)
     print(f"written to {args.folder}: {', '.join(output.kept)}")
     return 0

@@ -9,19 +9,12 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.surface_class import axis_names, is_floor
 from uvms_drake.report import figure_style as style
+from uvms_drake.report import signals
 from uvms_drake.report.contact_check import force_bands
 from uvms_drake.report.drawing import Drawing, Instant, Panel, Series, band, line
 from uvms_drake.report.events import events
 from uvms_drake.report.metrics import summarise_force
 from uvms_drake.report.mission import COLUMNS, inspection_table, lateral_errors
-from uvms_drake.report.signals import (
-    attempts_of,
-    nominal_limits,
-    real_limits,
-    settling_index,
-    surface_slope,
-    wrench_unit,
-)
 from uvms_drake.station.contact.bounds import safe_depth_margin, sensed_contact
 from uvms_drake.station.diagram import PAINTED
 from uvms_drake.station.problem import true_surface
@@ -92,7 +85,8 @@ def _wrench(record: Record, part: slice, name: str) -> list[Series]:
 
 def _tolerance(record: Record, goals: np.ndarray) -> list[Series]:
     """Returns the bands about desired forces or torques (T, K) that count as settled."""
-    tolerance, unit = record.scenario.task.force_tolerance, wrench_unit(record.desired_force[-1])
+    tolerance = record.scenario.task.force_tolerance
+    unit = signals.wrench_unit(record.desired_force[-1])
     return [band(goal - tolerance, goal + tolerance, color=style.BLUE, alpha=0.12,
                  label=f"counts as settled, $\\pm${tolerance:g} {unit}") for goal in goals.T]
 
@@ -100,7 +94,7 @@ def _tolerance(record: Record, goals: np.ndarray) -> list[Series]:
 def _certified(record: Record, goals: np.ndarray, bound: float | None) -> list[Series]:
     """Returns the certified bands about forces (T, K), from when the plan is at the task."""
     error = np.linalg.norm(pose_difference(record.chi_nominal, record.chi_des), axis=1)
-    start = settling_index(error, AT_TASK)
+    start = signals.settling_index(error, AT_TASK)
     if bound is None or start is None:
         return []
     return [band(goal[start:] - bound, goal[start:] + bound, x=record.time[start:],
@@ -111,11 +105,11 @@ def _certified(record: Record, goals: np.ndarray, bound: float | None) -> list[S
 
 def _deepest(record: Record) -> list[Series]:
     """Returns how deep the limit on the static force lets it go into a surface that is known."""
-    limit = real_limits(record).get("static_force")
+    limit = signals.real_limits(record).get("static_force")
     if record.scenario.surface_error.size > 0.0 or limit is None:
         return []
     depths = [(record.model.surface.penetration_for(each.upper[0]), look) for each, look in (
-        (limit, style.LIMIT), (nominal_limits(record)["static_force"], style.TIGHTENED))]
+        (limit, style.LIMIT), (signals.nominal_limits(record)["static_force"], style.TIGHTENED))]
     return [line(1e3 * depth, look) for depth, look in depths if depth is not None]
 
 
@@ -132,7 +126,7 @@ def _impact_window(record: Record) -> tuple[float, float]:
     touching = np.flatnonzero(force > 0.01 * max(float(np.max(force)), 1e-12))
     start = float(record.time[touching[0]]) if len(touching) else float(record.time[0])
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
-    settled = settling_index(error, record.scenario.task.force_tolerance)
+    settled = signals.settling_index(error, record.scenario.task.force_tolerance)
     stop = start + 2.0 if settled is None else max(float(record.time[settled]), start) + 0.5
     return max(start - 0.2, float(record.time[0])), min(stop, float(record.time[-1]))
 
@@ -242,7 +236,8 @@ def _stiffness(record: Record) -> list[Series]:
     contact = sensed_contact(record.scenario)
     estimated, std, used = (record.signals[f"stiffness_{name}"][:, 0]
                             for name in ("estimate", "std", "used"))
-    own = surface_slope(check_surface(true_surface(record.scenario)), record.chi, contact.direction)
+    own = signals.surface_slope(
+        check_surface(true_surface(record.scenario)), record.chi, contact.direction)
     return [line(contact.stiffness, style.LIMIT, label=r"declared, $\kappa_+$"),
             line(own, label="of the wall"),
             line(estimated, ESTIMATED, label=r"estimated, $\pm\,2\sigma$"),
@@ -255,7 +250,7 @@ def _stiffness(record: Record) -> list[Series]:
 
 def mission_drawing(record: Record) -> Drawing:
     """Returns the force along n over time and along the lines, with the bands of the steps."""
-    steps, attempts = record.scenario.mission.checked().steps, attempts_of(record)
+    steps, attempts = record.scenario.mission.checked().steps, signals.attempts_of(record)
     goal, time = record.signals["mission_force"][:, 0], record.time
     forces = _normal_forces(record, goal)
     whole = [*forces, *(_step_band(time, goal, each.when, steps[each.step])
@@ -304,7 +299,7 @@ def draw_coverage(record: Record) -> Figure:
     place = 1e3 * (table[:, 2:5] - origin) @ across.T
     figure = Figure(figsize=(style.COLUMN_WIDTH, 4.0), layout="constrained")
     axis = figure.subplots()
-    for attempt in attempts_of(record):
+    for attempt in signals.attempts_of(record):
         step = mission.steps[attempt.step]
         if step.touches:
             begin = 1e3 * (record.signals["mission_place"][attempt.when.start] - origin) @ across.T

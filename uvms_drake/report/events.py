@@ -16,13 +16,7 @@ from uvms_drake.control.feedback.tube_monitor import SAID, beyond
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT, TROUBLE
 from uvms_drake.control.supervisor.detections import CAUSES
-from uvms_drake.report.signals import (
-    constraints,
-    disturbance_above,
-    motor_torques,
-    settling_index,
-    wrench_unit,
-)
+from uvms_drake.report import signals
 from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.diagram import (
@@ -122,7 +116,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
     set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
     yield _deviation("tube_left", SAID[0], record, set_wise)
     yield _deviation("bound_left", SAID[1], record, record.tube_bound)
-    yield _Signal("disturbance_exceeded", disturbance_above(record),
+    yield _Signal("disturbance_exceeded", signals.disturbance_above(record),
                   lambda when: f"whole disturbance above its bound of {bound:.3g}, at most "
                                f"{np.max(d[when]):.3g}")
     yield _Signal("state_lost", record.state_lost > 0.0, lambda when: "the measured state is lost")
@@ -131,7 +125,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
                       partial(_retreat_text, record))
     yield _Signal("input_limited", record.input_limited > 0.0,
                   lambda when: "the command saturates")
-    torque, effort = motor_torques(record), record.model.joint_effort
+    torque, effort = signals.motor_torques(record), record.model.joint_effort
     yield _Signal("motor_limited", np.any(torque > effort + ROUNDING, axis=1),
                   lambda when: _motor_text(torque[when], effort))
     if "safety" in record.signals:
@@ -141,7 +135,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
     if "input_filtered" in record.signals:
         yield _Signal("input_filtered", record.signals["input_filtered"][:, 0] > 0.0,
                       lambda when: "the supervisor keeps the joints off their stops")
-    for name, limit in constraints(record).items():
+    for name, limit in signals.constraints(record).items():
         yield _Signal("limit_violated", limit.margin < 0.0,
                       partial(_limit_text, name, -limit.margin))
 
@@ -194,7 +188,7 @@ def _changed(values: np.ndarray) -> np.ndarray:
 
 
 def _wanted_text(desired: np.ndarray) -> str:
-    return f"new desired force of {np.linalg.norm(desired):.4g} {wrench_unit(desired)}"
+    return f"new desired force of {np.linalg.norm(desired):.4g} {signals.wrench_unit(desired)}"
 
 
 def _sampled(record: Record) -> Iterator[_Signal]:
@@ -213,9 +207,9 @@ def _samples_text(said: str, when: slice) -> str:
 def _settled(record: Record) -> Iterator[Event]:
     tolerance = record.scenario.task.force_tolerance
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
-    index = settling_index(error, tolerance)
+    index = signals.settling_index(error, tolerance)
     if index is not None and np.any(record.desired_force[-1]):
         time = float(record.time[index])
         yield Event(time, time, "settled",
-                    f"force within {tolerance:g} {wrench_unit(record.desired_force[-1])} of the "
-                    "desired one, for good")
+                    f"force within {tolerance:g} {signals.wrench_unit(record.desired_force[-1])} "
+                    "of the desired one, for good")

@@ -17,18 +17,10 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.unknown_contact import UnknownContact
+from uvms_drake.report import signals
 from uvms_drake.report.contact_check import departures, has_stood, summarise_bands
 from uvms_drake.report.events import events
 from uvms_drake.report.mission import summarise_mission
-from uvms_drake.report.signals import (
-    constraints,
-    disturbance_above,
-    has_mission,
-    losses_of,
-    settling_index,
-    thruster_part,
-    thrusters_of,
-)
 from uvms_drake.station.contact.bounds import mean_time
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
@@ -108,7 +100,7 @@ def summarise_force(record: Record) -> dict[str, Any]:
     """
     desired = record.desired_force[-1]
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
-    index = settling_index(error, record.scenario.task.force_tolerance)
+    index = signals.settling_index(error, record.scenario.task.force_tolerance)
     magnitude = float(np.linalg.norm(desired[:3]))
     direction = desired[:3] / magnitude if magnitude > 0.0 else np.zeros(3)
     normal = record.force[:, :3] @ direction
@@ -142,12 +134,12 @@ def summarise_contact(record: Record) -> dict[str, Any]:
     """
     scenario, touching = record.scenario, record.penetration > 0.0
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
-    settled = settling_index(error, scenario.task.force_tolerance) or 0
+    settled = signals.settling_index(error, scenario.task.force_tolerance) or 0
     surface = check_surface(true_surface(scenario))
     wanted = np.any(record.desired_force[settled + 1:], axis=1)
     left = np.count_nonzero(wanted & (np.diff(touching[settled:].astype(int)) < 0))
     return {"first_touch_s": record.time[np.argmax(touching)] if np.any(touching) else None,
-            "losses": losses_of(record) if has_mission(record) else left,
+            "losses": signals.losses_of(record) if signals.has_mission(record) else left,
             "largest_force": np.max(np.linalg.norm(record.force[:, :3], axis=1)),
             "largest_static_force": np.max(surface.static_force(record.chi)),
             **summarise_bands(record), **_summarise_class(record)}
@@ -187,7 +179,7 @@ def summarise_constraints(record: Record) -> dict[str, object]:
     """Returns limit, worst value, margin and unit of each constraint; negative if violated."""
     return {name: {"limit": each.limit, "worst": each.values[np.argmin(each.margin)],
                    "margin": np.min(each.margin), "unit": each.unit}
-            for name, each in constraints(record).items()}
+            for name, each in signals.constraints(record).items()}
 
 
 def relative_margins(rows: dict[str, Any]) -> dict[str, float]:
@@ -207,9 +199,9 @@ def summarise_thrusters(record: Record) -> dict[str, object]:
 
     The limits are those of the controller's model. Empty if the wrench is ideal.
     """
-    if thruster_part(record.scenario) is None:
+    if signals.thruster_part(record.scenario) is None:
         return {}
-    thrusters, force = thrusters_of(record), record.signals["thruster_force"]
+    thrusters, force = signals.thrusters_of(record), record.signals["thruster_force"]
     command, ends = record.signals["thruster_command"], np.array(
         [curve.command[[0, -1]] for curve in thrusters.curves])
     bound = (command <= ends[:, 0]) | (command >= ends[:, 1])
@@ -227,7 +219,7 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     None where no bound is declared. With weights `bound` is d̃, the largest of the components'
     bounds `semi_axes`, and the other two are of ‖Ŵ⁻¹d‖₂, of which it is the bound.
     """
-    above, declared = disturbance_above(record), record.scenario.disturbance
+    above, declared = signals.disturbance_above(record), record.scenario.disturbance
     bounded = bounds_disturbance(declared.d_bound, bool(record.certified))
     weighted = bool(np.size(declared.weights))
     return {"bound": declared.d_bound,
@@ -303,11 +295,11 @@ def wall_metrics(record: Record) -> dict[str, Any]:
     ends = ends_of(scenario.mission, contact.walls, record.chi[0, :3], goal)
     found, static = membership(surface, contact, *ends), surface.static_force(record.chi)
     # A mission desires a force in some of its steps, a press always the same one.
-    desired: Any = (record.desired_force[:, :3] @ contact.direction if has_mission(record)
+    desired: Any = (record.desired_force[:, :3] @ contact.direction if signals.has_mission(record)
                     else scenario.task.force_along(contact.direction))
     error = np.abs(record.force[:, :3] @ contact.direction - desired)
     within, touching = error <= scenario.task.force_tolerance, record.penetration > 0.0
-    index = settling_index(error, scenario.task.force_tolerance)
+    index = signals.settling_index(error, scenario.task.force_tolerance)
     settled = None if index is None else record.time[index]
     touch = record.time[np.argmax(touching)] if np.any(touching) else None
     since = touching[np.argmax(within):] if np.any(within) else touching[:0]
@@ -323,7 +315,7 @@ def wall_metrics(record: Record) -> dict[str, Any]:
         "settling_time_s": settled,
         "error": np.mean(error[record.time >= record.time[-1] - WALL_SECONDS]),
         "final_error": error[-1],
-        "losses": (losses_of(record) if has_mission(record)
+        "losses": (signals.losses_of(record) if signals.has_mission(record)
                    else np.count_nonzero(np.diff(since.astype(int)) < 0)),
         "in_class": _in_class(record, surface, contact, static, ends),
     }

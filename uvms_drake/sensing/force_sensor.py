@@ -18,16 +18,9 @@ from uvms_drake.model.signals.sensor_actuator import (
 )
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.sensing import wrist_sensor
 from uvms_drake.sensing.force_fault_detector import repeat_probability
 from uvms_drake.sensing.measurements import tip_pose
-from uvms_drake.sensing.wrist_sensor import (
-    STREAM,
-    Imperfection,
-    WristSensor,
-    WristSettings,
-    cut_noise,
-    transfer,
-)
 
 
 class ForceError(NamedTuple):
@@ -55,8 +48,8 @@ class ForceError(NamedTuple):
         return total
 
 
-def error_bound(sensor: WristSettings, time: float, rate: np.ndarray, turning: float = 0.0
-                ) -> ForceError:
+def error_bound(sensor: wrist_sensor.WristSettings, time: float, rate: np.ndarray,
+                turning: float = 0.0) -> ForceError:
     """Returns the bound of F̂ − F_S at a time after the tare.
 
     With N samples of the tare, σ̄ = mσ the largest noise, r the resolution, Λ the largest weight of
@@ -89,7 +82,7 @@ def error_bound(sensor: WristSettings, time: float, rate: np.ndarray, turning: f
         hold=period * rate)
 
 
-def readable_force(sensor: WristSettings, time: float) -> float:
+def readable_force(sensor: wrist_sensor.WristSettings, time: float) -> float:
     """Returns the largest norm of a force [N] that the range never cuts up to a time [s].
 
     That is the least end of the range along the axes of the sensor, less the other terms of a raw
@@ -106,13 +99,13 @@ def readable_force(sensor: WristSettings, time: float) -> float:
     return max(float(np.min((np.asarray(sensor.range, dtype=float) - other)[:3])), 0.0)
 
 
-def in_tip_axes(sensor: WristSettings, bound: np.ndarray) -> np.ndarray:
+def in_tip_axes(sensor: wrist_sensor.WristSettings, bound: np.ndarray) -> np.ndarray:
     """Returns the bound (6,) of A(𝔬)ᵀ(𝔉_s − 𝔉), in Σ_E, for a bound (6,) of F̂ − F_S."""
-    return np.abs(transfer(np.asarray(sensor.mounting, dtype=float))) @ bound
+    return np.abs(wrist_sensor.transfer(np.asarray(sensor.mounting, dtype=float))) @ bound
 
 
 @dataclass
-class ForceSensor(WristSettings, Sensor):
+class ForceSensor(wrist_sensor.WristSettings, Sensor):
     """A wrist sensor of the contact force, which the law takes instead of the surface's.
 
     Logged are `force_raw`, F̂ in its own axes, and `force_measured`, 𝔉_s. Rate, noise and range
@@ -141,16 +134,16 @@ class ForceSensor(WristSettings, Sensor):
             readable_force(self, time), in_tip_axes(self, constant),
             in_tip_axes(self, constant / np.sqrt(max(count, 1))))
 
-    def imperfection(self, seed: int) -> Imperfection:
+    def imperfection(self, seed: int) -> wrist_sensor.Imperfection:
         """Returns the errors of the copy of a seed; b and s are uniform within their bounds."""
-        b, s = generator_of(seed, (STREAM, 0)).uniform(-1.0, 1.0, (2, 6))
-        return Imperfection(b * self.bias, s * self.drift, partial(
-            cut_noise, np.asarray(self.noise, dtype=float), self.noise_multiple, seed))
+        b, s = generator_of(seed, (wrist_sensor.STREAM, 0)).uniform(-1.0, 1.0, (2, 6))
+        return wrist_sensor.Imperfection(b * self.bias, s * self.drift, partial(
+            wrist_sensor.cut_noise, np.asarray(self.noise, dtype=float), self.noise_multiple, seed))
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `WristSensor`, which takes its measured attitude from `port`; see `Part`."""
-        sensor = WristSensor.AddToBuilder(
+        sensor = wrist_sensor.WristSensor.AddToBuilder(
             builder, model, self, self.imperfection(seed), force=signals["force"],
             chi=signals["chi"], measured_chi=tip_pose(builder, model, port, signals),
             payload=signals.get(PAYLOAD), payload_at_rest=signals.get(PAYLOAD_AT_REST))

@@ -34,15 +34,7 @@ from uvms_drake.model.signals.sensor_actuator import (
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
 from uvms_drake.sensing.measurements import HoldLastValue, TipPose
-from uvms_drake.station.contact.bounds import (
-    known_reading,
-    largest_force,
-    pressing_force,
-    reading_of,
-    safe_depth_margin,
-    sensed_contact,
-    sensing_of,
-)
+from uvms_drake.station.contact import bounds
 from uvms_drake.station.problem import load_model, make_ocp, retargeted_ocp
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.parts import (
@@ -133,7 +125,7 @@ def make_controller(scenario: Scenario, model: ContactModel | None = None, *,
     for name, source, needed in (
             ("state", Gain(1.0, 2 * model.size), True), ("force", Gain(1.0, 6), not measured),
             (PAYLOAD, PassThrough(6), holds), (PAYLOAD_AT_REST, PassThrough(6), holds),
-            (MEASURED_FORCE, Gain(1.0, 6), measured and known_reading(scenario) is not None),
+            (MEASURED_FORCE, Gain(1.0, 6), measured and bounds.known_reading(scenario) is not None),
             (TICK, Gain(1.0, 1), measured),
             ("fix_age", PassThrough(1), measured and controller.HasInputPort("fix_age"))):
         if needed:
@@ -186,11 +178,11 @@ def make_tube(scenario: Scenario, model: ContactModel, ocp: Ocp) -> Diagram:
 
 def _press_control(scenario: Scenario) -> PressControl:
     """Returns the press of a sensed contact, after a check that its forces are admissible."""
-    contact, largest = sensed_contact(scenario), largest_force(scenario)
-    require(pressing_force(scenario) < largest, "task.force", scenario.task.force,
+    contact, largest = bounds.sensed_contact(scenario), bounds.largest_force(scenario)
+    require(bounds.pressing_force(scenario) < largest, "task.force", scenario.task.force,
             f"less than {largest:.3g} N: contact.force less the parts of sensor, tube, angle and "
             "stiffness")
-    reading, needed = known_reading(scenario), largest + contact.force_error
+    reading, needed = bounds.known_reading(scenario), largest + contact.force_error
     for key, part in keyed("sensing", scenario.sensing).items():
         if reading is not None and part.reading(0.0, 0.0) is not None:
             require(needed < reading.largest, f"{key}.range", getattr(part, "range", part),
@@ -198,8 +190,9 @@ def _press_control(scenario: Scenario) -> PressControl:
     for i, step in enumerate(scenario.mission.steps):
         require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                 f"less than {largest:.3g} N, like task.force")
-    return PressControl(contact.walls, sensing_of(scenario), pressing_force(scenario), largest,
-                        safe_depth_margin(scenario))
+    return PressControl(contact.walls, bounds.sensing_of(scenario),
+                        bounds.pressing_force(scenario), largest,
+                        bounds.safe_depth_margin(scenario))
 
 
 def signals_of(controller: System) -> dict[str, OutputPort]:
@@ -303,10 +296,10 @@ def add_measured_force(builder: DiagramBuilder, scenario: Scenario, model: Conta
     """
     estimates, given = "force_lost" in signals, {}
     if estimates:
-        contact, reading = sensed_contact(scenario), reading_of(scenario)
+        contact, reading = bounds.sensed_contact(scenario), bounds.reading_of(scenario)
         detector = ForceFaultDetector.AddToBuilder(
-            builder, model, contact.period, repeats=sensing_of(scenario).repeats, tare=reading.tare,
-            largest=reading.largest, state=state, force_measured=valid)
+            builder, model, contact.period, repeats=bounds.sensing_of(scenario).repeats,
+            tare=reading.tare, largest=reading.largest, state=state, force_measured=valid)
         given["force_valid"] = valid = detector.GetOutputPort("force_valid")
         signals["force_status"] = detector.GetOutputPort("force_status")
     force = signals["force_last_valid"] = HoldLastValue.AddToBuilder(
@@ -332,7 +325,7 @@ def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
         meshcat: Meshcat of a stop button; None: an input port `stop`.
     """
     mission = builder.AddNamedSystem("mission", MissionControl(
-        scenario.mission, model, sensed_contact(scenario).walls, scenario.task.place))
+        scenario.mission, model, bounds.sensed_contact(scenario).walls, scenario.task.place))
     wire(builder, mission, {**signals, "state": state})
     if meshcat is None:
         builder.ExportInput(mission.GetInputPort("stop"), "stop")

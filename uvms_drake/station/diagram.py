@@ -18,18 +18,10 @@ from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.plant.waves import WaterMotion
+from uvms_drake.station import problem
 from uvms_drake.station.contact.bounds import safe_depth_margin
 from uvms_drake.station.controller import SAMPLED, connect_controller, make_tube, signals_of
 from uvms_drake.station.plant import applied_disturbance, make_simulated_uvms
-from uvms_drake.station.problem import (
-    disturbance_weights,
-    limits_of,
-    load_model,
-    make_ocp,
-    shown_surface,
-    start_state,
-    surface_heading,
-)
 from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.supervision import MONITOR_FLOOR, MONITOR_SLACK
@@ -102,12 +94,12 @@ def make_station(scenario: Scenario, *, controller: System | None = None,
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
     """
-    builder, model = DiagramBuilder(), model or load_model(scenario)
+    builder, model = DiagramBuilder(), model or problem.load_model(scenario)
     check_values(scenario)
     with_mpc, start = controller is None, scenario.start.config
     if controller is None:
-        ocp = make_ocp(scenario, model)
-        start = start_state(scenario, ocp)[: model.size]
+        ocp = problem.make_ocp(scenario, model)
+        start = problem.start_state(scenario, ocp)[: model.size]
         controller = make_tube(scenario, model, ocp)
 
     # Plant and controller, and the parts between them.
@@ -182,7 +174,7 @@ def add_monitor(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
     radii = set_wise_radii(scenario.tube, scenario.ancillary)
     monitor = builder.AddNamedSystem("tube_monitor", TubeMonitor(
         model, scenario.ancillary, declared.d_bound, radii,
-        weights=disturbance_weights(scenario, model),
+        weights=problem.disturbance_weights(scenario, model),
         along_run=scenario.contact.declared_wall() is None, period=scenario.log_period,
         begin=monitor_begin(scenario.mpc.hover, certified), slack=MONITOR_SLACK,
         floor=monitor_floor(radii)))
@@ -271,16 +263,17 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         model: The controller's model.
         certified: Whether its tube is that of a certificate that holds.
     """
-    force, limits = np.asarray(scenario.task.force, dtype=float), limits_of(scenario, model)
+    force, limits = np.asarray(scenario.task.force, dtype=float), problem.limits_of(scenario, model)
     wall = scenario.contact.declared_wall()
     return Setting(
-        robot=scenario.model, model=model, surface=shown_surface(scenario, model),
+        robot=scenario.model, model=model, surface=problem.shown_surface(scenario, model),
         start=scenario.start.config, force=force,
         goal=model.surface.pose_for(force, scenario.task.pose),
         radius=float(resolved_radii(scenario.tube).position or 0.0),
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
-        heading=surface_heading(scenario), direction=None if wall is None else wall.direction,
+        heading=problem.surface_heading(scenario),
+        direction=None if wall is None else wall.direction,
         margin=0.0 if wall is None else safe_depth_margin(scenario),
         painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
         if scenario.mission.steps else None)

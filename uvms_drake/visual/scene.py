@@ -16,18 +16,8 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.signals.sensor_actuator import SAFETY
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.visual import objects
 from uvms_drake.visual.contact import KNOWN, Coverage, DrawnEstimate, Estimate, Pressing
-from uvms_drake.visual.objects import (
-    CELL,
-    PLAN,
-    REAL,
-    DrawnRobot,
-    DrawnTube,
-    Polyline,
-    Trail,
-    draw_floor,
-    round_magnification,
-)
 from uvms_drake.visual.overlay import Overlay
 from uvms_drake.visual.stage import NED, UP, Stage, VisualConfig
 
@@ -164,17 +154,18 @@ class Scene:
         middle, unit = self._framed(setting, turn)
         radius = setting.radius
         self._enlarged = (setting.visual.magnification
-                          or round_magnification(radius, INSET_RADIUS))
+                          or objects.round_magnification(radius, INSET_RADIUS))
 
         # The objects in Σ_I.
-        self._robot = DrawnRobot(stage, "uvms", setting.robot)
-        self._ghost = DrawnRobot(stage, "nominal", setting.robot, GHOST)
-        self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * unit)
-        self._retreat = Trail(stage, f"{NED}/retreat", RETREAT, 0.006 * unit)
-        self._path = Polyline(stage, f"{NED}/path", setting.horizon + 1, PLAN, 0.003 * unit)
-        level = float(CELL * np.ceil((BELOW * unit - middle[2]) / CELL))
-        draw_floor(stage, f"{NED}/floor", np.array([*(middle * UP)[:2], level]),
-                   int(np.ceil(2.5 * unit / CELL)))
+        self._robot = objects.DrawnRobot(stage, "uvms", setting.robot)
+        self._ghost = objects.DrawnRobot(stage, "nominal", setting.robot, GHOST)
+        self._trail = objects.Trail(stage, f"{NED}/trail", objects.REAL, 0.004 * unit)
+        self._retreat = objects.Trail(stage, f"{NED}/retreat", RETREAT, 0.006 * unit)
+        self._path = objects.Polyline(
+            stage, f"{NED}/path", setting.horizon + 1, objects.PLAN, 0.003 * unit)
+        level = float(objects.CELL * np.ceil((BELOW * unit - middle[2]) / objects.CELL))
+        objects.draw_floor(stage, f"{NED}/floor", np.array([*(middle * UP)[:2], level]),
+                           int(np.ceil(2.5 * unit / objects.CELL)))
 
         # The camera, on the side from which the robot comes, and the texts that face it.
         begin = turn.inverse() @ (UP * (setting.start[:3] - self._goal))
@@ -187,8 +178,9 @@ class Scene:
                                 self._legend(setting, level))
         name = "certified tube" if setting.certified else "declared tube"
         size = f"enlarged {self._enlarged:g}×" if self._enlarged != 1.0 else "to scale"
-        self._tube = DrawnTube(stage, f"{NED}/tube", self._overlay.inset, radius, self._enlarged,
-                               f"{name}\n{size}", 0.055 * unit, self._overlay.facing)
+        self._tube = objects.DrawnTube(
+            stage, f"{NED}/tube", self._overlay.inset, radius, self._enlarged, f"{name}\n{size}",
+            0.055 * unit, self._overlay.facing)
         self._pressing = Pressing(stage, self._law, self._goal, setting.force, unit,
                                   self._overlay.facing)
         n, board = setting.direction, self._overlay.board
@@ -239,7 +231,7 @@ class Scene:
                 f"white: desired force, planned path, outline of the nominal robot{size}\n"
                 "bars: part of a limit that the real motion uses, red at the limit     "
                 "white mark: the plan, of its tightened limit\n"
-                f"level grid at z = {level:g} m, lines every {CELL:g} m{walls}")
+                f"level grid at z = {level:g} m, lines every {objects.CELL:g} m{walls}")
 
     def show(self, moment: Moment, time: float) -> None:
         """Draws a moment at `time` [s]; in a recording, too."""

@@ -6,13 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.model.description.thruster_file import (
-    AXES,
-    ThrusterKind,
-    ThrusterParameters,
-    driven_rows,
-    thrust_map,
-)
+from uvms_drake.model.description import thruster_file
 
 
 @dataclass(frozen=True)
@@ -56,7 +50,7 @@ class ThrustCurve:
         return float(np.interp(force, *(forward if force > 0.0 else back)))
 
 
-def curve_at(kind: ThrusterKind, voltage: float | None) -> ThrustCurve:
+def curve_at(kind: thruster_file.ThrusterKind, voltage: float | None) -> ThrustCurve:
     """Returns the curve at a voltage [V]: at each command the force is linear in the voltage.
 
     Args:
@@ -102,17 +96,17 @@ class ThrusterModel:
     """Whether the power of each can be cut."""
 
     @staticmethod
-    def of(parameters: ThrusterParameters) -> "ThrusterModel":
+    def of(parameters: thruster_file.ThrusterParameters) -> "ThrusterModel":
         """Returns the model of the checked parameters of a robot's file."""
         thrusters = list(parameters.thrusters.values())
         kinds = [parameters.kinds[item.kind] for item in thrusters]
         curves = {name: curve_at(kind, parameters.voltage)
                   for name, kind in parameters.kinds.items()}
         return ThrusterModel(
-            tuple(parameters.thrusters), thrust_map(thrusters),
+            tuple(parameters.thrusters), thruster_file.thrust_map(thrusters),
             tuple(curves[item.kind] for item in thrusters),
             np.array([kind.lag for kind in kinds]), np.array([kind.smallest for kind in kinds]),
-            parameters.dead_time, parameters.bias, driven_rows(parameters.undriven),
+            parameters.dead_time, parameters.bias, thruster_file.driven_rows(parameters.undriven),
             np.array([kind.current for kind in kinds]), power_cut=parameters.power_cut)
 
     @property
@@ -123,7 +117,7 @@ class ThrusterModel:
     @property
     def undriven(self) -> np.ndarray:
         """Indices of the undriven axes."""
-        return np.setdiff1d(np.arange(len(AXES)), self.driven)
+        return np.setdiff1d(np.arange(len(thruster_file.AXES)), self.driven)
 
     @property
     def lower(self) -> np.ndarray:

@@ -8,14 +8,8 @@ import numpy as np
 from pydrake.geometry import Box, CalcVolume, Capsule, Cylinder, Ellipsoid, Sphere
 from pydrake.math import RigidTransform
 
+from uvms_drake.model.description import meshes
 from uvms_drake.model.description.hydrodynamics_file import FARTHEST
-from uvms_drake.model.description.meshes import (
-    bounding_box,
-    format_obj,
-    mesh_triangles,
-    mesh_volume,
-    up_axis,
-)
 from uvms_drake.model.description.visuals import reason_not_drawn
 from uvms_drake.model.robot_import.bodies import Body
 from uvms_drake.model.robot_import.tree import Notes, Shape, listed
@@ -32,7 +26,7 @@ def triangles_of(shape: Shape) -> np.ndarray | None:
     """Returns triangles (k, 3, 3) of a shape in the frame in which it stands; None if unknown."""
     size, radius, height, sides = shape.size, np.sin(LATITUDES), -np.cos(LATITUDES), 40
     if shape.kind == "mesh":
-        triangles = None if shape.file is None else mesh_triangles(shape.file)
+        triangles = None if shape.file is None else meshes.mesh_triangles(shape.file)
     else:
         # Rings of a lathe, each joined to the next one; a box is a cylinder of four sides.
         if shape.kind in ("box", "cylinder"):
@@ -58,7 +52,7 @@ def volume_of(shape: Shape) -> float:
     if shape.kind != "mesh":
         return CalcVolume(SOLIDS[shape.kind](*shape.size))
     triangles = triangles_of(shape)
-    return 0.0 if triangles is None else mesh_volume(triangles)
+    return 0.0 if triangles is None else meshes.mesh_volume(triangles)
 
 
 @dataclass
@@ -92,7 +86,7 @@ def drawn(bodies: list[Body], robot: str, notes: Notes) -> Drawn:
 def _mesh(shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]) -> Shape | None:
     """Returns a mesh as it is drawn; None if nothing is known of it."""
     name, file = shape.uri.rsplit("/", 1)[-1], shape.file
-    box = None if file is None else bounding_box(file)
+    box = None if file is None else meshes.bounding_box(file)
     target = "" if file is None else f"{_folder(file, out)}/{name}"
     # Kept as it is, converted, or a box; one that is not in metres is none of these.
     if box is not None and np.max(np.linalg.norm(box * shape.size, axis=1)) > FARTHEST:
@@ -104,9 +98,9 @@ def _mesh(shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]) -> 
             out.files[f"{_folder(file, out)}/{path.relative_to(file.parent)}"] = path.read_bytes()
         fates.setdefault("kept", []).append(name)
     elif (file is not None and file.suffix.lower() == ".stl"
-          and (triangles := mesh_triangles(file)) is not None):
+          and (triangles := meshes.mesh_triangles(file)) is not None):
         target += ".obj"
-        out.files[target] = format_obj(triangles).encode()
+        out.files[target] = meshes.format_obj(triangles).encode()
         fates.setdefault("converted from STL to OBJ", []).append(name)
     else:
         fate = "left out, for they are not there or cannot be read" if box is None else \
@@ -114,9 +108,9 @@ def _mesh(shape: Shape, robot: str, out: Drawn, fates: dict[str, list[str]]) -> 
         fates.setdefault(fate, []).append(name)
         if file is None or box is None:
             return None
-        if file.suffix.lower() == ".dae" and up_axis(file) != "Z_UP":
-            fates.setdefault(f"of COLLADA with {up_axis(file)}, turned to z up as it says (RViz "
-                             "and Gazebo do not; with Z_UP in it they stay as there)",
+        if file.suffix.lower() == ".dae" and meshes.up_axis(file) != "Z_UP":
+            fates.setdefault(f"of COLLADA with {meshes.up_axis(file)}, turned to z up as it says "
+                             "(RViz and Gazebo do not; with Z_UP in it they stay as there)",
                              []).append(name)
         low, high = np.sort(box * shape.size, axis=0)
         X = shape.X @ RigidTransform(0.5 * (low + high))

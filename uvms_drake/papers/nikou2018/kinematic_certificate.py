@@ -18,14 +18,7 @@ from uvms_drake.control.ocp.ocp import FEASIBLE
 from uvms_drake.control.plan.plan import advance
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.papers.nikou2018.kinematics import (
-    BLOCKS,
-    FIRST_ITERATIONS,
-    KinematicMpc,
-    Plan,
-    limited_angles,
-    posed,
-)
+from uvms_drake.papers.nikou2018 import kinematics
 from uvms_drake.papers.nikou2018.transpose import Transpose, undetermined_joints
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, assumption
@@ -85,7 +78,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
     """Returns the certificate of a scenario, certified or not; it ends at the first failure."""
     # Assumptions of the proofs that a scenario can give up.
     progress("tube", 0.0)
-    model, y_des, bounds = posed(scenario)
+    model, y_des, bounds = kinematics.posed(scenario)
     mpc, settings, n = scenario.mpc, scenario.certificate, model.num_joints
     free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
     conditions = [assumption(key, reason, broken, theorem=GUARANTEE) for key, reason, broken in (
@@ -114,7 +107,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
     # Second search, terminal set and first plan.
     conditions += checked(found.second())
     progress("terminal set", 0.9)
-    problem = KinematicMpc(model, mpc, y_des, bounds.tightened(TubeRadii(**radii)))
+    problem = kinematics.KinematicMpc(model, mpc, y_des, bounds.tightened(TubeRadii(**radii)))
     epsilon, worst, limiting = terminal_set(problem, settings.terminal_samples, settings.seed)
     conditions += [
         Condition("terminal set, ε", epsilon, ">", 0.0, theorem=TERMINAL, topic="terminal set"),
@@ -124,7 +117,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
     if draft.certified:
         progress("first plan", 0.95)
         problem.terminal = replace(problem.terminal, radius=epsilon)
-        plan = problem.solve(problem.resting(scenario.start.config), FIRST_ITERATIONS)
+        plan = problem.solve(problem.resting(scenario.start.config), kinematics.FIRST_ITERATIONS)
         value, between = problem.value(plan), between_knots(problem, plan)
         conditions += [
             Condition(f"first plan, {what}", size, "<=", allowed, theorem=FEASIBILITY,
@@ -219,7 +212,7 @@ class VelocityProblem(SearchProblem):
     @property
     def channels(self) -> list[slice]:
         """Channels of ν₁ and ν₂."""
-        return list(BLOCKS[:2])
+        return list(kinematics.BLOCKS[:2])
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns ν − ν̄ (..., 6) of motions (..., 3(6+n)) and errors 𝔢."""
@@ -236,7 +229,7 @@ class VelocityProblem(SearchProblem):
 # Terminal set and first plan ----------------------------------------------------------------------
 
 
-def terminal_set(mpc: KinematicMpc, samples: int, seed: int) -> tuple[float, float, str]:
+def terminal_set(mpc: kinematics.KinematicMpc, samples: int, seed: int) -> tuple[float, float, str]:
     """Returns the largest ε that passes, its worst margin, and the name of that condition.
 
     The largest aᵀξ where ‖ξ‖_P ≤ ε is ε‖a‖_{P⁻¹}, of ‖Aξ‖ it is ε√λ_max(AP⁻¹Aᵀ). Decrease and the
@@ -244,13 +237,13 @@ def terminal_set(mpc: KinematicMpc, samples: int, seed: int) -> tuple[float, flo
     """
     P, gain, bounds, size = mpc.terminal.P, mpc.terminal.gain, mpc.bounds, len(mpc.y_des)
     inverse, rng = np.linalg.inv(P), np.random.default_rng(seed)
-    at_task = limited_angles(mpc.model.configuration(mpc.y_des), mpc.y_des)
+    at_task = kinematics.limited_angles(mpc.model.configuration(mpc.y_des), mpc.y_des)
     free = np.minimum(bounds.upper - at_task, at_task - bounds.lower)
     eye = np.eye(size)
     linear = {name: (left, eye[[i]]) for name, left, i in zip(
         bounds.names()[5:], free[2:], [4, *range(6, size)], strict=True)} | {
         name: (left, gain[block]) for name, left, block in zip(
-            bounds.names(), bounds.speeds, BLOCKS, strict=False)}
+            bounds.names(), bounds.speeds, kinematics.BLOCKS, strict=False)}
     largest = {name: left / math.sqrt(np.linalg.eigvalsh(A @ inverse @ A.T)[-1])
                for name, (left, A) in linear.items()}
     name = min(largest, key=lambda each: largest[each])
@@ -268,7 +261,8 @@ def terminal_set(mpc: KinematicMpc, samples: int, seed: int) -> tuple[float, flo
     return 0.0, min(decrease, angle), "decrease" if decrease < angle else "attitude"
 
 
-def _margins(mpc: KinematicMpc, xi: np.ndarray, free: np.ndarray) -> Iterator[np.ndarray]:
+def _margins(mpc: kinematics.KinematicMpc, xi: np.ndarray, free: np.ndarray
+             ) -> Iterator[np.ndarray]:
     """Yields (V − V⁺)/ℓ − 1 of a step from ξ (m, 6+n), and the rest of the vehicle's angles."""
     zeta, h = xi @ mpc.terminal.gain.T, mpc.mpc.time_step
     config = mpc.model.configuration(mpc.y_des + xi)
@@ -279,11 +273,11 @@ def _margins(mpc: KinematicMpc, xi: np.ndarray, free: np.ndarray) -> Iterator[np
     yield 1.0 - np.abs(config[:, 3:5]) / mpc.bounds.upper[:2]
 
 
-def between_knots(mpc: KinematicMpc, plan: Plan, points: int = 9) -> float:
+def between_knots(mpc: kinematics.KinematicMpc, plan: kinematics.Plan, points: int = 9) -> float:
     """Returns the largest excess of a plan's angles over their limits between its knots [rad]."""
     inside = np.linspace(0.0, mpc.mpc.time_step, points + 2)[1:-1, None, None]
     zeta = np.broadcast_to(plan.zeta, (points, *plan.zeta.shape))
     config = advance(plan.config[None, :-1], zeta, np.zeros_like(zeta), inside)
-    angles = limited_angles(config, mpc.y_des + mpc.errors(config))
+    angles = kinematics.limited_angles(config, mpc.y_des + mpc.errors(config))
     return float(np.max(np.maximum(angles - mpc.bounds.upper, mpc.bounds.lower - angles),
                         initial=0.0))

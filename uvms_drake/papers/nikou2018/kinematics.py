@@ -39,14 +39,7 @@ from uvms_drake.common.wiring import WiredSystem, output_of, release
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.limits import Limits, TubeRadii, joint_limits, resolved_radii
-from uvms_drake.control.ocp.ocp import (
-    EXCESS_PENALTY,
-    FEASIBLE,
-    TERMINAL_PENALTY,
-    VIOLATION_PENALTY,
-    MpcConfig,
-    weight,
-)
+from uvms_drake.control.ocp import ocp
 from uvms_drake.control.plan.plan import advance_derivatives, advance_one, roll_out
 from uvms_drake.control.plan.terminal import Terminal, declared_terminal
 from uvms_drake.model.contact_model import ContactModel
@@ -149,7 +142,7 @@ class PlanValue:
     @property
     def merit(self) -> float:
         """Objective with an exact penalty of the violations."""
-        return self.cost + VIOLATION_PENALTY * self.total
+        return self.cost + ocp.VIOLATION_PENALTY * self.total
 
 
 class KinematicMpc:
@@ -162,11 +155,11 @@ class KinematicMpc:
         bounds: Limits of the plan.
     """
 
-    def __init__(self, model: ContactModel, mpc: MpcConfig, y_des: np.ndarray, bounds: Bounds):
+    def __init__(self, model: ContactModel, mpc: ocp.MpcConfig, y_des: np.ndarray, bounds: Bounds):
         size = model.size
         self.model, self.mpc, self.y_des, self.bounds = model, mpc, y_des, bounds
-        self.Q = np.diag(weight(mpc, "weight_y", size, zeros=True))
-        self.R = np.diag(weight(mpc, "weight_zeta", size))
+        self.Q = np.diag(ocp.weight(mpc, "weight_y", size, zeros=True))
+        self.R = np.diag(ocp.weight(mpc, "weight_zeta", size))
         weighted = np.diag(self.Q) > 0.0
         require(all(weighted[:6]) and len(set(weighted[6:])) <= 1, "weight_y", mpc.weight_y,
                 "6 positive numbers, and for the joints positive ones or zeros only")
@@ -176,7 +169,7 @@ class KinematicMpc:
                 model.task_jacobian(model.configuration(y_des)), self.Q, self.R, mpc.time_step,
                 radius)
         else:
-            P = weight(mpc, "terminal_weight", size, zeros=True)
+            P = ocp.weight(mpc, "terminal_weight", size, zeros=True)
             self.terminal = declared_terminal(P, size, radius)
 
     def plan(self, config: np.ndarray, zeta: np.ndarray) -> Plan:
@@ -200,7 +193,7 @@ class KinematicMpc:
         """
         xi, terminal = self.errors(plan.config[-1]), self.terminal
         size = float(np.linalg.norm(terminal.root @ xi))
-        if size > terminal.radius + FEASIBLE:
+        if size > terminal.radius + ocp.FEASIBLE:
             xi = terminal.radius / size * xi
         last = terminal.gain @ xi
         return self.plan(plan.config[1], np.concatenate([plan.zeta[1:], last[None]]))
@@ -218,7 +211,7 @@ class KinematicMpc:
               for block, most in zip(BLOCKS, bounds.speeds, strict=True)),
             (angles - bounds.upper).ravel(), (bounds.lower - angles).ravel()])
         excess = np.maximum(excess, 0.0)
-        return PlanValue(float(h * stages) + end + TERMINAL_PENALTY * slack, slack,
+        return PlanValue(float(h * stages) + end + ocp.TERMINAL_PENALTY * slack, slack,
                       float(np.max(excess)), float(np.sum(excess)))
 
     def solve(self, plan: Plan, iterations: int) -> Plan:
@@ -264,7 +257,8 @@ class KinematicMpc:
         zeta = program.NewContinuousVariables(N, size, "zeta")
         s, v = (program.NewContinuousVariables(1, name) for name in "sv")
         program.AddBoundingBoxConstraint(0.0, np.inf, np.concatenate([s, v]))
-        program.AddLinearCost([TERMINAL_PENALTY, EXCESS_PENALTY], 0.0, np.concatenate([s, v]))
+        program.AddLinearCost(
+            [ocp.TERMINAL_PENALTY, ocp.EXCESS_PENALTY], 0.0, np.concatenate([s, v]))
         program.AddBoundingBoxConstraint(now[0], now[0], xi[0])
         for k in range(N):
             program.AddLinearEqualityConstraint(
@@ -354,7 +348,7 @@ class KinematicController(WiredSystem):
 
     def _plan_first(self, context: Context, state: State) -> EventStatus:
         plan = self._mpc.solve(self._mpc.resting(self._config.Eval(context)), FIRST_ITERATIONS)
-        if (violation := self._mpc.value(plan).violation) > FEASIBLE:
+        if (violation := self._mpc.value(plan).violation) > ocp.FEASIBLE:
             raise RunFailed(f"the nominal MPC has no solution at the start: its plan exceeds a "
                             f"limit by {violation:.3g}")
         return self._remember(context, state, plan)

@@ -28,18 +28,10 @@ from uvms_drake.plant import Disturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, Unknowns
 from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.plant.waves import Wave
+from uvms_drake.station.scenario import scenario_file
 from uvms_drake.station.scenario.contact import Contact, KnownSurface
 from uvms_drake.station.scenario.modules import import_modules
 from uvms_drake.station.scenario.parts import keyed
-from uvms_drake.station.scenario.scenario_file import (
-    apply_overrides,
-    refuse_gone,
-    reported_in,
-    scenario_path,
-    scenario_source,
-    set_options,
-    with_base,
-)
 from uvms_drake.tube.estimates import CertificateSettings
 from uvms_drake.visual.stage import VisualConfig
 
@@ -287,15 +279,15 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
     Raises:
         ScenarioError: A value is not allowed; one line with file, key, value and allowed values.
     """
-    path = scenario_path(name_or_path)
-    with reported_in(path.name):
-        scenario = typed_scenario(with_base(read_yaml(path), path, ()))
+    path = scenario_file.scenario_path(name_or_path)
+    with scenario_file.reported_in(path.name):
+        scenario = typed_scenario(scenario_file.with_base(read_yaml(path), path, ()))
         scenario.name = scenario.name or path.stem
-    options = set_options(overrides) if options is None else options
-    with reported_in(scenario_source(name_or_path, options)):
+    options = scenario_file.set_options(overrides) if options is None else options
+    with scenario_file.reported_in(scenario_file.scenario_source(name_or_path, options)):
         if overrides:
             scenario = typed_scenario(
-                apply_overrides(yaml_load_data(dump_scenario(scenario)), overrides))
+                scenario_file.apply_overrides(yaml_load_data(dump_scenario(scenario)), overrides))
         check_values(scenario)
         name = scenario.name
         usable = name.isprintable() and not any(c in name for c in "/\\") and (
@@ -309,7 +301,7 @@ def typed_scenario(raw: object) -> Scenario:
     """Returns raw data as a scenario, not checked, after the import of the modules it names."""
     if isinstance(raw, dict) and "modules" in raw:
         raw = {**raw, "modules": import_modules(conform(list[str], raw["modules"], "modules"))}
-    refuse_gone(raw)
+    scenario_file.refuse_gone(raw)
     scenario: Scenario = conform(Scenario, raw)
     return scenario
 

@@ -23,6 +23,7 @@ import numpy as np
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.tube import row_gains
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold import HoldLaw, TipBounds
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, SensorEffect, sensor_effect_of
@@ -30,13 +31,6 @@ from uvms_drake.tube.contact.tip_motion import TipAcceleration
 from uvms_drake.tube.estimates import Check, together
 from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube, register_tube
 from uvms_drake.tube.laws.resolved_remainders import RemainderProblem, turning
-from uvms_drake.tube.row_gains import (
-    attitude_radii,
-    input_gain,
-    joint_rate_radius,
-    preimage_shift,
-    resolved_tube,
-)
 from uvms_drake.tube.search.ascent import first_order
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import claimed_over_joints
@@ -145,7 +139,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     if np.any(weights != 1.0):
         alpha, of_alpha = largest_turning("α", weights)
         check = together(check, of_alpha)
-    shift = preimage_shift(k, sigma, d_bound, omega, alpha)
+    shift = row_gains.preimage_shift(k, sigma, d_bound, omega, alpha)
     if np.any(sensor_effect.p):  # ‖J_x⁻¹J̇_x𝔭₀‖ ≤ ω‖𝔭₀‖
         drift = omega * float(np.linalg.norm(sensor_effect.p))
         shift += drift / (sigma - omega) if omega < sigma else np.inf
@@ -174,13 +168,13 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
                            for i, (problem, each) in enumerate(zip(
                                problems, values, strict=True))), strict=True)
     remainders = np.sum(claims, axis=0)
-    roll, pitch = map(float, remainders[2:4]) if len(problems) > 1 else attitude_radii(
+    roll, pitch = map(float, remainders[2:4]) if len(problems) > 1 else row_gains.attitude_radii(
         constraint_set, errors.radii[1], errors.radii[2], model.num_joints)
 
     # The linear parts by their filters, with the shift δ of 𝔭; the remainders by search.
-    z = np.array([joint_rate_radius(k, sigma, d_bound * float(np.max(weights[block], initial=0.0)))
-                  for block in _blocks(size)]) + sensor_effect.z
-    u, extra = input_gain(k, sigma) * d_bound, sigma**2 * shift
+    d_of = [d_bound * float(np.max(weights[block], initial=0.0)) for block in _blocks(size)]
+    z = np.array([row_gains.joint_rate_radius(k, sigma, d) for d in d_of]) + sensor_effect.z
+    u, extra = row_gains.input_gain(k, sigma) * d_bound, sigma**2 * shift
     tau = None
     if forces:
         inertia, of_inertia = _inertia(model, constraint_set, weights, safety_factor, seed)
@@ -223,7 +217,7 @@ def resolved_constants(law: Resolved, weights: np.ndarray) -> tuple[str, ...]:
 
 def resolved_task_radius(law: Resolved, basis: Basis) -> float:
     """Returns the bound of ‖𝔢_y‖ under the law `resolved`."""
-    return resolved_tube(law.k, law.sigma, basis.d_bound, basis.row_norm("task")).e
+    return row_gains.resolved_tube(law.k, law.sigma, basis.d_bound, basis.row_norm("task")).e
 
 
 @register_tube(Resolved, resolved_constants)
@@ -235,7 +229,7 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     # The rows under d alone, and the additional effect of the force sensor.
     k, sigma, d, settings = law.k, law.sigma, basis.d_bound, basis.settings
     gains = basis.row_norm("position"), basis.row_norm("orientation")
-    position, orientation = (resolved_tube(k, sigma, d, each).e for each in gains)
+    position, orientation = (row_gains.resolved_tube(k, sigma, d, each).e for each in gains)
     sensor_effect = SensorEffect() if basis.contact is None else sensor_effect_of(
         basis.model, basis.declared, basis.contact, k, sigma,
         safety_factor=settings.safety_factor, seed=settings.seed)
@@ -253,7 +247,7 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
         image.radii, e=resolved_task_radius(law, basis) + sensor_norm,
         position=position + sensor_effect.position,
         orientation=orientation + sensor_effect.orientation,
-        joints=resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e
+        joints=row_gains.resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e
         + float(sensor_effect.p[2]), tip_speed=tip_speed + sensor_effect.tip_speed)
     if basis.contact is not None:
         tube = replace(tube, depth=position + sensor_effect.depth,
@@ -283,7 +277,7 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
         effect = of_others(force, nu2, qdot)
         more = effect.z - sensor_effect.z
         assert tube.nu2 is not None and tube.qdot is not None
-        by_d = min(tip_speed, joint_rate_radius(
+        by_d = min(tip_speed, row_gains.joint_rate_radius(
             k, sigma, d * gains[0] + effect.jacobian_rate * d / k))
         return TipBounds(position + effect.depth, position + effect.position,
                          by_d + effect.depth_speed, by_d + effect.tip_speed,
