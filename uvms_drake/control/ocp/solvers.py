@@ -9,18 +9,7 @@ time from the plan of `structured`, and so near the same one of its local optima
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.solvers import (
-    ClarabelSolver,
-    GurobiSolver,
-    IpoptSolver,
-    MosekSolver,
-    NloptSolver,
-    OsqpSolver,
-    ScsSolver,
-    SnoptSolver,
-    SolverInterface,
-    SolverOptions,
-)
+from pydrake import solvers
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.convex.staged_solver import DrakeConvexSolver
@@ -37,14 +26,14 @@ ITERATIONS = 200
 to its tolerance, while the cost changes by less than 1e-6 of itself."""
 
 
-def tight_options() -> SolverOptions:
+def tight_options() -> solvers.SolverOptions:
     """Returns options by which a plan keeps its limits to well within `Ocp.tolerance`."""
-    options = SolverOptions()
-    options.SetOption(SnoptSolver.id(), "Major feasibility tolerance", FEASIBILITY)
-    options.SetOption(SnoptSolver.id(), "Major optimality tolerance", OPTIMALITY)
-    options.SetOption(SnoptSolver.id(), "Major iterations limit", ITERATIONS)
-    options.SetOption(IpoptSolver.id(), "constr_viol_tol", FEASIBILITY)
-    options.SetOption(IpoptSolver.id(), "tol", 10.0 * OPTIMALITY)
+    options = solvers.SolverOptions()
+    options.SetOption(solvers.SnoptSolver.id(), "Major feasibility tolerance", FEASIBILITY)
+    options.SetOption(solvers.SnoptSolver.id(), "Major optimality tolerance", OPTIMALITY)
+    options.SetOption(solvers.SnoptSolver.id(), "Major iterations limit", ITERATIONS)
+    options.SetOption(solvers.IpoptSolver.id(), "constr_viol_tol", FEASIBILITY)
+    options.SetOption(solvers.IpoptSolver.id(), "tol", 10.0 * OPTIMALITY)
     return options
 
 
@@ -61,8 +50,8 @@ class NonlinearSolver(Solver):
             last plan keeps the further constraints. None: the guess.
     """
 
-    def __init__(self, ocp: Ocp, solver: SolverInterface,
-                 options: SolverOptions | None = None,
+    def __init__(self, ocp: Ocp, solver: solvers.SolverInterface,
+                 options: solvers.SolverOptions | None = None,
                  extend: Callable[[OcpProgram], object] | None = None,
                  first: Solver | None = None):
         self.ocp = ocp
@@ -109,9 +98,10 @@ class NonlinearSolver(Solver):
         return Solution(plan, value, 1, converged)
 
 
-CONVEX = {"clarabel": ClarabelSolver, "gurobi": GurobiSolver, "mosek": MosekSolver,
-          "osqp": OsqpSolver, "scs": ScsSolver}
-NONLINEAR = {"ipopt": IpoptSolver, "nlopt": NloptSolver, "snopt": SnoptSolver}
+CONVEX = {"clarabel": solvers.ClarabelSolver, "gurobi": solvers.GurobiSolver,
+          "mosek": solvers.MosekSolver, "osqp": solvers.OsqpSolver, "scs": solvers.ScsSolver}
+NONLINEAR = {"ipopt": solvers.IpoptSolver, "nlopt": solvers.NloptSolver,
+             "snopt": solvers.SnoptSolver}
 
 
 def make_solver(ocp: Ocp, name: str | None = None,
@@ -142,7 +132,7 @@ def make_solver(ocp: Ocp, name: str | None = None,
     return SequentialConvexSolver(ocp, DrakeConvexSolver(solver))
 
 
-def _require_suitable(ocp: Ocp, name: str, solver: SolverInterface) -> None:
+def _require_suitable(ocp: Ocp, name: str, solver: solvers.SolverInterface) -> None:
     """Raises `InvalidParameter` unless a solver can solve the convex programs of a problem."""
     config = ocp.model.configuration(ocp.y_des)
     at_task = np.concatenate([config, np.zeros(ocp.state_size - len(config))])

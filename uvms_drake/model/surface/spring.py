@@ -7,13 +7,7 @@ import numpy as np
 
 from uvms_drake.common.constraints import Vector
 from uvms_drake.common.errors import InvalidParameter, symmetric_matrix
-from uvms_drake.model.frames.euler import (
-    euler_angles,
-    inverse_rate_matrix,
-    rate_matrix,
-    rotation_matrix,
-    wrap_angle,
-)
+from uvms_drake.model.frames import euler
 from uvms_drake.model.frames.spatial import block_diagonal, in_ball
 from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
@@ -52,7 +46,8 @@ class BilateralSpring(Surface):
 
         ZYX angles are singular before their pitch gets there.
         """
-        return np.max(np.abs(wrap_angle(chi[..., 3:] - self.equilibrium[3:])), axis=-1) / np.pi
+        off = euler.wrap_angle(chi[..., 3:] - self.equilibrium[3:])
+        return np.max(np.abs(off), axis=-1) / np.pi
 
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         """Returns ‖𝔭 − 𝔭_eq‖: the spring is attached to the end-effector."""
@@ -108,8 +103,8 @@ class BilateralSpring(Surface):
         the axes of Σ_E; hence K' = BᵀKB with B = blkdiag(Rᵀ, T(𝔬) T(𝔬')⁻¹).
         """
         position, attitude = np.split(np.asarray(self.equilibrium, dtype=float), 2)
-        turned = euler_angles(R @ rotation_matrix(attitude))
-        B = block_diagonal(R.T, rate_matrix(attitude) @ inverse_rate_matrix(turned))
+        turned = euler.euler_angles(R @ euler.rotation_matrix(attitude))
+        B = block_diagonal(R.T, euler.rate_matrix(attitude) @ euler.inverse_rate_matrix(turned))
         K = B.T @ self.stiffness @ B
         return replace(self, stiffness=0.5 * (K + K.T),
                        equilibrium=np.concatenate([R @ position + shift, turned]))

@@ -6,14 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from uvms_drake.actuation import thruster_faults
 from uvms_drake.actuation.joint_brake import StuckJoint
-from uvms_drake.actuation.thruster_faults import (
-    ExchangedThrusters,
-    FaultyThrusters,
-    LostThruster,
-    ReversedThruster,
-    StuckThruster,
-)
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.errors import require, within
 from uvms_drake.common.kinds import offer
@@ -24,22 +18,15 @@ from uvms_drake.model.signals.sensor_actuator import Actuator, Part, Sensor
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.plant.waves import UnknownFlow
-from uvms_drake.sensing.faults import (
-    FrozenForce,
-    FrozenState,
-    JumpedForce,
-    JumpedPosition,
-    LostForce,
-    LostState,
-    MiscalibratedForce,
-    SaturatedForce,
-)
+from uvms_drake.sensing import faults as sensing_faults
 from uvms_drake.sensing.navigation import LostFixes, Navigation
 
-offer(Fault, SolverFailure, SolverTimeout, DroppedPeriod, FrozenState, LostState, LostForce,
-      FrozenForce, SaturatedForce, JumpedForce, StuckJoint, ExcessDisturbance, JumpedPosition,
-      MiscalibratedForce, LostFixes, UnknownFlow, LostThruster, StuckThruster, ReversedThruster,
-      ExchangedThrusters)
+offer(Fault, SolverFailure, SolverTimeout, DroppedPeriod, sensing_faults.FrozenState,
+      sensing_faults.LostState, sensing_faults.LostForce, sensing_faults.FrozenForce,
+      sensing_faults.SaturatedForce, sensing_faults.JumpedForce, StuckJoint, ExcessDisturbance,
+      sensing_faults.JumpedPosition, sensing_faults.MiscalibratedForce, LostFixes, UnknownFlow,
+      thruster_faults.LostThruster, thruster_faults.StuckThruster, thruster_faults.ReversedThruster,
+      thruster_faults.ExchangedThrusters)
 
 
 def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
@@ -71,7 +58,7 @@ def with_faults(actuation: Sequence[Actuator], faults: Sequence[Fault], model: U
         require(bool(known), key, type(fault).__name__, "left out: actuation has no !Thrusters")
         with within(key):
             fault.sent(known[0], *np.zeros((2, known[0].size)))
-    return [FaultyThrusters(**vars(part), faults=tuple(found.values()))
+    return [thruster_faults.FaultyThrusters(**vars(part), faults=tuple(found.values()))
             if found and type(part) is Thrusters else part for part in actuation]
 
 
