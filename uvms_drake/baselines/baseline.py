@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues
 
-from uvms_drake.baselines import shared_laws
+from uvms_drake.baselines import shared_laws, sliding_mode
 from uvms_drake.baselines.compliant_laws import (
     Admittance,
     AdmittanceGains,
@@ -17,12 +17,6 @@ from uvms_drake.baselines.compliant_laws import (
 )
 from uvms_drake.baselines.law import PERIOD, Law, Measured, PressTask, Reference
 from uvms_drake.baselines.prescribed_performance import PerformanceGains, PrescribedPerformance
-from uvms_drake.baselines.sliding_mode import (
-    Coupled,
-    DecoupledArm,
-    DecoupledVehicle,
-    SlidingGains,
-)
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import load_typed, read_yaml
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
@@ -71,8 +65,8 @@ class RobotGains:
     hold: shared_laws.HoldGains = field(default_factory=shared_laws.HoldGains)
     impedance: ImpedanceGains = field(default_factory=ImpedanceGains)
     admittance: AdmittanceGains = field(default_factory=AdmittanceGains)
-    decoupled: SlidingGains = field(default_factory=SlidingGains)
-    coupled: SlidingGains = field(default_factory=SlidingGains)
+    decoupled: sliding_mode.SlidingGains = field(default_factory=sliding_mode.SlidingGains)
+    coupled: sliding_mode.SlidingGains = field(default_factory=sliding_mode.SlidingGains)
     performance: PerformanceGains = field(default_factory=PerformanceGains)
     offset_free: ObserverGains = field(default_factory=ObserverGains)
 
@@ -103,10 +97,11 @@ BASELINES: dict[str, Callable[[RobotGains], Laws]] = {
     "admittance": lambda gains: {
         "law": Admittance(gains.admittance, len(gains.largest) - 6), **_shared(gains)},
     "sliding_decoupled": lambda gains: {
-        "law": DecoupledArm(gains.decoupled), "hold": DecoupledVehicle(gains.decoupled),
+        "law": sliding_mode.DecoupledArm(gains.decoupled),
+        "hold": sliding_mode.DecoupledVehicle(gains.decoupled),
         "compensation": shared_laws.Compensation(), "feedforward": shared_laws.ForceFeedforward()},
     "sliding_coupled": lambda gains: {
-        "law": Coupled(gains.coupled), "compensation": shared_laws.Compensation()},
+        "law": sliding_mode.Coupled(gains.coupled), "compensation": shared_laws.Compensation()},
     "prescribed_performance": lambda gains: {
         "law": PrescribedPerformance(gains.performance, len(gains.largest)),
         "feedforward": shared_laws.ForceFeedforward(joints=True)},

@@ -5,13 +5,17 @@ but one are of the robot as it is, with thrusters, a clock, navigation and a wro
 baseline has one set of gains. In `ideal` the wrench is exact and the loop continuous.
 """
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from uvms_drake.benchmark.press import Course
 from uvms_drake.common.errors import require
 from uvms_drake.common.keyed_random import generator_of
+from uvms_drake.common.schema import read_yaml
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 
 STREAM = 41
@@ -37,7 +41,7 @@ class BenchRobot:
     """The robot as it is."""
     ideal: str
     """With an ideal wrench and exact states."""
-    start: tuple[float, float]
+    start: Sequence[float]
     """x of the vehicle at the start of either [m], at which the wall is near."""
     latest: float
     """Instant at which a run without a touch ends [s]."""
@@ -49,12 +53,8 @@ class BenchRobot:
     """Mass of a dense ball in the hand [kg]: 20 % of the weight that has to be held."""
 
 
-ROBOTS = {
-    "girona500_arm5e": BenchRobot(
-        "girona500_real_loop", "girona500_tip_first", (-1.10, -1.10), 16.0, 0.15, 1.0, 0.23),
-    "bluerov2_alpha5": BenchRobot(
-        "bluerov2_real_loop", "bluerov2_contact", (-0.58, -0.61), 32.0, 0.25, 0.25, 0.045),
-}
+_DATA: Any = read_yaml(Path(__file__).with_name("cases.yaml"))
+ROBOTS = {name: BenchRobot(**fields) for name, fields in _DATA["robots"].items()}
 """Robots of the benchmark."""
 
 
@@ -65,7 +65,7 @@ class Case:
     name: str
     text: str
     """Description of the difficulty, in a table."""
-    overrides: tuple[str, ...] = ()
+    overrides: Sequence[str] = ()
     """Overrides of the robot's scenario, `key.path=value`; `{payload}` and `{impulse}` are the
     robot's."""
     ideal: bool = False
@@ -74,34 +74,11 @@ class Case:
     """Whether the wall is stiffer than the class that is declared to the MPCs."""
     further: float = 0.0
     """Further time of a run, after the touch [s]."""
-    slide: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    slide: Sequence[float] = (0.0, 0.0, 0.0)
     """Displacement of the place in contact (3,) [m]."""
 
 
-CASES = {case.name: case for case in (
-    Case("ideal", "exact wrench and state, continuous, disturbed", ideal=True),
-    Case("thrusters", "lag of 0.05 to 0.15 s, 50 Hz, noise: so are all below"),
-    Case("navigation", "an exact navigation", (
-        "sensing.0.position.noise=0.0", "sensing.0.turning.noise=0.0",
-        "sensing.0.dvl.noise=[0.0, 0.0, 0.0]")),
-    Case("wall_off", "the wall 5 cm deeper", ("surface_error.shift=[0.05, 0.0, 0.0]",)),
-    Case("soft", "stiffness × 0.2", ("surface_error.stiffness=0.2",), further=6.0),
-    Case("stiff", "stiffness × 5", ("surface_error.stiffness=5.0",), outside=True),
-    Case("very_stiff", "stiffness × 20", ("surface_error.stiffness=20.0",),
-         outside=True),
-    Case("tilt", "wall tilted by 5° in place of 3°", ("surface_error.turn=[0.0, 0.0349, 0.0]",)),
-    Case("friction", "coefficient of friction 0.5", ("surface.friction=0.5",)),
-    Case("current", "current of 0.25 m/s along the wall", ("current=[0.0, 0.25, 0.0]",)),
-    Case("mass", "masses + 20 %", ("model_error.mass=1.2",)),
-    Case("gravity", "weight of the arm in water + 20 %", ("model_error.payload.mass={payload}",)),
-    Case("bias", "sensor biased by 1 N", (
-        "faults=[!JumpedForce {start: 1.0, duration: 1000.0, "
-        "jump: [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0]}]",)),
-    Case("slide", "slide of 0.5 m at 50 mm/s", slide=np.array([0.0, 0.5, 0.0]),
-         further=5.0),
-    Case("impulse", "lateral impulse of a second at the touch", (
-        "disturbance=!TouchImpulse {bound: {impulse}}",)),
-)}
+CASES = {name: Case(name, **fields) for name, fields in _DATA["cases"].items()}
 """Cases by name."""
 
 
@@ -136,4 +113,4 @@ def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario,
     scenario = replace(
         scenario, start=replace(scenario.start, eta=eta, q=q),
         surface_error=replace(error, stiffness=error.stiffness * (1.0 + STIFFNESS * stiffness)))
-    return scenario, Course(bench.latest, after, case.slide)
+    return scenario, Course(bench.latest, after, np.array(case.slide))

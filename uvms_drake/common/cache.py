@@ -59,7 +59,7 @@ def _entry(key: Any) -> tuple[str, Path]:
 
 @functools.cache
 def source_digest(*others: str, without: tuple[str, ...] = ()) -> str:
-    """Returns the SHA-256 of this package's Python files: another program, another result.
+    """Returns the SHA-256 of this package's Python files, and of the table by which it reads robots.
 
     Args:
         others: Patterns of further files, such as `*.yaml` for scenarios and gains.
@@ -67,7 +67,8 @@ def source_digest(*others: str, without: tuple[str, ...] = ()) -> str:
     """
     folder = FOLDER
     digest = hashlib.sha256()
-    for path in sorted(path for pattern in ("*.py", *others) for path in folder.rglob(pattern)):
+    for path in sorted({path for pattern in ("*.py", "elements.yaml", *others)
+                        for path in folder.rglob(pattern)}):
         if path.relative_to(folder).parts[0] in without:
             continue
         digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())

@@ -24,13 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.end_effector import pose_rate_matrix, pose_rate_matrix_rate
-from uvms_drake.model.frames.euler import (
-    WORLD,
-    euler_angles,
-    inverse_rate_matrix,
-    rate_matrix,
-    rotation_matrix,
-)
+from uvms_drake.model.frames import euler
 from uvms_drake.model.frames.spatial import (
     block_diagonal,
     cross,
@@ -94,7 +88,7 @@ class UvmsModel:
         task_frame: ZYX Euler angles of Σ_T in Σ_I (3,) [rad]; zero is the paper's.
     """
 
-    def __init__(self, uvms: Uvms, task_frame: np.ndarray = WORLD):
+    def __init__(self, uvms: Uvms, task_frame: np.ndarray = euler.WORLD):
         self.num_joints = n = len(uvms.joints)
         self.size = 6 + n
         """Size 6 + n of 𝔮 and of ζ."""
@@ -113,7 +107,7 @@ class UvmsModel:
         self._sliding = [int(j) for j in np.flatnonzero(self.slides)]
         self.gravity: np.ndarray = uvms.plant.gravity_field().gravity_vector()
         """g in Σ_I (3,) [m/s²]."""
-        self.R_WT = rotation_matrix(np.asarray(task_frame, dtype=float))
+        self.R_WT = euler.rotation_matrix(np.asarray(task_frame, dtype=float))
         """Attitude of Σ_T in Σ_I (3, 3)."""
         self._own_frame = bool(np.any(task_frame))
         self.thrusters = uvms.thrusters
@@ -187,10 +181,10 @@ class UvmsModel:
     def _tip(self, config: np.ndarray, X_BE: np.ndarray
              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns R_WB, R_WE (..., 3, 3) and χ (..., 6); X_BE is (..., 3, 4)."""
-        R_WB = rotation_matrix(config[..., 3:6])
+        R_WB = euler.rotation_matrix(config[..., 3:6])
         X = R_WB @ X_BE
         R_TE = self.R_WT.T @ X[..., :3] if self._own_frame else X[..., :3]
-        chi = np.concatenate([config[..., :3] + X[..., 3], euler_angles(R_TE)], axis=-1)
+        chi = np.concatenate([config[..., :3] + X[..., 3], euler.euler_angles(R_TE)], axis=-1)
         return R_WB, X[..., :3], chi
 
     def _link_jacobians(
@@ -265,10 +259,10 @@ class UvmsModel:
         config[..., 6:] = y[..., 6:]
         X_BE = self._chain(config[..., 6:])[..., -1, :, :]
         R_BE, p_BE = X_BE[..., :3, :3], X_BE[..., :3, 3]
-        R_TB = rotation_matrix(y[..., 3:6]) @ R_BE.swapaxes(-1, -2)
+        R_TB = euler.rotation_matrix(y[..., 3:6]) @ R_BE.swapaxes(-1, -2)
         R_WB = self.R_WT @ R_TB if self._own_frame else R_TB
         config[..., :3] = y[..., :3] - times(R_WB, p_BE)
-        config[..., 3:6] = euler_angles(R_WB)
+        config[..., 3:6] = euler.euler_angles(R_WB)
         return config
 
     # Dynamics
@@ -380,7 +374,7 @@ class UvmsModel:
         """
         rates = self.inverse_dynamics_derivatives(kinematics, zeta, f)
         rates[..., :6] = rates[..., :6] @ block_diagonal(
-            kinematics.R_WB.swapaxes(-1, -2), inverse_rate_matrix(config[..., 3:6]))
+            kinematics.R_WB.swapaxes(-1, -2), euler.inverse_rate_matrix(config[..., 3:6]))
         derivatives = -(inverse_mass @ rates)
         return derivatives[..., : self.size], derivatives[..., self.size:]
 
@@ -456,8 +450,8 @@ def read_uvms(model: str) -> Uvms:
 def configuration_rate(config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
     """Returns 𝔮̇ = Γ(𝔮) ζ (..., 6+n), Γ = blkdiag(𝔍₁, 𝔍₂, I) (eq:kin)."""
     rpy = config[..., 3:6]
-    linear = times(rotation_matrix(rpy), zeta[..., :3])
-    angular = times(rate_matrix(rpy), zeta[..., 3:6])
+    linear = times(euler.rotation_matrix(rpy), zeta[..., :3])
+    angular = times(euler.rate_matrix(rpy), zeta[..., 3:6])
     return np.concatenate([linear, angular, zeta[..., 6:]], axis=-1)
 
 
@@ -465,8 +459,8 @@ def configuration_rate_matrix(config: np.ndarray) -> np.ndarray:
     """Returns Γ(𝔮) (..., 6+n, 6+n)."""
     size = config.shape[-1]
     Gamma = np.zeros((*config.shape, size), dtype=config.dtype)
-    Gamma[..., :3, :3] = rotation_matrix(config[..., 3:6])
-    Gamma[..., 3:6, 3:6] = rate_matrix(config[..., 3:6])
+    Gamma[..., :3, :3] = euler.rotation_matrix(config[..., 3:6])
+    Gamma[..., 3:6, 3:6] = euler.rate_matrix(config[..., 3:6])
     Gamma[..., range(6, size), range(6, size)] = 1.0
     return Gamma
 

@@ -18,12 +18,8 @@ from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED
 from uvms_drake.control.supervisor.detections import CAUSES
 from uvms_drake.report import signals
 from uvms_drake.sensing.force_fault_detector import ForceStatus
+from uvms_drake.station import diagram
 from uvms_drake.station.contact.bounds import sensed_contact
-from uvms_drake.station.diagram import (
-    monitor_begin,
-    monitor_floor,
-    set_wise_radii,
-)
 from uvms_drake.station.record import Record
 from uvms_drake.station.supervision import MONITOR_SLACK
 
@@ -112,7 +108,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
         yield _Signal("retarget", _changed(target - np.outer(target @ n, n)),
                       lambda when: "the tip is sent to another point of the wall")
     # Exits from the tube, lost measurements, and cut or changed commands.
-    radii = set_wise_radii(record.scenario.tube, record.scenario.ancillary)
+    radii = diagram.set_wise_radii(record.scenario.tube, record.scenario.ancillary)
     set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
     yield _deviation("tube_left", SAID[0], record, set_wise)
     yield _deviation("bound_left", SAID[1], record, record.tube_bound)
@@ -147,8 +143,8 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
     before, which is the same for a continuous nominal motion. Only the log has the end of the run.
     """
     scenario, norms = record.scenario, record.tube_deviation
-    floor = monitor_floor(set_wise_radii(scenario.tube, scenario.ancillary))
-    watched = record.followed & (record.time >= monitor_begin(
+    floor = diagram.monitor_floor(diagram.set_wise_radii(scenario.tube, scenario.ancillary))
+    watched = record.followed & (record.time >= diagram.monitor_begin(
         scenario.mpc.hover, bool(record.certified)))
     left = beyond(norms, bounds, MONITOR_SLACK, floor) & watched[:, None]
     ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)

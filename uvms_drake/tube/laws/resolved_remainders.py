@@ -8,16 +8,11 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.frames.spatial import cross, cross_motion, times
 from uvms_drake.model.uvms_model import Kinematics
-from uvms_drake.tube.search.search_problem import (
-    NominalMotion,
-    SearchProblem,
-    input_within,
-    nominal_motion,
-)
+from uvms_drake.tube.search import search_problem
 
 
-def remainders(model: ContactModel, nominal: NominalMotion, nominal_u: np.ndarray, e_y: np.ndarray,
-               r: np.ndarray, k: float, sigma: float) -> np.ndarray:
+def remainders(model: ContactModel, nominal: search_problem.NominalMotion, nominal_u: np.ndarray,
+               e_y: np.ndarray, r: np.ndarray, k: float, sigma: float) -> np.ndarray:
     """Returns the remainders of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).
 
     In the order ζ, (φ, θ), u, τ. The remainder of τ is τ − τ̄ − M(𝔮)[−(k + σ)𝔯 + σ²𝔭]. Any argument
@@ -90,7 +85,7 @@ def _rate_of_inverse(rpy: np.ndarray, rate: np.ndarray, w: np.ndarray) -> np.nda
 
 
 @dataclass(frozen=True)
-class RemainderProblem(SearchProblem):
+class RemainderProblem(search_problem.SearchProblem):
     """Remainders of the law `resolved`; see `remainders`."""
 
     u_limits: np.ndarray
@@ -115,8 +110,8 @@ class RemainderProblem(SearchProblem):
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns the remainders (..., 3(6+n) + 2)."""
         pose, zeta, share = np.split(x, 3, axis=-1)
-        nominal = nominal_motion(self.model, self.config(pose), zeta)
-        u = input_within(nominal.drift, share, self.u_limits, self.largest_rate)
+        nominal = search_problem.nominal_motion(self.model, self.config(pose), zeta)
+        u = search_problem.input_within(nominal.drift, share, self.u_limits, self.largest_rate)
         e_y, r = error[..., : self.size], error[..., self.size:]
         if self.preimage:  # J_x at the real configuration, to second order.
             at = nominal.kinematics

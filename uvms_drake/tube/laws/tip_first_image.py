@@ -32,13 +32,9 @@ from uvms_drake.tube.estimates import (
     together,
 )
 from uvms_drake.tube.laws.resolved_remainders import jacobian_rate_times
+from uvms_drake.tube.search import joint_search
 from uvms_drake.tube.search.ascent import first_order
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.joint_search import (
-    claimed_over_joints,
-    second_over_joints,
-    supremum_over_joints,
-)
 from uvms_drake.tube.search.search_problem import (
     NominalMotion,
     Part,
@@ -185,14 +181,14 @@ def arm_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
         carried = np.linalg.norm(np.linalg.pinv(J_sq) @ J_s[..., :6], 2, axis=(1, 2))
         return np.stack([-least, carried], axis=1)
 
-    found = supremum_over_joints(values, lower, upper, settings.seed)
+    found = joint_search.supremum_over_joints(values, lower, upper, settings.seed)
     least, factor = -float(found[0]), settings.safety_factor
     if least <= 0.0:
         return Arm(least, np.inf)
     carried = factor * float(found[1])
 
     def check() -> tuple[Estimate, ...]:
-        second = second_over_joints(values, lower, upper, settings.seed)
+        second = joint_search.second_over_joints(values, lower, upper, settings.seed)
         other = -float(second[0])
         return (Estimate("‖J_sq⁻¹‖", factor / least, 1.0 / other if other > 0.0 else np.inf),
                 Estimate("‖J_sq⁻¹J_sv‖", carried, float(second[1])))
@@ -229,7 +225,7 @@ def least_speeds(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
             np.linalg.norm(inverse[:, part][:, :, block.rows], 2, axis=(1, 2)) * block.e_dot
             for block in blocks], axis=0) for part in parts], axis=1)
 
-    return supremum_over_joints(values, *_postures(declared), seed)
+    return joint_search.supremum_over_joints(values, *_postures(declared), seed)
 
 
 def _by_outputs(model: ContactModel, rows: np.ndarray, config: np.ndarray) -> np.ndarray:
@@ -256,8 +252,8 @@ def _linear(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
                                     for block in blocks], axis=0)
         return sizes
 
-    return claimed_over_joints("J_y⁻¹w and MJ_y⁻¹w", values, *_postures(declared),
-                               settings.safety_factor, settings.seed)
+    return joint_search.claimed_over_joints("J_y⁻¹w and MJ_y⁻¹w", values, *_postures(declared),
+                                            settings.safety_factor, settings.seed)
 
 
 def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal: NominalMotion,
