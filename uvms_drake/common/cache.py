@@ -59,7 +59,7 @@ def _entry(key: Any) -> tuple[str, Path]:
 
 @functools.cache
 def source_digest(*others: str, without: tuple[str, ...] = ()) -> str:
-    """Returns the SHA-256 of this package's Python files, and of the table by which it reads robots.
+    """Returns the SHA-256 of the package's Python files, and of the table by which it reads robots.
 
     Args:
         others: Patterns of further files, such as `*.yaml` for scenarios and gains.

@@ -1,8 +1,9 @@
 """Style of the figures of this package: column width, Okabe–Ito colours, lines."""
 
+from pathlib import Path
 from typing import Any
 
-from cycler import cycler
+from matplotlib import rc_params_from_file
 
 BLACK, ORANGE, GREEN, BLUE, VERMILION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
 PURPLE = "#CC79A7"
@@ -11,33 +12,9 @@ XYZ = (BLUE, VERMILION, GREEN)
 DARKER = ("#00395A", "#6B2F00", "#004F3A")
 """The same three colours, of half the lightness."""
 
-STYLE: dict[Any, Any] = {
-    "axes.grid": True,
-    "axes.labelsize": 8,
-    "axes.linewidth": 0.6,
-    "axes.prop_cycle": cycler(color=XYZ),
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 7.5,
-    "axes.xmargin": 0.0,
-    "font.family": "serif",
-    "font.serif": ["STIXGeneral"],
-    "font.size": 8,
-    "grid.alpha": 0.35,
-    "grid.linewidth": 0.4,
-    "legend.borderaxespad": 0.2,
-    "legend.columnspacing": 1.2,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "legend.handlelength": 1.7,
-    "legend.handletextpad": 0.5,
-    "lines.linewidth": 1.1,
-    "mathtext.fontset": "stix",
-    "savefig.dpi": 300,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-}
+STYLE = rc_params_from_file(
+    Path(__file__).with_name("paper.mplstyle"), use_default_template=False)
+"""Matplotlib's parameters."""
 COLUMN_WIDTH = 3.5  # inches, of a two-column paper
 REAL: dict[str, Any] = {"color": BLUE, "label": "real"}
 NOMINAL: dict[str, Any] = {"color": ORANGE, "linestyle": (0, (3, 1.5)), "label": "nominal"}

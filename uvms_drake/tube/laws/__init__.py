@@ -7,16 +7,5 @@ from uvms_drake.tube.law_tube import TUBES, Basis, LawTube, register_tube
 from uvms_drake.tube.laws.resolved import resolved_law_tube
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
 
-__all__ = [
-    "TUBES",
-    "Basis",
-    "Condition",
-    "LawTube",
-    "Quantity",
-    "TubeRadii",
-    "assumption",
-    "register_constant",
-    "register_tube",
-    "resolved_law_tube",
-    "tip_first_law_tube",
-]
+__all__ = ["TUBES", "Basis", "Condition", "LawTube", "Quantity", "TubeRadii", "assumption",
+           "register_constant", "register_tube", "resolved_law_tube", "tip_first_law_tube"]
