@@ -1,13 +1,7 @@
 """Thrusters as systems: allocation of a wrench to commands, a power cut, and forces that follow."""
 
 import numpy as np
-from pydrake.systems.framework import (
-    Context,
-    ContinuousState,
-    DiscreteValues,
-    InputPort,
-    State,
-)
+from pydrake.systems import framework
 
 from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.model.propulsion.allocation import Allocation
@@ -68,14 +62,14 @@ class ThrusterAllocation(WiredSystem):
         return self._allocation.thrusters.commands_of(
             self._allocation.forces_without(isolated, wrench))
 
-    def _hover(self, context: Context) -> np.ndarray:
+    def _hover(self, context: framework.Context) -> np.ndarray:
         model, still = self._model, np.zeros(self._model.size)
         kinematics = model.kinematics(self._state_port.Eval(context)[: model.size])
         tau = model.inverse_dynamics(kinematics, still, still, self._force_port.Eval(context))
         return self._command(tau[:6])
 
 
-def isolated_of(port: InputPort, context: Context) -> int:
+def isolated_of(port: framework.InputPort, context: framework.Context) -> int:
     """Returns the number of the isolated thruster, from 1, by `safety`; 0 for none."""
     return int(port.Eval(context)[SAFETY.index("isolated")]) if port.HasValue(context) else 0
 
@@ -107,7 +101,7 @@ class PowerCut(WiredSystem):
         command = self.DeclareVectorInputPort("command", thrusters.size)
         safety = self.DeclareVectorInputPort("safety", len(SAFETY))
 
-        def powered(context: Context) -> np.ndarray:
+        def powered(context: framework.Context) -> np.ndarray:
             out, isolated = command.Eval(context).copy(), isolated_of(safety, context)
             if isolated:
                 out[isolated - 1] = thrusters.curves[isolated - 1].command_of(0.0)
@@ -155,20 +149,21 @@ class ThrusterDynamics(WiredSystem):
         output_of(self, "force", m, lambda c: c.get_continuous_state_vector().CopyToVector(),
                   {self.xc_ticket()})
 
-    def _begin(self, context: Context, state: State) -> None:
+    def _begin(self, context: framework.Context, state: framework.State) -> None:
         if not context.get_discrete_state(0).value()[0]:
             forces = self._thrusters.forces_of(self._hover_port.Eval(context))
             state.get_mutable_continuous_state().SetFromVector(forces)
             samples = state.get_mutable_discrete_state()
             samples.set_value(1, np.tile(forces, samples.value(1).size // forces.size))
 
-    def _sample(self, context: Context, state: DiscreteValues) -> None:
+    def _sample(self, context: framework.Context, state: framework.DiscreteValues) -> None:
         samples = context.get_discrete_state(1).value()
         newest = self._thrusters.forces_of(self._command_port.Eval(context))
         state.set_value(0, [1.0])
         state.set_value(1, np.append(samples[newest.size:], newest))
 
-    def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
+    def DoCalcTimeDerivatives(
+        self, context: framework.Context, derivatives: framework.ContinuousState) -> None:
         """Sets the derivative ḟ of the forces."""
         force = context.get_continuous_state_vector().CopyToVector()
         followed = context.get_discrete_state(1).value()[: force.size]

@@ -10,15 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from pydrake.systems import framework
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import (
-    Context,
-    DiagramBuilder,
-    DiscreteValues,
-    EventStatus,
-    OutputPort,
-    System,
-)
 
 from uvms_drake.baselines.baseline import read_gains
 from uvms_drake.common.errors import RunFailed
@@ -80,7 +73,7 @@ class AfterTouch(WiredSystem):
             context.get_time() - context.get_discrete_state_vector().value()[0]),
             {self.time_ticket(), self.xd_ticket()})
 
-    def _update(self, context: Context, state: DiscreteValues) -> None:
+    def _update(self, context: framework.Context, state: framework.DiscreteValues) -> None:
         touch = context.get_discrete_state_vector().value()[0]
         if np.isinf(touch) and np.any(self._port.Eval(context)[:3]):
             state.set_value([context.get_time()])
@@ -93,8 +86,8 @@ class TouchImpulse(Disturbance):
 
     label = "impulse"
 
-    def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
-               signals: Mapping[str, OutputPort]) -> OutputPort:
+    def add_to(self, builder: framework.DiagramBuilder, model: UvmsModel, seed: int,
+               signals: Mapping[str, framework.OutputPort]) -> framework.OutputPort:
         """Adds the source of d; see `Disturbance`."""
         sway = self.bound * np.eye(model.size)[1]
         return AfterTouch.AddToBuilder(
@@ -138,9 +131,10 @@ class Trace:
     """Reason of an early end; empty for none."""
 
 
-def run_press(scenario: Scenario, model: ContactModel, controller: System, course: Course) -> Trace:
+def run_press(scenario: Scenario, model: ContactModel, controller: framework.System, course: Course
+              ) -> Trace:
     """Returns the trace of a run until `Course.end`; one that fails before it says so."""
-    builder, place = DiagramBuilder(), scenario.task.place
+    builder, place = framework.DiagramBuilder(), scenario.task.place
     station = builder.AddNamedSystem(
         "station", make_station(scenario, controller=controller, model=model))
     if station.HasInputPort("place"):
@@ -151,7 +145,7 @@ def run_press(scenario: Scenario, model: ContactModel, controller: System, cours
     loop, force = builder.Build(), station.GetOutputPort("force")
     ended, touch = "", np.inf
 
-    def ends(root: Context) -> EventStatus:
+    def ends(root: framework.Context) -> framework.EventStatus:
         """Ends a run at its time, or as soon as its force would break something."""
         nonlocal ended, touch
         read, now = force.Eval(station.GetMyContextFromRoot(root))[:3], root.get_time()
@@ -159,8 +153,8 @@ def run_press(scenario: Scenario, model: ContactModel, controller: System, cours
         if not read @ read < LARGEST_FORCE**2:
             ended = f"force beyond {LARGEST_FORCE:g} N"
         elif now < course.end(touch) - 1e-6:
-            return EventStatus.DidNothing()
-        return EventStatus.ReachedTermination(loop, "end")
+            return framework.EventStatus.DidNothing()
+        return framework.EventStatus.ReachedTermination(loop, "end")
 
     # A run that fails on the way has a trace; one that cannot begin has none.
     try:
@@ -182,7 +176,7 @@ def run_press(scenario: Scenario, model: ContactModel, controller: System, cours
     return Trace(logs["time"], logs, steps, ended)
 
 
-def step_seconds(controller: System, own: Context) -> np.ndarray:
+def step_seconds(controller: framework.System, own: framework.Context) -> np.ndarray:
     """Returns processor times of a law's evaluation from scratch, without its sensors (K,) [s]."""
     alone, out = controller.CreateDefaultContext(), []
     for name in ("state", "force_measured"):

@@ -8,13 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from pydrake.multibody.tree import (
-    BodyIndex,
-    ForceElementIndex,
-    RevoluteSpring,
-    RigidBody,
-    UniformGravityFieldElement,
-)
+from pydrake.multibody import tree
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.robot import Robot
@@ -56,7 +50,7 @@ def bodies_are_joined(uvms: Uvms) -> Complaints:
     plant = uvms.plant
     chain = {body.index() for link in links_of(uvms) for body in plant.GetBodiesWeldedTo(link)}
     for i in range(1, plant.num_bodies()):  # 0 is World.
-        body = plant.get_body(BodyIndex(i))
+        body = plant.get_body(tree.BodyIndex(i))
         if body.index() not in chain:
             yield InvalidParameter(
                 "link", body.name(), "joined to the vehicle by joints, or it floats by itself: a "
@@ -86,10 +80,10 @@ def nothing_pulls(uvms: Uvms) -> Complaints:
     """Gravity is the only force element: the controller's model knows of no other."""
     plant = uvms.plant
     for i in range(plant.num_force_elements()):
-        element = plant.get_force_element(ForceElementIndex(i))
-        if isinstance(element, UniformGravityFieldElement):
+        element = plant.get_force_element(tree.ForceElementIndex(i))
+        if isinstance(element, tree.UniformGravityFieldElement):
             continue
-        if isinstance(element, RevoluteSpring):
+        if isinstance(element, tree.RevoluteSpring):
             yield InvalidParameter(
                 f"joint {element.joint().name()}: spring_stiffness", element.default_stiffness(),
                 "0: the controller's model has no springs")
@@ -174,12 +168,12 @@ def it_is_upright(uvms: Uvms) -> Complaints:
             "FRD, z down (numbers with z up are turned by diag(1, -1, -1))")
 
 
-def links_of(uvms: Uvms) -> list[RigidBody]:
+def links_of(uvms: Uvms) -> list[tree.RigidBody]:
     """Returns the vehicle and the body that each joint moves, from the vehicle outwards."""
     return [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
 
 
-def principal_moments(body: RigidBody) -> np.ndarray:
+def principal_moments(body: tree.RigidBody) -> np.ndarray:
     """Returns the principal moments of inertia (3,) [kg m²] about the centre of mass."""
     M = body.default_spatial_inertia()
     about_center = M.Shift(M.get_com()).CalcRotationalInertia().CopyToFullMatrix3()

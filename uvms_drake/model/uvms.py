@@ -9,16 +9,8 @@ Further requirements are in `robot_check`.
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydrake.multibody import tree
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import (
-    Frame,
-    Joint,
-    JointActuator,
-    ModelInstanceIndex,
-    PrismaticJoint,
-    RevoluteJoint,
-    RigidBody,
-)
 
 from uvms_drake.common.errors import InvalidFile
 from uvms_drake.common.schema import line_of, suggestion
@@ -43,22 +35,22 @@ class Uvms:
     """Handles of a UVMS inside a `MultibodyPlant`."""
 
     plant: MultibodyPlant
-    model_instance: ModelInstanceIndex
-    vehicle: RigidBody
-    joints: tuple[RevoluteJoint | PrismaticJoint, ...]
+    model_instance: tree.ModelInstanceIndex
+    vehicle: tree.RigidBody
+    joints: tuple[tree.RevoluteJoint | tree.PrismaticJoint, ...]
     """The arm's joints, from the vehicle outwards."""
-    tip: Frame
+    tip: tree.Frame
     hydrodynamics: HydrodynamicParameters
     thrusters: ThrusterParameters | None = None
     """None if they are not known."""
 
-    def motor(self, joint: Joint) -> JointActuator | None:
+    def motor(self, joint: tree.Joint) -> tree.JointActuator | None:
         """Returns the motor of a joint; None without one."""
         motors = map(self.plant.get_joint_actuator,
                      self.plant.GetJointActuatorIndices(self.model_instance))
         return next((each for each in motors if each.joint().index() == joint.index()), None)
 
-    def water(self, body: RigidBody) -> BodyHydrodynamics:
+    def water(self, body: tree.RigidBody) -> BodyHydrodynamics:
         """Returns the parameters of a body's water; a body that is not named feels none."""
         return self.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
 
@@ -89,7 +81,8 @@ def add_uvms(plant: MultibodyPlant, model: str | RobotFiles) -> Uvms:
     )
 
 
-def _require_names(plant: MultibodyPlant, instance: ModelInstanceIndex, files: RobotFiles) -> None:
+def _require_names(plant: MultibodyPlant, instance: tree.ModelInstanceIndex, files: RobotFiles
+                   ) -> None:
     """Raises unless the frames are there, and the bodies that the water acts on."""
     frames = sorted(plant.get_frame(i).name() for i in plant.GetFrameIndices(instance))
     bodies = sorted(plant.get_body(i).name() for i in plant.GetBodyIndices(instance))
@@ -106,8 +99,8 @@ def _require_names(plant: MultibodyPlant, instance: ModelInstanceIndex, files: R
         raise InvalidFile(missing)
 
 
-def _serial_joints(plant: MultibodyPlant, instance: ModelInstanceIndex, file: Path
-                  ) -> tuple[RevoluteJoint | PrismaticJoint, ...]:
+def _serial_joints(plant: MultibodyPlant, instance: tree.ModelInstanceIndex, file: Path
+                  ) -> tuple[tree.RevoluteJoint | tree.PrismaticJoint, ...]:
     """Returns the joints that move, from the vehicle outwards, whatever their order in the file.
 
     Args:
@@ -119,7 +112,7 @@ def _serial_joints(plant: MultibodyPlant, instance: ModelInstanceIndex, file: Pa
         InvalidFile: The vehicle is not the root, or joints stand off the chain; names them all.
     """
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
-    inboard: dict[str, Joint] = {}
+    inboard: dict[str, tree.Joint] = {}
     for joint in joints:
         child = joint.child_body().name()
         if (other := inboard.setdefault(child, joint)) is not joint:
@@ -146,7 +139,7 @@ def _serial_joints(plant: MultibodyPlant, instance: ModelInstanceIndex, file: Pa
         f"is not in the chain {listed}" for joint in moving if joint.name() not in chain])
 
 
-def _carriers(joint: Joint, inboard: dict[str, Joint]) -> list[Joint]:
+def _carriers(joint: tree.Joint, inboard: dict[str, tree.Joint]) -> list[tree.Joint]:
     """Returns the joints from the root to a joint and itself, those of type fixed too."""
     path = [joint]
     while (parent := path[0].parent_body().name()) in inboard and len(path) <= len(inboard):
@@ -154,11 +147,11 @@ def _carriers(joint: Joint, inboard: dict[str, Joint]) -> list[Joint]:
     return path
 
 
-def _moving_carriers(joint: Joint, inboard: dict[str, Joint]) -> list[Joint]:
+def _moving_carriers(joint: tree.Joint, inboard: dict[str, tree.Joint]) -> list[tree.Joint]:
     return [each for each in _carriers(joint, inboard) if each.type_name() in MOVING]
 
 
-def _not_the_root(inboard: dict[str, Joint]) -> str:
+def _not_the_root(inboard: dict[str, tree.Joint]) -> str:
     """Returns the complaint about a vehicle that hangs on another link."""
     joint = _carriers(inboard["vehicle"], inboard)[0]
     root, own = joint.parent_body().name(), inboard["vehicle"]
@@ -170,6 +163,6 @@ def _not_the_root(inboard: dict[str, Joint]) -> str:
             f"name '{root}' vehicle, or leave it and joint {own.name()} out")
 
 
-def slides(joint: RevoluteJoint | PrismaticJoint) -> bool:
+def slides(joint: tree.RevoluteJoint | tree.PrismaticJoint) -> bool:
     """Whether the joint's coordinate is a length, of a prismatic joint, not an angle."""
     return bool(joint.type_name() == "prismatic")

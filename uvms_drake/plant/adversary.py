@@ -9,13 +9,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiagramBuilder,
-    DiscreteValues,
-    OutputPort,
-)
+from pydrake.systems import framework
 
 from uvms_drake.common.constraints import Finite, NotNegative, OneOf, Positive
 from uvms_drake.common.errors import require
@@ -68,8 +62,8 @@ class AdversarialDisturbance(Disturbance):
         """Kind of the disturbance."""
         return self.kind
 
-    def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
-               signals: Mapping[str, OutputPort]) -> OutputPort:
+    def add_to(self, builder: framework.DiagramBuilder, model: UvmsModel, seed: int,
+               signals: Mapping[str, framework.OutputPort]) -> framework.OutputPort:
         """Adds an `Adversary`; see `Disturbance`."""
         require("e_y" in signals, "kind", self.kind, "another: a function of time alone, or in a "
                 "station with a tube MPC, which has the errors that aim it")
@@ -146,10 +140,11 @@ class Adversary(WiredSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(
             self._half, self._half * float(-shift % 1.0), self._update_sign)
 
-    def _update_sign(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def _update_sign(
+        self, context: framework.Context, discrete_state: framework.DiscreteValues) -> None:
         discrete_state.set_value([self._sign_at(context.get_time())])
 
-    def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
+    def _calc_disturbance(self, context: framework.Context, output: framework.BasicVector) -> None:
         match self._settings.kind:
             case "along_r":
                 e = toward(self._r_port.Eval(context) / self._weights, self._direction)
@@ -171,7 +166,7 @@ class Adversary(WiredSystem):
                 e = self._direction * context.get_discrete_state_vector().value()[0]
         output.SetFromVector(self._axes * e)
 
-    def _predictive(self, context: Context) -> np.ndarray:
+    def _predictive(self, context: framework.Context) -> np.ndarray:
         """Returns e with the largest ‖𝔢_b + T J_b𝔯 + ½T² J_b d̃Ŵe‖, T = `PREVIEW_TIME`.
 
         The generalised power method increases it in each step, since it is convex in e.
@@ -185,7 +180,7 @@ class Adversary(WiredSystem):
             e = toward(J.T @ (drift + reach @ e), self._direction)
         return e
 
-    def _jacobian(self, context: Context) -> np.ndarray:
+    def _jacobian(self, context: framework.Context) -> np.ndarray:
         """Returns the driven rows of J_xŴ."""
         config = self._state_port.Eval(context)[: self._model.size]
         return self._model.task_jacobian(config)[ROWS[self._settings.rows]] * self._weights

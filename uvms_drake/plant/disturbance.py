@@ -13,14 +13,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiagramBuilder,
-    DiscreteValues,
-    LeafSystem,
-    OutputPort,
-)
+from pydrake.systems import framework
 
 from uvms_drake.common.constraints import Above, Finite, NotNegative, Positive, Rate
 from uvms_drake.common.errors import require, vector
@@ -102,8 +95,8 @@ class Disturbance(ABC):
         return np.linalg.norm(d / self.relative_weights(d.shape[1]), axis=1)
 
     @abstractmethod
-    def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
-               signals: Mapping[str, OutputPort]) -> OutputPort:
+    def add_to(self, builder: framework.DiagramBuilder, model: UvmsModel, seed: int,
+               signals: Mapping[str, framework.OutputPort]) -> framework.OutputPort:
         """Adds the source of d and returns its port (6+n) [m/s², rad/s²], in the paper's order.
 
         Args:
@@ -118,11 +111,11 @@ class OpenLoopDisturbance(Disturbance):
     """A disturbance that is a function of time and seed alone."""
 
     @abstractmethod
-    def system(self, size: int, seed: int = 0) -> LeafSystem:
+    def system(self, size: int, seed: int = 0) -> framework.LeafSystem:
         """Returns a system without inputs and with one output port, `disturbance` (size)."""
 
-    def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
-               signals: Mapping[str, OutputPort]) -> OutputPort:
+    def add_to(self, builder: framework.DiagramBuilder, model: UvmsModel, seed: int,
+               signals: Mapping[str, framework.OutputPort]) -> framework.OutputPort:
         """Adds the source of d; see `Disturbance`."""
         return builder.AddNamedSystem(
             "disturbance", self.system(model.size, seed)).get_output_port()
@@ -138,7 +131,7 @@ class ConstantDisturbance(OpenLoopDisturbance):
     """Vector of any length; empty means the same in all components of e, that is, the same part of
     the bound of every component of d."""
 
-    def system(self, size: int, seed: int = 0) -> LeafSystem:
+    def system(self, size: int, seed: int = 0) -> framework.LeafSystem:
         """Returns the source; see `OpenLoopDisturbance`."""
         return DirectedDisturbance(
             self.axes(size) * unit_vector(self.direction, size), lambda time: 1.0)
@@ -157,7 +150,7 @@ class SinusoidalDisturbance(OpenLoopDisturbance):
     phase: Annotated[float, Finite] = 0.0
     """Argument of the sine at t = 0 [rad]."""
 
-    def system(self, size: int, seed: int = 0) -> LeafSystem:
+    def system(self, size: int, seed: int = 0) -> framework.LeafSystem:
         """Returns the source; see `OpenLoopDisturbance`."""
         frequency, phase = self.frequency, self.phase
         return DirectedDisturbance(self.axes(size) * unit_vector(self.direction, size),
@@ -173,7 +166,7 @@ class RandomDisturbance(OpenLoopDisturbance):
     bandwidth: Annotated[float, Rate] = 0.5
     """Half the rate of the points [Hz]; nearly all power is below it."""
 
-    def system(self, size: int, seed: int = 0) -> LeafSystem:
+    def system(self, size: int, seed: int = 0) -> framework.LeafSystem:
         """Returns the source; see `OpenLoopDisturbance`."""
         return RandomPoints(self.axes(size), self.bandwidth, seed)
 
@@ -242,13 +235,13 @@ class RandomPoints(WiredSystem):
         ends = [self._axes * ball_sample(self._size, self._seed, i) for i in (index, index + 1)]
         return np.concatenate([[index], *ends])
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def _update(self, context: framework.Context, discrete_state: framework.DiscreteValues) -> None:
         # The index follows from the time, so that a simulation may start at any time; at an
         # event, 2 bandwidth t is a whole number but for rounding.
         index = max(int(np.floor(self._rate * context.get_time() + 1e-6)), 0)
         discrete_state.set_value(self._interval(index))
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
+    def _calc(self, context: framework.Context, output: framework.BasicVector) -> None:
         state = context.get_discrete_state_vector().value()
         start, end = state[1: 1 + self._size], state[1 + self._size:]
         weight = smooth_step(self._rate * context.get_time() - state[0])

@@ -8,14 +8,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.keyed_random import generator_of
-from uvms_drake.model.signals.sensor_actuator import (
-    MEASURED_FORCE,
-    PAYLOAD,
-    PAYLOAD_AT_REST,
-    ForceReading,
-    Sensor,
-    Signals,
-)
+from uvms_drake.model.signals import sensor_actuator
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing import wrist_sensor
@@ -105,7 +98,7 @@ def in_tip_axes(sensor: wrist_sensor.WristSettings, bound: np.ndarray) -> np.nda
 
 
 @dataclass
-class ForceSensor(wrist_sensor.WristSettings, Sensor):
+class ForceSensor(wrist_sensor.WristSettings, sensor_actuator.Sensor):
     """A wrist sensor of the contact force, which the law takes instead of the surface's.
 
     Logged are `force_raw`, F̂ in its own axes, and `force_measured`, 𝔉_s. Rate, noise and range
@@ -121,7 +114,7 @@ class ForceSensor(wrist_sensor.WristSettings, Sensor):
         """Returns the assumption that it breaks."""
         return "the proofs know the contact force by the surface's law"
 
-    def reading(self, time: float, turning: float) -> ForceReading:
+    def reading(self, time: float, turning: float) -> sensor_actuator.ForceReading:
         """Returns its properties up to a time; see `error_bound`."""
         parts = error_bound(self, time, np.zeros(6), turning)
         # The mean of the tare: its noise, and as much of the resolution as a reading has.
@@ -129,7 +122,7 @@ class ForceSensor(wrist_sensor.WristSettings, Sensor):
         constant = parts.bias + (0.5 * np.asarray(self.resolution, dtype=float) if count else 0.0)
         repeated = repeat_probability(self.least_noise * np.asarray(self.noise, dtype=float),
                                       self.noise_multiple, self.resolution)
-        return ForceReading(
+        return sensor_actuator.ForceReading(
             in_tip_axes(self, parts.total), self.lag, 1.0 / self.rate, self.tare, repeated,
             readable_force(self, time), in_tip_axes(self, constant),
             in_tip_axes(self, constant / np.sqrt(max(count, 1))))
@@ -141,12 +134,13 @@ class ForceSensor(wrist_sensor.WristSettings, Sensor):
             wrist_sensor.cut_noise, np.asarray(self.noise, dtype=float), self.noise_multiple, seed))
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
-               signals: Signals, seed: int) -> OutputPort:
+               signals: sensor_actuator.Signals, seed: int) -> OutputPort:
         """Adds a `WristSensor`, which takes its measured attitude from `port`; see `Part`."""
         sensor = wrist_sensor.WristSensor.AddToBuilder(
             builder, model, self, self.imperfection(seed), force=signals["force"],
             chi=signals["chi"], measured_chi=tip_pose(builder, model, port, signals),
-            payload=signals.get(PAYLOAD), payload_at_rest=signals.get(PAYLOAD_AT_REST))
-        signals[MEASURED_FORCE] = sensor.GetOutputPort("force_measured")
+            payload=signals.get(sensor_actuator.PAYLOAD),
+            payload_at_rest=signals.get(sensor_actuator.PAYLOAD_AT_REST))
+        signals[sensor_actuator.MEASURED_FORCE] = sensor.GetOutputPort("force_measured")
         signals["force_raw"] = sensor.GetOutputPort("reading")
         return port

@@ -15,13 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import (
-    Context,
-    ContinuousState,
-    DiagramBuilder,
-    DiscreteValues,
-    OutputPort,
-)
+from pydrake.systems import framework
 
 from uvms_drake.common.finite import is_finite
 from uvms_drake.common.wiring import WiredSystem, output_of
@@ -108,7 +102,7 @@ class RowObserver(WiredSystem):
         output_of(self, "estimate", size, lambda c: c.get_discrete_state(0).value(),
                   {self.xd_ticket()})
 
-    def _motion(self, context: Context) -> np.ndarray:
+    def _motion(self, context: framework.Context) -> np.ndarray:
         """Returns ẏ, ∫τ, c and the rows of G now."""
         now: Pair = self._pair_port.Eval(context)
         if self._force_port.HasValue(context) and is_finite(self._force_port.Eval(context)):
@@ -117,7 +111,7 @@ class RowObserver(WiredSystem):
         return np.concatenate([
             rate, context.get_continuous_state_vector().CopyToVector(), c, G.ravel()])
 
-    def _applied(self, context: Context) -> np.ndarray:
+    def _applied(self, context: framework.Context) -> np.ndarray:
         known = self._applied_port if self._applied_port.HasValue(context) else self._tau_port
         tau = known.Eval(context).copy()
         if self._wrench_port.HasValue(context):
@@ -125,10 +119,10 @@ class RowObserver(WiredSystem):
         return tau
 
     def DoCalcTimeDerivatives(  # noqa: D102  Drake's name and meaning
-            self, context: Context, derivatives: ContinuousState) -> None:
+            self, context: framework.Context, derivatives: framework.ContinuousState) -> None:
         derivatives.SetFromVector(self._applied(context))
 
-    def _update(self, context: Context, state: DiscreteValues) -> None:
+    def _update(self, context: framework.Context, state: framework.DiscreteValues) -> None:
         measured = self._state_port.Eval(context)
         known, before, last, ticks = (context.get_discrete_state(i).value() for i in range(4))
         if not is_finite(measured):
@@ -149,8 +143,8 @@ class RowObserver(WiredSystem):
         state.set_value(3, np.ones(1))
 
 
-def add_observer(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
-                 feedback: AncillaryFeedback, *, state: OutputPort) -> RowObserver | None:
+def add_observer(builder: framework.DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
+                 feedback: AncillaryFeedback, *, state: framework.OutputPort) -> RowObserver | None:
     """Adds the observer of a law and connects it with the feedback; None if it has none.
 
     Args:
@@ -170,7 +164,7 @@ def add_observer(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
     return observer
 
 
-def export_inputs(builder: DiagramBuilder, feedback: AncillaryFeedback,
+def export_inputs(builder: framework.DiagramBuilder, feedback: AncillaryFeedback,
                   observer: RowObserver | None) -> None:
     """Exports the inputs of feedback and observer for measured and applied forces."""
     for name in (MEASURED_FORCE, VEHICLE_WRENCH):

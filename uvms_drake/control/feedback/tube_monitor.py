@@ -14,13 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.common.containers import namedview
 from pydrake.common.value import Value
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    DiscreteValues,
-    EventStatus,
-)
+from pydrake.systems import framework
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
@@ -168,7 +162,7 @@ class TubeMonitor(WiredSystem):
             self.DeclarePerStepDiscreteUpdateEvent(self._update)
         if self._along is None:
             return
-        self.DeclareContinuousState(BasicVector(np.zeros(self._along.size)))
+        self.DeclareContinuousState(framework.BasicVector(np.zeros(self._along.size)))
 
     def _declare_ports(self, disturbance_size: int) -> None:
         size = self._model.size
@@ -197,35 +191,36 @@ class TubeMonitor(WiredSystem):
         ):
             output_of(self, name, width, calc, prerequisites)
 
-    def _pair_now(self, context: Context) -> Pair:
+    def _pair_now(self, context: framework.Context) -> Pair:
         if self._pair_port.HasValue(context):
             return self._pair_port.Eval(context)
         return pair_of(self._model, self._state_port.Eval(context),
                        self._nominal_port.Eval(context))
 
     def DoCalcTimeDerivatives(  # noqa: D102  Drake's name and meaning
-            self, context: Context, derivatives: ContinuousState) -> None:
+            self, context: framework.Context, derivatives: framework.ContinuousState) -> None:
         if self._along is None:
             return
         x = context.get_continuous_state_vector().CopyToVector()
         derivatives.SetFromVector(self._along.rate(x, self._pair.Eval(context)))
 
-    def _bounds(self, context: Context) -> np.ndarray:
+    def _bounds(self, context: framework.Context) -> np.ndarray:
         """Returns the trajectory-wise bounds of `FIELDS`."""
         if self._along is None:
             return np.full(len(FIELDS), np.inf)
         x = context.get_continuous_state_vector().CopyToVector()
         return self._along.bounds(x, self._pair.Eval(context))
 
-    def _ratios(self, context: Context) -> np.ndarray:
+    def _ratios(self, context: framework.Context) -> np.ndarray:
         bounds = np.concatenate([self._radii, self._bounds(context)])
         return np.tile(self._deviation.Eval(context).norms, 2) / np.maximum(bounds, self._floor)
 
     @staticmethod
-    def _samples(context: Context) -> _Samples:
+    def _samples(context: framework.Context) -> _Samples:
         return _Samples.of(context.get_discrete_state_vector().value())
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+    def _update(self, context: framework.Context, discrete_state: framework.DiscreteValues
+                ) -> framework.EventStatus:
         old = self._samples(context)
         # Bounds that are exceeded now; before `begin` deviations do not count.
         counts = context.get_time() >= self._begin and not (
@@ -249,4 +244,4 @@ class TubeMonitor(WiredSystem):
         np.maximum(worst[:-1], (norms / np.maximum(bounds, self._floor)).ravel(), out=worst[:-1])
         worst[-1] = max(worst[-1], d / max(self._d_bound, FLOOR))
         discrete_state.set_value(np.concatenate([is_outside, exits, first, worst]))
-        return EventStatus.Succeeded()
+        return framework.EventStatus.Succeeded()
