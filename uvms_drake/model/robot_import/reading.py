@@ -18,16 +18,7 @@ from uvms_drake.model.description.hydrodynamics_file import FARTHEST, NEAR
 from uvms_drake.model.description.plausibility import check_foreign
 from uvms_drake.model.description.robot_files import INCLUDED, parse
 from uvms_drake.model.description.xml_tree import Node, element, read_xml, write_xml
-from uvms_drake.model.robot_import.tree import (
-    MOVING,
-    SIZES,
-    Joint,
-    Link,
-    Notes,
-    Shape,
-    Tree,
-    listed,
-)
+from uvms_drake.model.robot_import import tree as robot_tree
 
 KEPT = {"robot": "link joint frame", "sdf": "model", "model": "link joint frame model include pose",
         "link": "inertial pose", "inertial": "origin pose mass inertia",
@@ -47,7 +38,7 @@ LEVELS = 6
 """Number of folders above a file in which packages and models are sought."""
 
 
-def read_robot(file: Path, notes: Notes) -> Tree:
+def read_robot(file: Path, notes: robot_tree.Notes) -> robot_tree.Tree:
     """Returns the robot in a URDF or SDFormat file; of several in a world that of most joints.
 
     Raises:
@@ -64,9 +55,9 @@ def read_robot(file: Path, notes: Notes) -> Tree:
     require(bool(source.tree.links), "--from", str(file), "a robot with links")
     source.parse(models[0], text)
     if source.names:
-        notes.taken.append(f"included models: {listed(source.names)}")
+        notes.taken.append(f"included models: {robot_tree.listed(source.names)}")
     if lost := [*lost, *source.unread]:
-        notes.changed.append(f"left out: {listed(lost)}")
+        notes.changed.append(f"left out: {robot_tree.listed(lost)}")
     return source.tree
 
 
@@ -120,8 +111,8 @@ def _joints(root: Node, depth: int = 0) -> int:
 class _Source:
     """A robot on its way from XML into a tree, with the text that Drake reads of it."""
 
-    def __init__(self, notes: Notes):
-        self.tree, self.notes = Tree(), notes
+    def __init__(self, notes: robot_tree.Notes):
+        self.tree, self.notes = robot_tree.Tree(), notes
         self.unread: list[str] = []
         """Elements that have no meaning here."""
         self.names: list[str] = []
@@ -132,7 +123,8 @@ class _Source:
         """Takes the model of a file, in a scope of names, and returns the text for Drake."""
         kind = "urdf" if root.tag == "robot" else "sdf"
         if twins := [f"{node.tag} (line {node.line})" for node in _without_twins(root)]:
-            self.notes.changed.append(f"there twice and equal, taken once: {listed(twins)}")
+            self.notes.changed.append(
+                f"there twice and equal, taken once: {robot_tree.listed(twins)}")
         for link in (node for node in root.walk() if node.tag == "link" and kind == "sdf"):
             for inertial in link.all("inertial"):
                 if inertial.value("inertia") is None and inertial.value("mass") and not (
@@ -186,7 +178,7 @@ class _Source:
         tree.complete(robot)
 
     @staticmethod
-    def _add(items: dict[str, Any], item: Link | Joint) -> None:
+    def _add(items: dict[str, Any], item: robot_tree.Link | robot_tree.Joint) -> None:
         if item.name in items:
             raise InvalidParameter(f"{item.node.place()} name", item.name,
                                    f"given once: line {items[item.name].node.line} has it, too")
@@ -211,8 +203,8 @@ class _Source:
         for place in node.all("uri"):
             place.text = f"package://{INCLUDED}/{target}"
 
-    def _link(self, node: Node, name: str, materials: dict[str, Node]) -> Link:
-        link = Link(name, node)
+    def _link(self, node: Node, name: str, materials: dict[str, Node]) -> robot_tree.Link:
+        link = robot_tree.Link(name, node)
         if (inertial := node.find("inertial")) is not None:
             if inertial.is_true("auto"):
                 require(any(node.all("collision/geometry")) and not any(
@@ -246,7 +238,8 @@ class _Source:
                                           f"({kind}): left out, the vehicle floats by itself")
             return
         # Its numbers, where the format has them; URDF takes 0 for one of two limits.
-        joint, axis = Joint(scope + node.name(), kind, node), node if urdf else node.find("axis")
+        joint = robot_tree.Joint(scope + node.name(), kind, node)
+        axis = node if urdf else node.find("axis")
         if axis is not None and not node.mistakes:
             one = 0.0 if urdf and (axis.value("limit/lower") or axis.value("limit/upper")
                                    ) else np.inf
@@ -274,7 +267,7 @@ class _Source:
                                mimic.number("offset"))
         if node.value("drake:rotor_inertia"):
             joint.rotor = (node.number("drake:rotor_inertia"), node.number("drake:gear_ratio", 1.0))
-        if kind not in MOVING:  # It is fixed in any case.
+        if kind not in robot_tree.MOVING:  # It is fixed in any case.
             node.attributes["type"] = "fixed"
         joint.child = scope + (node.value("child/link") or node.name("child"))
         self._add(self.tree.joints, joint)
@@ -311,7 +304,7 @@ def _kept(node: Node, table: dict[str, Element]) -> Node:
             node.tag not in KEPT or child.tag in KEPT[node.tag].split())])
 
 
-def _check_inertial(link: Node, inertial: Node, notes: Notes) -> None:
+def _check_inertial(link: Node, inertial: Node, notes: robot_tree.Notes) -> None:
     """Raises unless mass and inertia are of a size that a robot's can be, and mends the latter.
 
     No principal moment of a body exceeds the sum of the others: the others are raised by the least,
@@ -347,7 +340,7 @@ def _check_inertial(link: Node, inertial: Node, notes: Notes) -> None:
     node.attributes, node.children = mended.attributes, mended.children
 
 
-def _shape(node: Node, materials: dict[str, Node]) -> Shape | None:
+def _shape(node: Node, materials: dict[str, Node]) -> robot_tree.Shape | None:
     """Returns a solid; None if it is of a kind that is not known."""
     color = None
     for item in node.all("material"):
@@ -361,12 +354,12 @@ def _shape(node: Node, materials: dict[str, Node]) -> Shape | None:
             kind = item.tag
             if kind == "mesh":
                 uri = item.value("filename") or item.value("uri") or ""
-                return Shape(kind, np.ones(3) * item.numbers("scale", None, 1.0), node.pose(), uri,
-                             resolve(uri, item.file), color)
-            if kind in SIZES:
+                return robot_tree.Shape(kind, np.ones(3) * item.numbers("scale", None, 1.0),
+                                        node.pose(), uri, resolve(uri, item.file), color)
+            if kind in robot_tree.SIZES:
                 size = [item.numbers(key, 3 if key in ("size", "radii") else 1)
-                        for key in SIZES[kind]]
-                return Shape(kind, np.concatenate(size), node.pose(), color=color)
+                        for key in robot_tree.SIZES[kind]]
+                return robot_tree.Shape(kind, np.concatenate(size), node.pose(), color=color)
     return None
 
 
