@@ -21,14 +21,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces, RigidBody
-from pydrake.systems.framework import (
-    CacheEntry,
-    Context,
-    DiagramBuilder,
-    InputPort,
-    LeafSystem,
-    ValueProducer,
-)
+from pydrake.systems import framework
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import require
@@ -45,13 +38,13 @@ from uvms_drake.model.frames.spatial import cross, cross_force, skew, times
 class Workspace(NamedTuple):
     """Scratch data of a calculation."""
 
-    context: Context
+    context: framework.Context
     """Context of the plant, with the parameters of the default Context."""
     forces: MultibodyForces
     """Forces of the plant."""
 
 
-def declare_workspace(system: LeafSystem, plant: MultibodyPlant) -> CacheEntry:
+def declare_workspace(system: framework.LeafSystem, plant: MultibodyPlant) -> framework.CacheEntry:
     """Returns a cache entry of a system with a `Workspace` that is never out of date.
 
     Args:
@@ -60,10 +53,10 @@ def declare_workspace(system: LeafSystem, plant: MultibodyPlant) -> CacheEntry:
     """
     return system.DeclareCacheEntry(
         description="workspace",
-        value_producer=ValueProducer(
+        value_producer=framework.ValueProducer(
             allocate=lambda: AbstractValue.Make(
                 Workspace(plant.CreateDefaultContext(), MultibodyForces(plant))),
-            calc=ValueProducer.NoopCalc),
+            calc=framework.ValueProducer.NoopCalc),
         prerequisites_of_calc={system.nothing_ticket()})
 
 
@@ -175,7 +168,7 @@ def _stack(items: list, *shape: int) -> np.ndarray:
     return np.array(items, dtype=float).reshape(-1, *shape)
 
 
-class Hydrodynamics(LeafSystem):
+class Hydrodynamics(framework.LeafSystem):
     """Hydrodynamic forces on a `MultibodyPlant`.
 
     The generalised acceleration v̇ solves, once and without a loop or a delay,
@@ -255,7 +248,7 @@ class Hydrodynamics(LeafSystem):
         output_of(self, "acceleration", nv, lambda c: solution.Eval(c)[0], inputs)
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, plant: MultibodyPlant,
+    def AddToBuilder(builder: framework.DiagramBuilder, plant: MultibodyPlant,
                      parameters: HydrodynamicParameters) -> "Hydrodynamics":
         """Adds the system to `builder` and wires it to the state and force ports of `plant`.
 
@@ -293,7 +286,7 @@ class Hydrodynamics(LeafSystem):
             "bki,bkl,blj->ij", J, self._water.M_A, J)
         return M
 
-    def _solve(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+    def _solve(self, context: framework.Context) -> tuple[np.ndarray, np.ndarray]:
         plant, (workspace, forces) = self._plant, self._workspace.Eval(context)
         state = cast(np.ndarray, self._plant_state_port.Eval(context))
         plant.SetPositionsAndVelocities(workspace, state)
@@ -315,7 +308,8 @@ class Hydrodynamics(LeafSystem):
         return v_dot, M_RB @ v_dot + bias
 
     def _water_at_no_acceleration(
-        self, workspace: Context, v: np.ndarray, v_c_W: np.ndarray | None, a_c_W: np.ndarray | None,
+        self, workspace: framework.Context, v: np.ndarray, v_c_W: np.ndarray | None,
+        a_c_W: np.ndarray | None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of the workspace at v̇ = 0.
 
@@ -342,7 +336,7 @@ class Hydrodynamics(LeafSystem):
         return J, self._water.fluid_force(nu_r, nu_r_dot, g_B)
 
 
-def _value(port: InputPort, context: Context) -> np.ndarray | None:
+def _value(port: framework.InputPort, context: framework.Context) -> np.ndarray | None:
     """Returns the value of an optional port, None if it is not connected."""
     return cast(np.ndarray, port.Eval(context)) if port.HasValue(context) else None
 

@@ -21,13 +21,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import (
-    Context,
-    ContinuousState,
-    DiscreteValues,
-    InputPort,
-    State,
-)
+from pydrake.systems import framework
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.constraints import AtMost, Between, NotNegative, Positive, Rate, Vector
@@ -258,7 +252,7 @@ class WristSensor(WiredSystem):
         hold: np.ndarray = self._H @ rotated_back(chi[3:].tolist(), self._gravity)
         return hold
 
-    def _wrench(self, context: Context, payload: InputPort) -> np.ndarray:
+    def _wrench(self, context: framework.Context, payload: framework.InputPort) -> np.ndarray:
         """Returns F_S + L + P (6,), P that of a port."""
         chi = self._chi_port.Eval(context)
         force = force_in_tip(chi, self._force_port.Eval(context) @ self._from_task)
@@ -267,19 +261,20 @@ class WristSensor(WiredSystem):
         wrench: np.ndarray = self._X_inverse @ force
         return wrench + self._hold(chi)
 
-    def _settle(self, context: Context, state: State) -> None:
+    def _settle(self, context: framework.Context, state: framework.State) -> None:
         if self._samples(context).taken == 0:
             state.get_mutable_continuous_state().SetFromVector(
                 self._wrench(context, self._payload_at_rest_port))
 
-    def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
+    def DoCalcTimeDerivatives(
+        self, context: framework.Context, derivatives: framework.ContinuousState) -> None:
         """Sets ẋ of (1)."""
         if self._settings.lag > 0.0:
             x = context.get_continuous_state_vector().CopyToVector()
             now = self._wrench(context, self._payload_port)
             derivatives.SetFromVector((now - x) / self._settings.lag)
 
-    def _sample(self, context: Context, state: DiscreteValues) -> None:
+    def _sample(self, context: framework.Context, state: framework.DiscreteValues) -> None:
         measured = self._measured_port.Eval(context)
         if not is_finite(measured):
             return
@@ -297,10 +292,10 @@ class WristSensor(WiredSystem):
         state.set_value(np.concatenate([[taken], total, last]))
 
     @staticmethod
-    def _samples(context: Context) -> Samples:
+    def _samples(context: framework.Context) -> Samples:
         return Samples.of(context.get_discrete_state_vector().value())
 
-    def _force(self, context: Context) -> np.ndarray:
+    def _force(self, context: framework.Context) -> np.ndarray:
         chi = self._measured_port.Eval(context)
         if not is_finite(chi):
             return np.full(6, np.nan)

@@ -20,16 +20,9 @@ from pydrake.common.yaml import yaml_load_data
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from pydrake.systems import framework
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    DiagramBuilder,
-    EventStatus,
-    State,
-)
 from pydrake.systems.primitives import LogVectorOutput
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed, require, vector, within
@@ -339,30 +332,33 @@ class KinematicController(WiredSystem):
             law, mpc.model, self._config.Eval(c), *self._nominal(c)),
             planned | {self._config.ticket()})
 
-    def _nominal(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+    def _nominal(self, context: framework.Context) -> tuple[np.ndarray, np.ndarray]:
         """Returns 𝔮̄ and ζ̄ now, in the first interval of the plan."""
         start, plan = context.get_abstract_state(int(self._plan)).get_value()
         zeta = plan.zeta[0]
         return (advance_one(plan.config[0], zeta, np.zeros_like(zeta), context.get_time() - start),
                 zeta)
 
-    def _plan_first(self, context: Context, state: State) -> EventStatus:
+    def _plan_first(
+        self, context: framework.Context, state: framework.State) -> framework.EventStatus:
         plan = self._mpc.solve(self._mpc.resting(self._config.Eval(context)), FIRST_ITERATIONS)
         if (violation := self._mpc.value(plan).violation) > ocp.FEASIBLE:
             raise RunFailed(f"the nominal MPC has no solution at the start: its plan exceeds a "
                             f"limit by {violation:.3g}")
         return self._remember(context, state, plan)
 
-    def _plan_again(self, context: Context, state: State) -> EventStatus:
+    def _plan_again(
+        self, context: framework.Context, state: framework.State) -> framework.EventStatus:
         mpc = self._mpc
         guess = mpc.continued(context.get_abstract_state(int(self._plan)).get_value()[1])
         if mpc.mpc.initial_state == "measured":
             guess = mpc.plan(self._config.Eval(context), guess.zeta)
         return self._remember(context, state, mpc.solve(guess, mpc.mpc.iterations))
 
-    def _remember(self, context: Context, state: State, plan: Plan) -> EventStatus:
+    def _remember(self, context: framework.Context, state: framework.State, plan: Plan
+                  ) -> framework.EventStatus:
         state.get_mutable_abstract_state(int(self._plan)).set_value((context.get_time(), plan))
-        return EventStatus.Succeeded()
+        return framework.EventStatus.Succeeded()
 
 
 class DisturbedKinematics(WiredSystem):
@@ -380,7 +376,7 @@ class DisturbedKinematics(WiredSystem):
             self._uvms)
         self._R_TW = RotationMatrix(RollPitchYaw(task_frame)).inverse()
         size = self._coordinates.size
-        config = self.DeclareContinuousState(BasicVector(vector("start", start, size)))
+        config = self.DeclareContinuousState(framework.BasicVector(vector("start", start, size)))
         self._zeta, self._w = (self.DeclareVectorInputPort(*port) for port in (
             ("zeta", size), ("disturbance", 6)))
         self.DeclareStateOutputPort("config", config)
@@ -394,7 +390,7 @@ class DisturbedKinematics(WiredSystem):
             self._coordinates.vector_to_drake(x, unit) for unit in np.eye(len(config))])
 
     def DoCalcTimeDerivatives(  # noqa: D102  Drake's name and meaning
-        self, context: Context, derivatives: ContinuousState
+        self, context: framework.Context, derivatives: framework.ContinuousState
     ) -> None:
         config = context.get_continuous_state_vector().CopyToVector()
         zeta, w = self._zeta.Eval(context).copy(), self._w.Eval(context)
@@ -467,7 +463,7 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Run:
     model, y_des, bounds = posed(scenario)
     disturbance = scenario.disturbance
     assert isinstance(disturbance, OpenLoopDisturbance)
-    builder = DiagramBuilder()
+    builder = framework.DiagramBuilder()
     with within("mpc"):
         mpc = KinematicMpc(model, scenario.mpc, y_des, bounds.tightened(scenario.tube))
     # The loop, and its logs.

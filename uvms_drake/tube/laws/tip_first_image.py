@@ -32,16 +32,9 @@ from uvms_drake.tube.estimates import (
     together,
 )
 from uvms_drake.tube.laws.resolved_remainders import jacobian_rate_times
-from uvms_drake.tube.search import joint_search
+from uvms_drake.tube.search import joint_search, search_problem
 from uvms_drake.tube.search.ascent import first_order
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.search_problem import (
-    NominalMotion,
-    Part,
-    SearchProblem,
-    input_within,
-    nominal_motion,
-)
 from uvms_drake.tube.search.second_search import claimed
 
 LEADERS = 12
@@ -51,7 +44,7 @@ ITERATIONS = 6
 
 
 @dataclass(frozen=True)
-class TipFirstProblem(SearchProblem):
+class TipFirstProblem(search_problem.SearchProblem):
     """Remainders by errors (e, ė); see `tip_first_remainders`."""
 
     rows: np.ndarray
@@ -75,8 +68,8 @@ class TipFirstProblem(SearchProblem):
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns the remainders (..., 4(6+n) − 3)."""
         pose, zeta, share = np.split(x, 3, axis=-1)
-        nominal = nominal_motion(self.model, self.config(pose), zeta)
-        u = input_within(nominal.drift, share, self.u_limits, self.largest_rate)
+        nominal = search_problem.nominal_motion(self.model, self.config(pose), zeta)
+        u = search_problem.input_within(nominal.drift, share, self.u_limits, self.largest_rate)
         return tip_first_remainders(self.model, self.rows, nominal, u, error[..., : self.size],
                                     error[..., self.size:])
 
@@ -136,7 +129,7 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
     nu1, nu2, qdot = limits - least
     declared = replace(declared, nu1=nu1, nu2=nu2, qdot=qdot)
     eye = np.eye(2 * size)
-    parts: list[Part] = [(eye[:, block.rows + shift], radius) for block in blocks
+    parts: list[search_problem.Part] = [(eye[:, block.rows + shift], radius) for block in blocks
                          for shift, radius in ((0, block.e), (size, block.e_dot))
                          if radius > 0.0 and len(block.rows) > 0]
     problem = TipFirstProblem(model, declared, parts, rows, u_limits, forces, largest_rate)
@@ -256,8 +249,9 @@ def _linear(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
                                             settings.safety_factor, settings.seed)
 
 
-def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal: NominalMotion,
-                         nominal_u: np.ndarray, x: np.ndarray, x_dot: np.ndarray) -> np.ndarray:
+def tip_first_remainders(
+        model: ContactModel, rows: np.ndarray, nominal: search_problem.NominalMotion,
+        nominal_u: np.ndarray, x: np.ndarray, x_dot: np.ndarray) -> np.ndarray:
     """Returns the remainders by errors of the outputs y = (η, s) (..., 4(6+n) − 3).
 
     The errors are e = (x_η, J_sq x_q) and ė = (x_η', J_sq x_q'), J_sq that of the real robot: those

@@ -9,12 +9,7 @@ import numpy as np
 
 from uvms_drake.common.constraints import Between, NotNegative, Positive
 from uvms_drake.common.errors import require
-from uvms_drake.model.surface.geometry.geometry import (
-    DirectedGeometry,
-    Geometry,
-    Spread,
-    angle_between,
-)
+from uvms_drake.model.surface.geometry import geometry
 from uvms_drake.model.surface.surface_class import wall_axes
 
 WAVES = 12
@@ -26,7 +21,7 @@ STEEPEST = 1.0
 
 
 @dataclass
-class Plane(Geometry):
+class Plane(geometry.Geometry):
     """δ = x₃."""
 
     flat: ClassVar[bool] = True
@@ -56,13 +51,13 @@ class Plane(Geometry):
         """Returns (s₁, s₂, δ) (..., 3)."""
         return np.concatenate([lengths, depth[..., None]], axis=-1)
 
-    def spread(self, direction: np.ndarray, center: np.ndarray, reach: float) -> Spread:
+    def spread(self, direction: np.ndarray, center: np.ndarray, reach: float) -> geometry.Spread:
         """Returns the tilt, the same everywhere."""
-        return Spread(angle_between(direction, -self.normal))
+        return geometry.Spread(geometry.angle_between(direction, -self.normal))
 
 
 @dataclass
-class Relief(DirectedGeometry):
+class Relief(geometry.DirectedGeometry):
     """δ = x₃ + h(x₁, x₂), measured along the plane's normal.
 
     ∇δ = e₃ + ∇h is longer than 1 by the slope.
@@ -102,11 +97,11 @@ class Relief(DirectedGeometry):
         """Returns (s₁, s₂, δ − h) (..., 3)."""
         return np.concatenate([lengths, (depth - self.relief(lengths)[0])[..., None]], axis=-1)
 
-    def spread(self, direction: np.ndarray, center: np.ndarray, reach: float) -> Spread:
+    def spread(self, direction: np.ndarray, center: np.ndarray, reach: float) -> geometry.Spread:
         """Returns bounds that hold everywhere; ∇‖∇δ‖ = H∇h/‖∇δ‖ with the second derivatives H."""
         stretch = float(np.hypot(1.0, self.slope))
-        return Spread(angle_between(direction, -self.normal) + float(np.arctan(self.slope)),
-                      stretch, self.curvature * self.slope / stretch)
+        angle = geometry.angle_between(direction, -self.normal) + float(np.arctan(self.slope))
+        return geometry.Spread(angle, stretch, self.curvature * self.slope / stretch)
 
 
 class Waves(NamedTuple):
