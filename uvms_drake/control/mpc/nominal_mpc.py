@@ -11,15 +11,7 @@ from pydrake.systems.framework import Context, EventStatus, InputPort, State
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.wiring import WiredSystem, cached, output_of
-from uvms_drake.control.mpc.planner import (
-    FAILED,
-    MPC_REPORT,
-    SOLVED,
-    MpcMemory,
-    Planner,
-    Sample,
-    Targets,
-)
+from uvms_drake.control.mpc import planner
 from uvms_drake.control.ocp.scp import Solver
 from uvms_drake.control.plan.plan import Plan
 
@@ -27,10 +19,10 @@ from uvms_drake.control.plan.plan import Plan
 class Computer(Protocol):
     """Computer of plans that runs beside the loop, as in another process."""
 
-    def start(self, sample: Sample, memory: MpcMemory) -> None:
+    def start(self, sample: planner.Sample, memory: planner.MpcMemory) -> None:
         """Begins to compute `Planner.again`, unless it is at work still."""
 
-    def result(self) -> MpcMemory | None:
+    def result(self) -> planner.MpcMemory | None:
         """Returns the memory of the last `start`; None if it is late, or was not begun."""
 
 
@@ -124,10 +116,10 @@ class NominalMpc(WiredSystem):
         undriven: Indices in 𝔮 of what nothing drives, see `Planner`.
     """
 
-    def __init__(self, solver: Solver, targets: Targets | None = None,
+    def __init__(self, solver: Solver, targets: planner.Targets | None = None,
                  committed: int = 0, undriven: Sequence[int] = ()):
         super().__init__()
-        self.planner = Planner(solver, targets, committed, undriven)
+        self.planner = planner.Planner(solver, targets, committed, undriven)
         self.computer: Computer | None = None
         self.raises = True
         self.ocp = solver.ocp
@@ -158,7 +150,8 @@ class NominalMpc(WiredSystem):
                   lambda c: self.ocp.nominal_input(nominal.Eval(c)), now)
         self.DeclareAbstractOutputPort(
             "plan", lambda: Value(object()), self._calc_plan, remembered)
-        output_of(self, "report", len(MPC_REPORT), lambda c: self._recall(c).report, remembered)
+        output_of(self, "report", len(planner.MPC_REPORT),
+                  lambda c: self._recall(c).report, remembered)
         output_of(self, "solve_seconds", 1,
                   lambda c: [self._recall(c).solve_seconds], remembered)
 
@@ -166,7 +159,7 @@ class NominalMpc(WiredSystem):
         """Sets the clock of `solve_seconds` and of the deadline [s], in place of wall time."""
         self.planner.clock = clock
 
-    def _recall(self, context: Context) -> MpcMemory:
+    def _recall(self, context: Context) -> planner.MpcMemory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
     def _plan_now(self, context: Context) -> Plan:
@@ -181,7 +174,7 @@ class NominalMpc(WiredSystem):
         sample = self._sample(context)._replace(measured=self._state_port.Eval(context))
         return self._remember(state, self.planner.first(sample))
 
-    def _goes_on(self, memory: MpcMemory, now: float) -> bool:
+    def _goes_on(self, memory: planner.MpcMemory, now: float) -> bool:
         """Returns whether an initialized Context continues its plan, as a clone of a run does.
 
         The first plan is made again as long as its first instant has not passed: the measured state
@@ -211,9 +204,9 @@ class NominalMpc(WiredSystem):
                     self.raises and not supervised):
                 raise
             warn(sample.time, f"no plan: {type(error).__name__}: {error}")
-            return self._remember(state, self.planner.pass_over(sample, memory, FAILED))
+            return self._remember(state, self.planner.pass_over(sample, memory, planner.FAILED))
 
-    def _step(self, state: State, sample: Sample, memory: MpcMemory) -> EventStatus:
+    def _step(self, state: State, sample: planner.Sample, memory: planner.MpcMemory) -> EventStatus:
         """Makes a plan, or takes the one that was computed in advance and begins the next one."""
         if not self.ocp.in_advance:
             return self._remember(state, self.planner.again(sample, memory))
@@ -227,7 +220,7 @@ class NominalMpc(WiredSystem):
             between = replace(between, coming=self.planner.again(sample, memory))
         return self._remember(state, between)
 
-    def _sample(self, context: Context) -> Sample:
+    def _sample(self, context: Context) -> planner.Sample:
         """Returns the inputs now, a measured state only if plans start there."""
         def read(port: InputPort) -> np.ndarray | None:
             return port.Eval(context).copy() if port.HasValue(context) else None
@@ -236,13 +229,13 @@ class NominalMpc(WiredSystem):
         given = {name: port.Eval(context) for name, port in self._given_ports.items()
                  if port.HasValue(context)}
         fault = read(self._fault_port)
-        return Sample(
+        return planner.Sample(
             context.get_time(), started, given,
             measured=self._state_port.Eval(context) if self.ocp.starts_at_measured else None,
             asked=None if self._force_port is None else read(self._force_port),
-            fault=SOLVED if fault is None else int(fault[0]))
+            fault=planner.SOLVED if fault is None else int(fault[0]))
 
-    def _remember(self, state: State, memory: MpcMemory) -> EventStatus:
+    def _remember(self, state: State, memory: planner.MpcMemory) -> EventStatus:
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
         return EventStatus.Succeeded()
 

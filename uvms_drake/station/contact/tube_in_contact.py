@@ -12,24 +12,7 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_fault_detector import CHANCE, chance_of_run, run_of_frozen
-from uvms_drake.station.contact.bounds import (
-    BETWEEN_KNOTS,
-    SAFE_REGION,
-    STANDING,
-    between_knots,
-    fastest_advance,
-    largest_force,
-    largest_normal_force,
-    largest_reading_error,
-    mean_time,
-    mission_conditions,
-    pressing_force,
-    reading_of,
-    safe_depth_margin,
-    sensed_contact,
-    sensing_of,
-    slower,
-)
+from uvms_drake.station.contact import bounds
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.hold import HoldLaw, settled
@@ -57,7 +40,7 @@ def stands(model: UvmsModel, walls: SurfaceClass, state: np.ndarray) -> np.ndarr
     speeds = np.stack([np.maximum(walls.advance(velocity), walls.advance(-velocity)),
                        *(np.linalg.norm(zeta[..., part], axis=-1)
                          for part in (slice(3, 6), slice(6, None)))], axis=-1)
-    still: np.ndarray = np.all(speeds <= STANDING, axis=-1)
+    still: np.ndarray = np.all(speeds <= bounds.STANDING, axis=-1)
     return still
 
 
@@ -86,7 +69,7 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
         approach: Forces while a plan moves.
         likely: Whether the tare is as good as the mean of independent noise, see `ForceReading`.
     """
-    contact, limits = sensed_contact(scenario), scenario.limits
+    contact, limits = bounds.sensed_contact(scenario), scenario.limits
     reading = approach.reading.likely() if likely else approach.reading
     approach = replace(approach, reading=reading, constant_apart=True)
 
@@ -99,8 +82,8 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
             tangential_rate=contact.hold_forces.force_rate,
             tangential_ripple=contact.hold_forces.force_ripple)
 
-    found = settled(law, approach, np.array([fastest_advance(contact), limits.nu2, limits.qdot]),
-                    force, STANDING, contact.walls.tilt)
+    fastest = np.array([bounds.fastest_advance(contact), limits.nu2, limits.qdot])
+    found = settled(law, approach, fastest, force, bounds.STANDING, contact.walls.tilt)
     condition = Condition(
         "hold, decay of the speeds to those of the deviation alone, ratio", found.ratio, "<", 1.0,
         theorem="tube/contact/theory.md#tube-in-a-hold", topic="hold")
@@ -114,11 +97,11 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
         omega * age * (np.sin(contact.angle) + mu * np.cos(contact.angle)) / np.hypot(1.0, mu)
         + 0.5 * omega**2 * (age**2 + approach.lag**2))
     return HoldRadii(
-        time=found.time + mean_time(scenario),
+        time=found.time + bounds.mean_time(scenario),
         depth=found.bounds.depth, position=found.bounds.position,
-        advance=float(found.speeds[0]), standing=float(STANDING[0]),
+        advance=float(found.speeds[0]), standing=float(bounds.STANDING[0]),
         reading=error_along(reading.error, contact.tool_angle) + reading.payload[0] + float(turned),
-        age=age, since=0.5 * (mean_time(scenario) + contact.period)), condition
+        age=age, since=0.5 * (bounds.mean_time(scenario) + contact.period)), condition
 
 
 def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:
@@ -128,8 +111,8 @@ def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:
     """
     if scenario.contact.declared_wall() is None:
         return None
-    contact, reading = sensed_contact(scenario), reading_of(scenario)
-    speed = fastest_advance(contact)
+    contact, reading = bounds.sensed_contact(scenario), bounds.reading_of(scenario)
+    speed = bounds.fastest_advance(contact)
     return MeasuredForceBounds(
         size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
         rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
@@ -145,9 +128,9 @@ def in_contact(tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
     measured = force_bounds(scenario)
     if measured is None or not np.size(tube.radii.u):
         return tube
-    contact, step = sensed_contact(scenario), scenario.mpc.time_step
+    contact, step = bounds.sensed_contact(scenario), scenario.mpc.time_step
     own = resolved_radii(tube.radii)
-    planned = slower(basis.declared, own)
+    planned = bounds.slower(basis.declared, own)
     remainder, check_remainder = _input_remainder(contact, own, basis)
     jerk, check_jerk = _plan_jerk(contact, planned, basis, step)
     # The tube that plans are tightened by: input errors in contact, and the way between knots.
@@ -155,11 +138,11 @@ def in_contact(tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
     tau = tube.radii.tau
     radii = replace(tube.radii, u=tube.radii.u + u_remainder,
                     tau=None if tau is None else tau + tau_remainder,
-                    between_knots=off_parabola(jerk, step), **between_knots(planned, step))
+                    between_knots=off_parabola(jerk, step), **bounds.between_knots(planned, step))
     widened = replace(scenario, tube=radii)
     conditions = [
         *_of_sensor(scenario, measured, _unevenness(scenario, tube, measured, jerk)),
-        *_of_safe_region(widened, 0.125 * step**2 * jerk), *mission_conditions(widened)]
+        *_of_safe_region(widened, 0.125 * step**2 * jerk), *bounds.mission_conditions(widened)]
     # Smaller radii once a plan stands.
     if tube.hold is not None:
         hold, decay = hold_radii(scenario, tube.hold, measured)
@@ -177,7 +160,7 @@ def _input_remainder(contact: UnknownContact, radii: TubeRadii, basis: Basis
     assert radii.joints is not None and radii.orientation is not None  # They are filled in.
     return contact_input_remainder(
         basis.model, basis.declared,
-        np.hypot(1.0, contact.friction) * largest_normal_force(contact),
+        np.hypot(1.0, contact.friction) * bounds.largest_normal_force(contact),
         radii.joints, radii.orientation, basis.settings)
 
 
@@ -201,21 +184,22 @@ def _of_sensor(scenario: Scenario, measured: MeasuredForceBounds, uneven: float
     Nor leaves the sensor's range, nor counts as frozen while the sensor works; and that no wall is
     near during the tare.
     """
-    contact, reading = sensed_contact(scenario), reading_of(scenario)
-    off = largest_reading_error(scenario, measured, uneven)
+    contact, reading = bounds.sensed_contact(scenario), bounds.reading_of(scenario)
+    off = bounds.largest_reading_error(scenario, measured, uneven)
     return [
         Condition("contact.force_error, not less than the sensor's error", contact.force_error,
                   ">=", off, f"--set contact.force_error={np.ceil(10.0 * off) / 10.0:.3g}"
-                  if np.isfinite(off) else "", theorem=SAFE_REGION, topic="contact.force_error"),
+                  if np.isfinite(off) else "", theorem=bounds.SAFE_REGION,
+                  topic="contact.force_error"),
         Condition("sensing, largest force within the range [N]", reading.largest, ">",
-                  measured.size + measured.error, theorem=SAFE_REGION),
+                  measured.size + measured.error, theorem=bounds.SAFE_REGION),
         Condition("sensing, probability that a working sensor is taken for frozen, a reading",
                   chance_of_run(reading.repeated, run_of_frozen(reading.repeated))
-                  if sensing_of(scenario).repeats else 0.0, "<=", CHANCE,
+                  if bounds.sensing_of(scenario).repeats else 0.0, "<=", CHANCE,
                   theorem="sensing/theory.md#detection-of-a-frozen-force"),
         Condition("contact.clearance, not less than the path of the tip in the tare [m]",
-                  contact.clearance, ">=", fastest_advance(contact) * reading.tare,
-                  theorem=SAFE_REGION, topic="contact.clearance")]
+                  contact.clearance, ">=", bounds.fastest_advance(contact) * reading.tare,
+                  theorem=bounds.SAFE_REGION, topic="contact.clearance")]
 
 
 def _of_safe_region(scenario: Scenario, faster: float) -> list[Condition]:
@@ -223,12 +207,12 @@ def _of_safe_region(scenario: Scenario, faster: float) -> list[Condition]:
 
     And that the tip is not much faster between the knots of a plan: by `faster` [m/s].
     """
-    contact, margin = sensed_contact(scenario), safe_depth_margin(scenario)
+    contact, margin = bounds.sensed_contact(scenario), bounds.safe_depth_margin(scenario)
     share = max(contact.walls.share, np.finfo(float).tiny)
     free = stopping_distance(
         contact.force, contact.force_error / share, contact.stiffness, margin,
-        retreat=contact.dissipation * fastest_advance(contact))
-    most = BETWEEN_KNOTS * min(contact.speed, contact.speed_across)
+        retreat=contact.dissipation * bounds.fastest_advance(contact))
+    most = bounds.BETWEEN_KNOTS * min(contact.speed, contact.speed_across)
     # It is in proportion to the step.
     shorter = np.floor(100.0 * scenario.mpc.time_step * most / max(faster, 1e-9)) / 100.0
     return [
@@ -236,9 +220,10 @@ def _of_safe_region(scenario: Scenario, faster: float) -> list[Condition]:
                   f"--set mpc.time_step={shorter:g}" if shorter > 0.0 else "",
                   theorem="control/theory.md#motion-between-two-knots", topic="contact.speed"),
         Condition("safe region, margin from a reading without touch [m]", free, ">", 0.0,
-                  theorem=SAFE_REGION, topic="safe region"),
-        Condition("task.force, largest force in the safe region [N]", pressing_force(scenario),
-                  "<", largest_force(scenario), theorem=SAFE_REGION, topic="task.force")]
+                  theorem=bounds.SAFE_REGION, topic="safe region"),
+        Condition("task.force, largest force in the safe region [N]",
+                  bounds.pressing_force(scenario), "<", bounds.largest_force(scenario),
+                  theorem=bounds.SAFE_REGION, topic="task.force")]
 
 
 def _unevenness(scenario: Scenario, tube: LawTube, force: MeasuredForceBounds, jerk: float
@@ -248,7 +233,7 @@ def _unevenness(scenario: Scenario, tube: LawTube, force: MeasuredForceBounds, j
     A knot of a plan is between two readings unless its step is a multiple of their period, and
     so is a reading of the sensor. The velocity of a plan is within its limit at its knots.
     """
-    contact, step = sensed_contact(scenario), scenario.mpc.time_step
+    contact, step = bounds.sensed_contact(scenario), scenario.mpc.time_step
     if tube.along is None:
         return np.inf
     planned = jerk * contact.period
