@@ -7,25 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from pydrake import geometry
 from pydrake.common import MemoryFile
-from pydrake.geometry import (
-    ClippingRange,
-    ColorRenderCamera,
-    GeometryInstance,
-    InMemoryMesh,
-    LightParameter,
-    MakeRenderEngineVtk,
-    Mesh,
-    PerceptionProperties,
-    PolygonSurfaceMesh,
-    RenderCameraCore,
-    RenderEngineVtkParams,
-    RenderLabel,
-    Rgba,
-    Role,
-    SceneGraph,
-    Shape,
-)
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
@@ -66,36 +49,37 @@ class RobotScene:
         query = robot.get_query_output_port().Eval(robot.GetMyContextFromRoot(context))
         inspector = query.inspector()
         # The same in a scene of their own.
-        self._scene = SceneGraph()
+        self._scene = geometry.SceneGraph()
         self._source = self._scene.RegisterSource("picture")
         turn = RotationMatrix.MakeZRotation(heading)
-        self._scene.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams(
-            default_clear_color=[1.0, 1.0, 1.0], lights=[LightParameter(
+        self._scene.AddRenderer("vtk", geometry.MakeRenderEngineVtk(geometry.RenderEngineVtkParams(
+            default_clear_color=[1.0, 1.0, 1.0], lights=[geometry.LightParameter(
                 type="directional", frame=frame, intensity=intensity,
                 direction=turn @ direction if frame == "world" else direction)
                 for frame, direction, intensity in LIGHTS])))
         corners = [np.zeros((0, 3))]
         signs = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
-        for shape in inspector.GetAllGeometryIds(Role.kPerception):
+        for shape in inspector.GetAllGeometryIds(geometry.Role.kPerception):
             X, box = query.GetPoseInWorld(shape), inspector.GetObbInGeometryFrame(shape)
             corners.append((X @ box.pose() @ (signs * box.half_width()).T).T)
             solid = inspector.GetShape(shape)
-            if isinstance(solid, Mesh) and solid.extension() == ".obj" and (
+            if isinstance(solid, geometry.Mesh) and solid.extension() == ".obj" and (
                     "vn " not in Path(solid.source().path()).read_text("utf-8", "replace")):
                 solid = _mesh(_triangles(inspector.GetConvexHull(shape)))
             self._add(solid, X, inspector.GetPerceptionProperties(shape))
         self.corners = np.concatenate(corners)
         """Corners (K, 3) of the boxes around the robot's shapes [m]."""
         for triangles, color in beside:
-            look = PerceptionProperties()
-            look.AddProperty("phong", "diffuse", Rgba(*color))
-            look.AddProperty("label", "id", RenderLabel.kDontCare)
+            look = geometry.PerceptionProperties()
+            look.AddProperty("phong", "diffuse", geometry.Rgba(*color))
+            look.AddProperty("label", "id", geometry.RenderLabel.kDontCare)
             self._add(_mesh(triangles), RigidTransform(), look)
         self._context = self._scene.CreateDefaultContext()
 
-    def _add(self, shape: Shape, X: RigidTransform, look: PerceptionProperties) -> None:
+    def _add(self, shape: geometry.Shape, X: RigidTransform, look: geometry.PerceptionProperties
+             ) -> None:
         number = self._scene.model_inspector().num_geometries()
-        solid = GeometryInstance(X, shape, f"solid {number}")
+        solid = geometry.GeometryInstance(X, shape, f"solid {number}")
         solid.set_perception_properties(look)
         self._scene.RegisterAnchoredGeometry(self._source, solid)
 
@@ -111,9 +95,9 @@ class RobotScene:
         size = high - low
         w, h = 2 * width, 2 * max(round(width * size[1] / size[0]), 1)
         away = AWAY * size[0]
-        camera = ColorRenderCamera(RenderCameraCore(
+        camera = geometry.ColorRenderCamera(geometry.RenderCameraCore(
             "vtk", CameraInfo(w, h, w * AWAY, w * AWAY, 0.5 * w - 0.5, 0.5 * h - 0.5),
-            ClippingRange(0.9 * away, 1.1 * away), RigidTransform()))
+            geometry.ClippingRange(0.9 * away, 1.1 * away), RigidTransform()))
         X = RigidTransform(RotationMatrix(np.array([R[0], -R[1], -R[2]]).T),
                            0.5 * (low + high) @ R[:2] + away * R[2])
         query = self._scene.get_query_output_port().Eval(self._context)
@@ -121,17 +105,18 @@ class RobotScene:
         return data.reshape(h // 2, 2, w // 2, 2, 3).mean(axis=(1, 3)) / 255.0
 
 
-def _mesh(triangles: np.ndarray) -> Mesh:
+def _mesh(triangles: np.ndarray) -> geometry.Mesh:
     """Returns triangles (K, 3, 3) [m] as a mesh with a normal for each, without which VTK fails."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in triangles.reshape(-1, 3)]
     lines += [f"vn {x:.7g} {y:.7g} {z:.7g}" for x, y, z in normals]
     lines += ["f " + " ".join(f"{3 * k + i}//{k + 1}" for i in (1, 2, 3))
               for k in range(len(triangles))]
-    return Mesh(InMemoryMesh(mesh_file=MemoryFile("\n".join(lines), ".obj", "triangles")), 1.0)
+    file = MemoryFile("\n".join(lines), ".obj", "triangles")
+    return geometry.Mesh(geometry.InMemoryMesh(mesh_file=file), 1.0)
 
 
-def _triangles(hull: PolygonSurfaceMesh) -> np.ndarray:
+def _triangles(hull: geometry.PolygonSurfaceMesh) -> np.ndarray:
     """Returns the faces of a convex hull as triangles (K, 3, 3)."""
     faces = [np.array([hull.vertex(face.vertex(i)) for i in range(face.num_vertices())])
              for face in map(hull.element, range(hull.num_elements()))]
