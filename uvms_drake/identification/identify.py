@@ -38,8 +38,6 @@ OUTLIER = 15.0
 """Ratio of a window's cost to the median from which on it is left out."""
 DRIVEN = 0.1
 """Smallest range of a joint or of the wrench that moves the vehicle [rad, N]."""
-ROUNDS = 4
-"""Most rounds in which parameters are left out."""
 
 
 class Result(NamedTuple):
@@ -176,15 +174,15 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
     informed = _informed(first.H[~outlier], parameters)
     if not np.any(np.isfinite(windows.state[:, 2:6])):  # The weight in water moves it up and down.
         informed &= np.array([each.name != VOLUME for each in parameters])
-    for round in range(ROUNDS):
+    done = 0.1
+    while True:  # Without those that are not known, until all that is left is.
         for i in kept[~informed]:
             why[parameters[i].name] = why.get(parameters[i].name, "the logs do not excite it")
-        kept = kept[informed]
+        kept, begun, done = kept[informed], done, 0.5 * (done + 0.9)
         used, some = [parameters[i] for i in kept], windows._replace(
             dynamics=windows.dynamics.only(kept))
         require(bool(used), "LOG", len(sound), "logs that identify a parameter")
-        estimate = estimated(some, used, theta[kept], part_of(
-            progress, 0.1 + 0.8 * round / ROUNDS, 0.1 + 0.8 * (round + 1) / ROUNDS), own)
+        estimate = estimated(some, used, theta[kept], part_of(progress, begun, done), own)
         theta[kept], own = estimate.theta, estimate.own
         half = student(confidence, len(some.start) - 1) * np.sqrt(np.diag(estimate.covariance()))
         reasons = _reasons(estimate, some, used, half, confidence)
@@ -192,7 +190,6 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
         informed = np.array([not reason for reason in reasons])
         if np.all(informed):
             break
-    require(bool(np.any(informed)), "LOG", len(sound), "logs that identify a parameter")
     halves = dict(zip([each.name for each in used], half, strict=True))
     results = tuple(Result(each, float(theta[i]), float(halves[each.name]), "")
                     if each.name not in why else Result(each, 0.0, np.inf, why[each.name])
