@@ -55,7 +55,7 @@ def test_at_regular_times_it_equals_simulate_bit_for_bit(name, more, duration, w
 
 @pytest.fixture(scope="module")
 def controller():
-    return uv.Controller(uv.load_scenario("girona500_contact"), period=0.01)
+    return uv.Controller(uv.load_scenario("girona500_contact", ["supervisor=null"]), period=0.01)
 
 
 @pytest.fixture
@@ -201,7 +201,7 @@ def test_the_time_in_set_task_is_no_gap_and_only_once(started, monkeypatch):
 
 @pytest.fixture(scope="module")
 def supervised():
-    return uv.Controller(uv.load_scenario("girona500_contact", ["supervisor={}"]), period=0.01)
+    return uv.Controller(uv.load_scenario("girona500_contact"), period=0.01)
 
 
 def test_a_retreat_of_the_supervisor_is_a_mode_with_its_cause(supervised):
@@ -219,7 +219,7 @@ def test_a_retreat_of_the_supervisor_is_a_mode_with_its_cause(supervised):
 
 def test_a_thruster_without_power_gets_no_force_and_the_others_give_the_wrench(monkeypatch):
     """Also when the loop is stopped afterwards; a reset gives it its power again."""
-    scenario = uv.load_scenario("girona500_real_loop", ["supervisor={}", "mpc.hover=0.0"])
+    scenario = uv.load_scenario("girona500_real_loop", ["mpc.hover=0.0"])
     controller = uv.Controller(scenario)
     state = rest(controller)
     controller.reset(state)

@@ -108,8 +108,7 @@ def test_every_port_is_in_the_readme_with_its_size(name):
 def test_the_readme_has_no_port_that_is_nowhere():
     found: set[str] = set()
     for name, overrides in (("jacket_inspection_real", []), ("girona500_ideal", []),
-                            ("girona500_real_loop", [
-                                "model_error.payload.mass=0.1", "supervisor={}"])):
+                            ("girona500_real_loop", ["model_error.payload.mass=0.1"])):
         station = uv.make_station(uv.load_scenario(name, overrides))
         found |= {station.get_input_port(i).get_name() for i in range(station.num_input_ports())}
         found |= {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}

@@ -205,9 +205,9 @@ class Scenario:
     """Integrator; a step of zero is chosen by the rates of the loop, see `step_size.with_step`."""
     log_period: Annotated[float, Positive] = 0.02
     """Time between two samples of every logged signal [s]."""
-    supervisor: Supervision | None = None
+    supervisor: Supervision | None = field(default_factory=Supervision)
     """Supervisor of a sensed contact, with which the robot retreats when a run leaves its class;
-    `{}` for its defaults, null for none. A known surface has no class, and none."""
+    null for none. A known surface has no class, and none."""
     visual: VisualConfig = field(default_factory=VisualConfig)
 
     def check(self) -> None:
