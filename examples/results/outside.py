@@ -1,7 +1,8 @@
 """Events outside of the class of `girona500_real_loop`, with its supervisor, one run each.
 
-`python examples/results/outside.py > examples/results/outside.md` takes half an hour on a core. The tip starts 0.09 m off the wall and touches it after 12 s, so that an event at 18 s is one
-in contact.
+`python examples/results/outside.py > examples/results/outside.md` takes half an hour on a core. The
+tip starts 0.09 m off the wall and touches it after 12 s, so that an event at 18 s is one in
+contact.
 """
 
 import argparse
