@@ -1,6 +1,6 @@
 """Events outside of the class of `girona500_real_loop`, with its supervisor, one run each.
 
-`python examples/results/outside.py > examples/results/outside.md` takes half an hour on a core. The
+`python examples/results/outside.py > examples/results/outside.md` takes 20 minutes on a core. The
 tip starts 0.09 m off the wall and touches it after 12 s, so that an event at 18 s is one in
 contact.
 """
@@ -25,25 +25,23 @@ from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.record import Record
 
-BASE, DURATION = "girona500_real_loop", 30.0
-"""Scenario, and duration of a run [s]."""
+BASE = "girona500_real_loop"
 NEAR = "start.eta.0=-1.10"
 """The tip 0.09 m off the wall."""
-IN_CONTACT, TICK = 18.0, 0.02
-"""Time of an event in contact, and period of the law's clock [s]."""
+TOUCH, IN_CONTACT, TICK = 12.0, 18.0, 0.02
+"""Times of the touch and of an event in contact, and period of the law's clock [s]."""
 CUT = "{cut}"
 """Stands for the folder of a robot that can cut the power of each thruster."""
 HEAD = """# Outside of the class
 
 {provenance} Command: `python examples/results/outside.py`.
 
-`{base}`, one run of {duration:g} s for each event, the tip 0.09 m off at the start; one of 18 s is
-in contact. *Above* is the time with more than the declared {limit:g} N, *off* the largest distance
-of the vehicle from the way of its retreat, 0.3 m straight back from where it was at the trip,
-*beyond* that of a joint beyond its range,
-*q̇* the largest one over its limit. *Detected* is the cause and its time after the event, for a wall
-after the touch; *off wall* the time from there to the last contact, *end* the distance that the
-vehicle goes in the last second.
+`{base}`, one run for each event until 6 s after it, 12 s after a current, the tip 0.09 m off at the
+start; one of 18 s is in contact. *Above* is the time with more than the declared {limit:g} N, *off*
+the largest distance of the vehicle from the way of its retreat, 0.3 m straight back from where it
+was at the trip, *beyond* that of a joint beyond its range, *q̇* the largest one over its limit.
+*Detected* is the cause and its time after the event, for a wall after the touch; *off wall* the
+time from there to the last contact, *end* the distance that the vehicle goes in the last second.
 
 **Bold** misses its target. Asked are at most 25 N, for no longer than 0 s more than the declared
 force, no joint beyond its range, and q̇ at most 1.1; walls: off it within 0.5 s; waves: 0.35 m;
@@ -75,6 +73,13 @@ class Event(NamedTuple):
     """Time from there until it is off the wall [s]."""
     end: float = 0.05
     """Speed at the end [m/s]."""
+    seconds: float = 6.0
+    """Time from the event to the end of the run [s]."""
+
+    @property
+    def duration(self) -> float:
+        """Duration of the run [s]."""
+        return self.seconds + (TOUCH if self.start is None else self.start)
 
 
 @contextmanager
@@ -143,9 +148,11 @@ EVENTS = {
                                                end=np.inf),
     "the same from 18 s, along x": Event(flow("[0.2,0,0]", AT, "6.0"), AT, off=0.35, end=np.inf),
     "the same from 18 s, along y": Event(flow("[0,0.2,0]", AT, "6.0"), AT, off=0.35, end=np.inf),
-    "current 0.5 m/s across, from the start": Event(flow("[0,0.5,0]", 0.0), 0.0, off=1.4),
-    "the same from 18 s": Event(flow("[0,0.5,0]", AT), AT, off=1.4),
-    "current 0.5 m/s at the wall, from 18 s": Event(flow("[0.5,0,0]", AT), AT, off=1.4),
+    "current 0.5 m/s across, from the start": Event(flow("[0,0.5,0]", 0.0), 0.0, off=1.4,
+                                                    seconds=18.0),
+    "the same from 18 s": Event(flow("[0,0.5,0]", AT), AT, off=1.4, seconds=12.0),
+    "current 0.5 m/s at the wall, from 18 s": Event(flow("[0.5,0,0]", AT), AT, off=1.4,
+                                                     seconds=12.0),
     "surge thruster stuck at half, power cut": Event(fault(
         f"!StuckThruster {{thruster: surge_port, share: 0.5, start: {AT}}}", f"model={CUT}"), AT,
         off=0.05),
@@ -166,7 +173,7 @@ EVENTS = {
     "law is not finite": Event((), AT, lambda: failing_law(AT, not_finite), 20.0, within=0.3),
     "law is random": Event((), AT, lambda: failing_law(AT, at_random), 20.0, within=0.3),
     "planner raises for ever": Event((), AT, lambda: failing_planner(AT), within=3.0),
-    "none": Event((), 0.0),
+    "none": Event((), AT),
 }
 
 
@@ -203,7 +210,7 @@ def row_of(name: str, event: Event, record: Record) -> str:
     last = record.config[record.time > record.time[-1] - 1.0, :3]
     end = np.linalg.norm(np.ptp(last, axis=0))
     cells.append(marked(f"{end:.3f}", end <= event.end))
-    early = f" (ended at {record.time[-1]:.1f} s)" if record.time[-1] < DURATION - 0.1 else ""
+    early = f" (ended at {record.time[-1]:.1f} s)" if record.time[-1] < event.duration - 0.1 else ""
     return f"| {name}{early} | {' | '.join(cells)} |"
 
 
@@ -214,7 +221,7 @@ def main() -> None:
     parser.add_argument("--set", nargs="*", default=[], help="further overrides")
     chosen = parser.parse_args()
     limit = sensed_contact(uv.load_scenario(BASE)).force
-    print(HEAD.format(provenance=provenance(), base=BASE, duration=DURATION, limit=limit), end="")
+    print(HEAD.format(provenance=provenance(), base=BASE, limit=limit), end="")
     with tempfile.TemporaryDirectory() as folder:
         shipped = model_dir(uv.load_scenario(BASE).model)
         robot = Path(shutil.copytree(shipped, Path(folder) / shipped.name))
@@ -226,7 +233,7 @@ def main() -> None:
             print(name, file=sys.stderr)
             overrides = [each.replace(CUT, str(robot)) for each in event.overrides]
             scenario = uv.load_scenario(
-                BASE, [f"duration={DURATION}", NEAR, *overrides, *chosen.set])
+                BASE, [f"duration={event.duration}", NEAR, *overrides, *chosen.set])
             with (event.patch or (lambda: mock.patch.dict({})))():
                 record = uv.simulate(scenario)
             print(row_of(name, event, record), flush=True)

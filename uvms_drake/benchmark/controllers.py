@@ -57,10 +57,11 @@ def _with_default_gains(name: str) -> Factory:
 def _mpc(scenario: Scenario, model: ContactModel, alone: AncillaryLaw | None = None) -> System:
     """Makes the tube MPC; with a law, the nominal MPC alone, which plans from the measured state.
 
-    The latter has no feedback between its plans but that of the law.
+    The latter has no feedback between its plans but that of the law, and no supervisor: thresholds
+    are radii of a tube, and gains of the retreat those of the law.
     """
     if alone is not None:
-        scenario = replace(scenario, ancillary=alone, mpc=replace(
+        scenario = replace(scenario, ancillary=alone, supervisor=None, mpc=replace(
             scenario.mpc, initial_state="measured", hover=0.0))
     controller = make_tube(scenario, model, make_ocp(scenario, model))
     mpc = controller.GetSubsystemByName("nominal_mpc")

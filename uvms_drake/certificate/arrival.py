@@ -60,7 +60,7 @@ def arrival_of(scenario: Scenario, model: ContactModel, start: np.ndarray) -> Ar
     walls, hold, period = contact.walls, scenario.tube.hold, contact.period
     hover = scenario.mpc.hover
     controller = make_controller(replace(
-        scenario, seed=0, faults=[], simulator=type(scenario.simulator)(),
+        scenario, seed=0, faults=[], supervisor=None, simulator=type(scenario.simulator)(),
         mpc=replace(scenario.mpc, hover=0.0, deadline=None)), model)
     simulator = Simulator(controller)
     context, time, state = simulator.get_mutable_context(), 0.0, start
