@@ -71,7 +71,7 @@ class Event(NamedTuple):
     """Time until the detection [s]."""
     leaves: float = np.inf
     """Time from there until it is off the wall [s]."""
-    end: float = 0.05
+    end: float = np.inf
     """Speed at the end [m/s]."""
     seconds: float = 6.0
     """Time from the event to the end of the run [s]."""
@@ -144,15 +144,15 @@ EVENTS = {
        for times in (5, 20, 100)},
     "wall 20 × at 0.1 m/s": Event(("surface.law.stiffness=14000",
                                    "mpc.weight_y.0=60000", "mpc.weight_zeta.0=0.01"), leaves=0.5),
-    "wave 0.2 m/s, 6 s, from the start": Event(flow("[0.2,0,0]", 0.0, "6.0"), 0.0, off=0.35,
-                                               end=np.inf),
-    "the same from 18 s, along x": Event(flow("[0.2,0,0]", AT, "6.0"), AT, off=0.35, end=np.inf),
-    "the same from 18 s, along y": Event(flow("[0,0.2,0]", AT, "6.0"), AT, off=0.35, end=np.inf),
+    "wave 0.2 m/s, 6 s, from the start": Event(flow("[0.2,0,0]", 0.0, "6.0"), 0.0, off=0.35),
+    "the same from 18 s, along x": Event(flow("[0.2,0,0]", AT, "6.0"), AT, off=0.35),
+    "the same from 18 s, along y": Event(flow("[0,0.2,0]", AT, "6.0"), AT, off=0.35),
     "current 0.5 m/s across, from the start": Event(flow("[0,0.5,0]", 0.0), 0.0, off=1.4,
-                                                    seconds=18.0),
-    "the same from 18 s": Event(flow("[0,0.5,0]", AT), AT, off=1.4, seconds=12.0),
+                                                    end=0.05, seconds=18.0),
+    "the same from 18 s": Event(flow("[0,0.5,0]", AT), AT, off=1.4, end=0.05,
+                                 seconds=12.0),
     "current 0.5 m/s at the wall, from 18 s": Event(flow("[0.5,0,0]", AT), AT, off=1.4,
-                                                     seconds=12.0),
+                                                     end=0.05, seconds=12.0),
     "surge thruster stuck at half, power cut": Event(fault(
         f"!StuckThruster {{thruster: surge_port, share: 0.5, start: {AT}}}", f"model={CUT}"), AT,
         off=0.05),

@@ -640,10 +640,10 @@ def test_a_thruster_is_isolated_if_it_alone_explains_what_disturbs_the_vehicle(m
 
 
 @pytest.mark.parametrize(("cause", "changes", "seconds", "isolated"), [
-    ("drift", {}, 0.2, 1), ("drift", {}, 0.06, 0), ("tip", {}, 0.2, 0),
+    ("drift", {}, 0.2, 1), ("drift", {}, 0.06, 0), ("joints", {}, 0.2, 1), ("slope", {}, 0.2, 0),
     ("drift", {"force": np.nan}, 0.2, 0), ("drift", {"saturated": True}, 0.2, 0),
     ("drift", {"lost_time": 0.02}, 0.2, 0)])
-def test_a_thruster_is_isolated_after_a_drift_alone_if_it_is_the_same_for_a_while(
+def test_a_thruster_is_isolated_after_a_drift_or_a_deviation_if_it_is_the_same_for_a_while(
         model, settings, thrusters, cause, changes, seconds, isolated):
     """While the force is read: one that is missed would be in the wrench."""
     wrench = np.append(30.0 * thrusters.B[:, 0], np.zeros(4))
@@ -661,6 +661,7 @@ def test_a_thruster_is_isolated_after_a_drift_alone_if_it_is_the_same_for_a_whil
 
     assert after(lambda k: drift) == isolated
     assert after(lambda k: drift * (k % 4 > 0)) == 0  # Found for 0.06 s at a time.
+    assert after(lambda k: 0.5 * drift) == 0  # Not above the threshold of the drift.
 
 
 def test_a_thruster_that_explained_the_drift_before_the_trip_is_isolated_with_it(

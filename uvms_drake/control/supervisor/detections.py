@@ -26,6 +26,8 @@ CAUSES = {
 """Causes by name, each with its sentence; a cause is logged as its index, from 1."""
 FINAL = ("raised", "plan", "cut")
 """Causes after which the robot does not go on."""
+OFF_PLAN = ("tip", "tool", "joints", "drift")
+"""Causes that a thruster may have."""
 WINDOW = 1.0
 """Time for which readings are compared, and after which a touch is over [s]."""
 ROWS = 50

@@ -5,8 +5,9 @@ column explains the observed wrench w, the robot cuts the power of that thruster
 the others; an axis that they do not drive for themselves is given up, see `ThrusterModel.without`.
 It is looked for from half of the threshold on until shortly after the trip, before the retreat's
 own motion, the turn into the flow and saturated thrusters are in w, and never cut if it alone
-drives an axis. A contact force that is not read is in w, too: so only after a trip by drift, while
-the force is read, and if the same thruster is found for a while.
+drives an axis. A contact force that is not read is in w, too: so only after a trip by drift or a
+deviation, while the force is read and the drift above its threshold, and if the same thruster is
+found for a while.
 """
 
 import numpy as np

@@ -32,6 +32,7 @@ from uvms_drake.control.mpc.planner import HOVERED, KEPT, MPC_REPORT, SOLVED
 from uvms_drake.control.supervisor.detections import (
     CAUSES,
     FINAL,
+    OFF_PLAN,
     ROWS,
     SPACING,
     WINDOW,
@@ -70,7 +71,7 @@ SATURATED = 2.0
 GOOD = (SOLVED, KEPT, HOVERED)
 """Outcomes of a sample with a plan that is as good as new."""
 DRIFT = list(CAUSES).index("drift")
-"""Index of the cause after which a thruster is isolated."""
+"""Index of the drift, which has to be above its threshold for a thruster to be isolated."""
 
 
 class Safety(NamedTuple):
@@ -157,7 +158,8 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
             and not seen.saturated and seen.lost_time == 0.0):
         number = faulty_thruster(settings.thrusters, wrench_of(model, config, seen.drift))
         suspect = before.suspect if number == before.suspect[0] else np.array([number, seen.time])
-    isolated = suspect[0] if seen.time - suspect[1] >= CONFIRMED - 1e-9 else 0.0
+    isolated = suspect[0] if found[DRIFT] > 1.0 and (
+        seen.time - suspect[1] >= CONFIRMED - 1e-9) else 0.0
     now = now._replace(suspect=suspect)
     # Watching: the first ratio above one is the trip, at the measured place.
     if safety[0] == WATCHING:
@@ -170,14 +172,15 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
         return now._replace(
             safety=np.array([RETREATING, cause + 1.0, seen.time, stiffness_of_touch(
                 limits.walls.depth(in_touch[:, 1:4]), in_touch[:, 4], limits.depth_error,
-                0.5 * limits.error), isolated if cause == DRIFT else 0.0]),
+                0.5 * limits.error), isolated if list(CAUSES)[cause] in OFF_PLAN else 0.0]),
             **begun(settings, model, config, seen.time - clocks[1] <= WINDOW)._asdict())
     # Retreating and standing: the reference moves on, or rests while the state is lost.
     reference = before.reference
     if not is_finite(seen.tip):
         clocks[7] = 0.0
         return now._replace(rate=np.zeros_like(before.rate))
-    if safety[1] == DRIFT + 1.0 and isolated:
+    name = list(CAUSES)[int(safety[1]) - 1]
+    if isolated and name in OFF_PLAN:
         safety[4] = isolated
     if since > 0.0:
         waited = seen.time - safety[2] >= settings.distance / settings.speed
@@ -187,7 +190,7 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     standing = stands(settings, safety[0] == STANDING, reference.left)
     safety[0] = STANDING if standing else RETREATING
     well = seen.resume and standing and (found <= 1.0).all() and not (
-        safety[4] or list(CAUSES)[int(safety[1]) - 1] in FINAL)
+        safety[4] or name in FINAL)
     clocks[7] = clocks[7] + since if well else 0.0
     if clocks[7] >= SETTLED:
         safety[0], clocks[7] = WATCHING, 0.0
