@@ -19,7 +19,8 @@ import numpy as np
 from make_all import provenance
 
 import uvms_drake as uv
-from uvms_drake.control.laws.tip_first import TipFirst
+from uvms_drake.control.feedback.ancillary import AncillaryFeedback
+from uvms_drake.control.laws.law import Command
 from uvms_drake.control.mpc.planner import Planner
 from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.station.contact.bounds import sensed_contact
@@ -28,8 +29,8 @@ from uvms_drake.station.record import Record
 BASE = "girona500_real_loop"
 NEAR = "start.eta.0=-1.10"
 """The tip 0.09 m off the wall."""
-TOUCH, IN_CONTACT, TICK = 12.0, 18.0, 0.02
-"""Times of the touch and of an event in contact, and period of the law's clock [s]."""
+TOUCH, IN_CONTACT = 12.0, 18.0
+"""Times of the touch and of an event in contact [s]."""
 CUT = "{cut}"
 """Stands for the folder of a robot that can cut the power of each thruster."""
 HEAD = """# Outside of the class
@@ -83,19 +84,19 @@ class Event(NamedTuple):
 
 
 @contextmanager
-def failing_law(start: float, command: Callable[[np.random.Generator, TipFirst, Any, np.ndarray],
-                                                np.ndarray]) -> Iterator[None]:
+def failing_law(start: float, command: Callable[[np.random.Generator, int], np.ndarray]
+                ) -> Iterator[None]:
     """Replaces the command of the law from a time on [s], not that of the retreat."""
-    before, calls, rng = TipFirst.command, [0], np.random.default_rng(0)
+    before, rng = AncillaryFeedback._of_law, np.random.default_rng(0)
 
-    def changed(self: TipFirst, model: Any, now: Any, *rest: Any) -> Any:
-        wanted = before(self, model, now, *rest)
-        if "q1" in self.rows:
+    def changed(self: AncillaryFeedback, context: Any, now: Any) -> Command:
+        wanted = before(self, context, now)
+        if context.get_time() < start:
             return wanted
-        calls[0] += 1
-        return wanted if calls[0] * TICK < start else command(rng, self, model, wanted.tau)
+        u = command(rng, wanted.u.size)
+        return Command(u, wanted.M @ u, wanted.M)
 
-    with mock.patch.object(TipFirst, "command", changed):
+    with mock.patch.object(AncillaryFeedback, "_of_law", changed):
         yield
 
 
@@ -104,14 +105,14 @@ def raises(*_: Any) -> np.ndarray:
     raise ZeroDivisionError
 
 
-def not_finite(_: Any, law: TipFirst, model: Any, tau: np.ndarray) -> np.ndarray:
+def not_finite(_: Any, size: int) -> np.ndarray:
     """Returns an acceleration that is not finite."""
-    return np.full(tau.size, np.nan)
+    return np.full(size, np.nan)
 
 
-def at_random(rng: np.random.Generator, law: TipFirst, model: Any, tau: np.ndarray) -> np.ndarray:
+def at_random(rng: np.random.Generator, size: int) -> np.ndarray:
     """Returns random accelerations, as large as the vehicle's and the joints' limits."""
-    return rng.uniform(-1.0, 1.0, tau.size) * np.repeat([1.0, 60.0], [6, tau.size - 6])
+    return rng.uniform(-1.0, 1.0, size) * np.repeat([1.0, 60.0], [6, size - 6])
 
 
 @contextmanager
