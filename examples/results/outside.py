@@ -53,6 +53,14 @@ thruster that sticks and cannot be cut is not held, and one that alone drives an
 | event | peak [N] | above [s] | off [m] | beyond [rad] | q̇ | detected | off wall [s] | end [m/s] |
 |---|---|---|---|---|---|---|---|---|
 """
+FOOT = """
+Why targets are missed: until the trip joints have the speed of the scenario's own limits, which is
+above that of the robot's motors, for the filter acts after it; without a state nothing is fed back;
+20.7 N are those of the press before the event. A wall 100 times as stiff is left at a bounce, the
+second peak of which comes with the detection. Currents come on top of the declared one, and the
+sway thruster is at its limit until the bow has turned; one towards the wall drives the vehicle on
+until the observer has seen it. With a thruster that pushes and cannot be cut, nothing is held.
+"""
 
 
 class Event(NamedTuple):
@@ -239,6 +247,7 @@ def main() -> None:
                 record = uv.simulate(scenario)
             print(row_of(name, event, record), flush=True)
             print(record.summary()["safety"].get("text", ""), file=sys.stderr)
+    print(FOOT, end="")
 
 
 if __name__ == "__main__":
