@@ -54,12 +54,13 @@ thruster that sticks and cannot be cut is not held, and one that alone drives an
 |---|---|---|---|---|---|---|---|---|
 """
 FOOT = """
-Why targets are missed: until the trip joints have the speed of the scenario's own limits, which is
-above that of the robot's motors, for the filter acts after it; without a state nothing is fed back;
-20.7 N are those of the press before the event. A wall 100 times as stiff is left at a bounce, the
-second peak of which comes with the detection. Currents come on top of the declared one, and the
-sway thruster is at its limit until the bow has turned; one towards the wall drives the vehicle on
-until the observer has seen it. With a thruster that pushes and cannot be cut, nothing is held.
+Why targets are missed: until the trip, as in waves, joints have the speed of the scenario's own
+limits, which is above that of the robot's motors: the filter of the joints acts after it, and with
+a force or a state that is wrong or missing it predicts wrongly. 20.7 N are those of the press
+before the event. A wall 100 times as stiff is left at a bounce, the second peak of which comes with
+the detection. Currents come on top of the declared one, and the sway thruster is at its limit until
+the bow has turned; one towards the wall drives the vehicle on until the observer has seen it. With
+a thruster that pushes and cannot be cut, nothing is held.
 """
 
 
