@@ -113,7 +113,7 @@ class NominalMpc(WiredSystem):
         solver: Solves the problem; its `ocp` is the problem.
         targets: Problems of other desired forces; None: the desired force is constant.
         committed: Number n of committed intervals.
-        undriven: Indices in 𝔮 of what nothing drives, see `Planner`.
+        undriven: Indices in 𝔮 of coordinates that nothing drives, see `Planner`.
     """
 
     def __init__(self, solver: Solver, targets: planner.Targets | None = None,

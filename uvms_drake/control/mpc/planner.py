@@ -126,8 +126,8 @@ class Planner:
         solver: Solves the problem; its `ocp` is the problem.
         targets: Problems of other desired forces; None: the desired force is constant.
         committed: n, number of intervals at the beginning of a plan that are not decided.
-        undriven: Indices in 𝔮 of what nothing drives. It swings about its rest, so that a plan to
-            keep a place has it where the task has it, and the tip where it is.
+        undriven: Indices in 𝔮 of coordinates that nothing drives. They swing about their rest, so
+            that a plan to keep a place has them where the task has them, and the tip where it is.
     """
 
     def __init__(self, solver: Solver, targets: Targets | None = None,
