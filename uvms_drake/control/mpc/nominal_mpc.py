@@ -42,8 +42,8 @@ class NominalMpc(WiredSystem):
     Without a first plan there is no fallback: `RunFailed`.
 
     Before the problem's `hover` the plan is to keep the place measured at initialization, for
-    observers to settle; only the first plan after it can fail: `RunFailed`, too. What nothing
-    drives is where the task has it.
+    observers to settle; only the first plan after it can fail: `RunFailed`, too.
+    Coordinates that nothing drives are where the task has them.
 
     The first n intervals of a plan may be committed: each plan then has those of the last one, and
     the first one coasts (from rest, hovers) there; see `planner`.
