@@ -169,7 +169,7 @@ def inertia_of(robot: Robot, found: Identification) -> str:
 def comparison_figure(runs: dict[str, dict[str, np.ndarray]]) -> Figure:
     """Returns measured roll and pitch of some of the 13 runs, the authors' and ours."""
     chosen = list(runs)[:6]
-    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+    figure = Figure(figsize=(7.2, 3.0), layout="constrained")
     for column, name in zip(figure.subplots(2, len(chosen), sharex="col").T, chosen, strict=True):
         run = runs[name]
         for k, ax in enumerate(column):
@@ -179,9 +179,9 @@ def comparison_figure(runs: dict[str, dict[str, np.ndarray]]) -> Figure:
                 ax.plot(run["time"], run[key][:, k], color=color, label=label)
         column[0].set_title(name)
         column[1].set_xlabel("time [s]")
-    column[0].legend()
+    figure.legend(*column[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     figure.axes[0].set_ylabel("roll [deg]")
-    figure.axes[1].set_ylabel("pitch [deg]")
+    figure.axes[len(chosen)].set_ylabel("pitch [deg]")
     return figure
 
 
