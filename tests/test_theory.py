@@ -43,7 +43,7 @@ def conditions_of(path: Path) -> Iterator[ast.Call]:
 
 
 def constants_of(path: Path) -> dict[str, object]:
-    """Returns the constants of a module by name, those that it imports from the package, too."""
+    """Returns the constants of a module by name, and those that it imports, or whose module."""
     found: dict[str, object] = {}
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("uvms_drake."):
@@ -52,6 +52,11 @@ def constants_of(path: Path) -> dict[str, object]:
             if names and source.is_file():
                 theirs = constants_of(source)
                 found |= {name: theirs[name] for name in names if name in theirs}
+            for alias in node.names:
+                module = source.with_suffix("") / f"{alias.name}.py"
+                if module.is_file():
+                    found |= {f"{alias.asname or alias.name}.{name}": value
+                              for name, value in constants_of(module).items()}
         elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant):
             found |= {target.id: node.value.value for target in node.targets
                       if isinstance(target, ast.Name)}
@@ -86,7 +91,7 @@ def test_every_condition_of_the_package_names_a_theorem():
             theorem = {keyword.arg: keyword.value for keyword in call.keywords}.get("theorem")
             assert theorem is not None, where
             link = (theorem.value if isinstance(theorem, ast.Constant)
-                    else constants_of(path).get(getattr(theorem, "id", "")))
+                    else constants_of(path).get(ast.unparse(theorem)))
             assert isinstance(link, str) and is_theorem(link), f"{where}: {link}"
             count += 1
     assert count > 40
