@@ -218,7 +218,7 @@ def test_it_is_told_how_a_mission_ended_and_which_attempts_failed():
     assert unfinished["failures"] == ["Hold 1: not over"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drawn_mission_is_done_on_a_wall_of_the_class():
     campaign = make_campaign(drawable(uv.load_scenario("girona500_inspection", SHORT)), 3, None)
     result = run_one(campaign, 0)

@@ -48,7 +48,8 @@ def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stif
 
 
 def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path):
-    record = uv.simulate(close_to_the_wall("surface.law.stiffness=4000.0", "duration=2.5"))
+    record = uv.simulate(close_to_the_wall(
+        "surface.law.stiffness=4000.0", "duration=2.5", "supervisor=null"))
     summary = uv.summarise(replace(record, certified=True))
     seen = summary["contact"]["out_of_class"]["stiffness"]
     assert seen == {"specified": 1000.0, "observed": pytest.approx(4000.0, rel=0.05)}
