@@ -9,6 +9,7 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
 from support.scenarios import error_of, load_text
 
 import uvms_drake as uv
+from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.common.errors import ScenarioError
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import true_surface
@@ -21,6 +22,14 @@ from uvms_drake.station.true_wall import surface_depth
 def test_loading_the_dump_gives_the_same_scenario(name, tmp_path):
     dump = dump_scenario(uv.load_scenario(name))
     assert dump_scenario(load_text(tmp_path, dump)) == dump
+
+
+def test_a_supervisor_that_is_left_out_is_left_out_of_the_dump_as_well(tmp_path):
+    """Or a campaign, whose scenario is a dump, would have one again."""
+    without = uv.load_scenario("girona500_contact", ["supervisor=null"])
+    assert load_text(tmp_path, dump_scenario(without)).supervisor is None
+    assert make_campaign(without, 1, None).base.supervisor is None
+    assert load_text(tmp_path, dump_scenario(uv.load_scenario("girona500_contact"))).supervisor
 
 
 @pytest.mark.parametrize("description", [
