@@ -310,7 +310,7 @@ def dump_scenario(scenario: Scenario) -> str:
     """Returns the fully resolved scenario as YAML; loading it gives the same scenario."""
     # A setting of Drake 1.51 that 1.58 lacks, without effect on a run.
     text = dump_typed(scenario, leave_out=("publish_every_time_step",))
-    # Drake leaves out what is None, which is not the default here.
+    # Drake leaves out None, which is not the default here.
     return text if scenario.supervisor is not None else f"{text}supervisor: null\n"
 
 
