@@ -109,7 +109,8 @@ def test_no_value_of_a_message_is_an_object_of_python(value, text):
     ("paper_kinematic", ["contact=!SensedContact {}"], "contact = !SensedContact: must be left"),
     ("paper_kinematic", ["faults=[!LostState {}]"], "faults = [!LostState]: must be left"),
     ("girona500_contact", ["sensing=[!ForceSensor {}, !ForceSensor {}]"],
-     "sensing[1] = 'ForceSensor': must be left out")])
+     "sensing[1] = 'ForceSensor': must be left out"),
+    ("girona500_contact", ["task.pose=null"], "task.pose = None: must be given: a wall leaves")])
 def test_a_refused_part_is_named_by_its_key_and_value(scenario, settings, text, capsys):
     options = [word for each in settings for word in ("--set", each)]
     assert main(["run", scenario, "--uncertified", "--set", "duration=1", *options]) == 2

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.common.errors import require
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -87,6 +88,8 @@ def in_words(departed: dict[str, Departure]) -> str:
 
 def path_of(scenario: Scenario, walls: SurfaceClass, start: np.ndarray) -> np.ndarray:
     """Returns places (m, 3) [m] along the path of the tip across n, from its start (3,) on."""
+    require(scenario.task.pose is not None, "task.pose", None,
+            "given: a wall leaves five coordinates free")
     goal = np.asarray(scenario.task.pose, dtype=float)[:3]
     ends = places_of(scenario.mission, walls, goal, start)
     if not scenario.mission.steps:
