@@ -13,6 +13,7 @@ from uvms_drake.certificate import declared_unknowns as declared
 from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.certificate.certify import basis_of
 from uvms_drake.certificate.text import refused
+from uvms_drake.common.errors import ScenarioError
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.waves import water_motion
@@ -45,7 +46,8 @@ def test_every_assumption_is_a_statement_with_a_guarantor_and_names_undriven_axe
         asked = np.minimum(asked, scenario.limits.tau[6:])
     beyond = np.any(asked > model.joint_effort)
     assert list(scope) == [about for about in assumed.SCOPE if {
-        "unknowns": unknown, assumed.MOTORS: beyond}.get(about, True)]
+        "unknowns": unknown, assumed.MOTORS: beyond, "logs": False, "excitation": False}.get(
+            about, True)]
     assert scope["sensing"].startswith(
         "pose, velocity and joint angles of !Navigation, which no proof" if name in REAL else
         "exact pose, velocity and joint angles, in continuous time")
@@ -71,6 +73,60 @@ def test_a_robot_with_undriven_axes_is_not_certified_unless_the_scenario_names_t
     assert advice.startswith("--set 'actuation=[!IdealWrench {undriven: [roll]}]'")
     assert unmet(uv.load_scenario("girona500_ideal")) == []
     assert unmet(uv.load_scenario("bluerov2_ideal", ["actuation=[]"])) == []
+
+
+IDENTIFIED = """
+identified:
+  logs: [a (SHA-256 01), b (SHA-256 02), c (SHA-256 03), d (SHA-256 04)]
+  hydrodynamics: '%s'
+  nu1: 0.1
+  nu2: 0.3
+  nu2_dot: 9
+  qdot: 0.15
+"""
+
+
+def identified(folder, text=IDENTIFIED, **changes):
+    """Returns a scenario with the logs of an identification of its own robot."""
+    digest = fingerprint(uv.load_scenario("bluerov2_contact"))["files"]["hydrodynamics.yaml"]
+    limits = "limits: {nu1: 0.2, nu2: 0.3, qdot: 0.2, u: [3, 4, 0, 1, 0, 0, 1, 1, 1, 1]}\n"
+    path = folder / "scenario.yaml"
+    path.write_text(f"base: bluerov2_contact\n{limits}{text % changes.get('of', digest)}",
+                    encoding="utf-8")
+    return uv.load_scenario(str(path))
+
+
+def test_a_verdict_names_the_logs_their_excitation_beside_limits_and_where_these_go_beyond(
+        tmp_path):
+    scenario = identified(tmp_path)
+    found = assumed.assumptions_of(scenario, uv.load_model(scenario))
+    scope = assumed.scope_of(found)
+    assert scope["logs"] == ("numbers of the water are from 4 logs: a (SHA-256 01), "
+                             "b (SHA-256 02), c (SHA-256 03) and 1 more")
+    assert "d (SHA-256 04)" in [each.statement for each in found]
+    assert scope["excitation"] == (
+        "largest of the logs (of the limits): ‖ν₁‖ 0.1 (0.2 m/s), ‖ν₂‖ 0.3 (0.3 rad/s), "
+        "‖ν̇₁‖ not measured (5 m/s²), ‖ν̇₂‖ 9 (1 rad/s²), ‖q̇‖ 0.15 (0.2 rad/s); "
+        "extrapolates in ‖ν₁‖ by 0.1 m/s, ‖ν̇₁‖, ‖q̇‖ by 0.05 rad/s")
+    assert unmet(scenario) == []
+    # A certificate depends on them, and one of another robot's file does not hold.
+    other = identified(tmp_path, IDENTIFIED.replace("0.15", "0.16"))
+    assert fingerprint(other)["inputs"] != fingerprint(scenario)["inputs"]
+    (condition,) = [each for each in assumed.assumed_conditions(identified(tmp_path, of="00"))
+                    if not each.holds]
+    assert refused(condition) == (
+        "not certified: identified.hydrodynamics, another file than the robot's; what would help: "
+        "the file that identify wrote, unchanged in the robot's folder")
+
+
+@pytest.mark.parametrize(("old", "new", "line"), [
+    ("nu1: 0.1", "nu1: -0.1", "identified.nu1 = -0.1: must be zero or positive"),
+    ("[a (SHA-256 01), b (SHA-256 02), c (SHA-256 03), d (SHA-256 04)]", "[]",
+     r"identified.logs = \[\]: must be the logs, at least one"),
+    ("qdot: 0.15", "qdots: 0.15", "identified.qdots = 0.15: must be under one of the keys logs")])
+def test_a_bad_value_of_an_identification_is_one_line(old, new, line, tmp_path):
+    with pytest.raises(ScenarioError, match=line):
+        identified(tmp_path, IDENTIFIED.replace(old, new))
 
 
 def test_limits_of_thrusters_are_no_wrench_on_an_undriven_axis():

@@ -184,7 +184,10 @@ def test_the_command_writes_a_robot_and_unknowns_that_are_read_back(tmp_path, ca
     assert "# Intervals, no bounds" in unknowns and "[m/s², rad/s²]" in unknowns
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(f"base: bluerov2_contact\n{unknowns}", encoding="utf-8")
-    factor = uv.load_scenario(str(scenario)).model_error.by_axis("vehicle", "added_mass")[3]
+    loaded = uv.load_scenario(str(scenario))
+    assert len(loaded.identified.logs) == 5 and loaded.identified.is_of(str(folder))
+    assert not loaded.identified.is_of(ROBOT)
+    factor = loaded.model_error.by_axis("vehicle", "added_mass")[3]
     assert factor - 1.0 == pytest.approx((high - low) / 2.0 / roll["value"], abs=2e-4)
     # The page.
     page = (output / "identification.html").read_text(encoding="utf-8")

@@ -74,7 +74,10 @@ def test_the_unknowns_are_a_model_error_of_a_scenario(found, tmp_path):
     path = tmp_path / "with_unknowns.yaml"
     path.write_text(f"base: bluerov2_contact\n{format_unknowns(found, {'log0': 'ab'})}",
                     encoding="utf-8")
-    error = uv.load_scenario(str(path)).model_error
+    scenario = uv.load_scenario(str(path))
+    error, identified = scenario.model_error, scenario.identified
+    assert identified.logs == ["log0 (SHA-256 ab)"]
+    assert identified.qdot == found.excitation["qdot"] > 0.0 == identified.nu1
     half = next(each.half / (1.0 + each.theta) for each in found.results
                 if each.parameter.name == "vehicle.added_mass.roll")
     assert error.by_axis("vehicle", "added_mass")[3] - 1.0 == pytest.approx(half, abs=1e-4)

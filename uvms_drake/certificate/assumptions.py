@@ -30,7 +30,7 @@ GUARANTEE = "control/theory.md#closed-loop-guarantee"
 """Theorem that the conditions are for."""
 MOTORS = "motors"
 """Subject of the torques that the motors of the joints do not give."""
-SCOPE = ("actuation", MOTORS, "sensing", "surface", "unknowns")
+SCOPE = ("actuation", MOTORS, "sensing", "surface", "unknowns", "logs", "excitation")
 """Subjects whose first assumption is part of the verdict."""
 OPERATOR, CERTIFIER = "operator", "the person who certifies"
 """Guarantors of declared data, and of estimates."""
@@ -63,6 +63,7 @@ def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption,
             if part.assumption() is not None and part.reading(0.0, 0.0) is None]),
         *_surface(scenario, wall), ("surface", "the tip alone touches anything", OPERATOR),
         *_disturbance(scenario.disturbance, scenario.unknowns, model.size),
+        *_identified(scenario),
         ("robot", "geometry, joints and their ranges are those of the files of "
          f"{scenario.model}, and so are inertia, added mass, drag and buoyancy", MAKER),
         ("robot", "it is at rest at the declared start, no plan before it", OPERATOR),
@@ -223,6 +224,14 @@ def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int) -> Iterator[
         yield ("disturbance", f"all else keeps to {1.0 - error.share:.3g} of the bound", OPERATOR)
 
 
+def _identified(scenario: Scenario) -> Iterator[Statement]:
+    """Yields the logs that the robot was identified from, and their excitation."""
+    if (found := scenario.identified) is not None:
+        for sentence in found.log_sentences():
+            yield "logs", sentence, OPERATOR
+        yield "excitation", found.excitation(scenario.limits), OPERATOR
+
+
 def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) -> list[Condition]:
     """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept.
 
@@ -234,6 +243,9 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
     assumed: list[tuple[str, str, float]] = [
         *_uncounted(scenario.unknowns, actuation),
+        *([] if scenario.identified is None else [(
+            "identified.hydrodynamics", "another file than the robot's",
+            not scenario.identified.is_of(scenario.model))]),
         ("surface_error", "which the controller does not know", scenario.surface_error.size),
         ("faults", "which the proofs do not cover", len(uncovered(scenario.faults))),
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),

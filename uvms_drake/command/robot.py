@@ -240,7 +240,7 @@ def identify_robot(args: argparse.Namespace) -> int:
     with bar(args, "identifying") as progress:
         found = identify(robot, logs, args.confidence, progress)
     # The table, then the files, all or none.
-    digests = {str(path): digest(path, signals) for path in args.logs}
+    digests = {log.name: digest(Path(log.name), signals) for log in found.used}
     for line in (*map(format_result, found.results), *(f"not used: {each}"
                                                        for each in found.refused)):
         print(line)

@@ -106,13 +106,18 @@ class Identification:
             1.0 + each.theta if each.parameter.relative else 1.0) for each in self.identified})
 
     @property
+    def used(self) -> list[Log]:
+        """The logs that have windows."""
+        return [self.windows.logs[i] for i in np.unique(self.windows.log_of)]
+
+    @property
     def excitation(self) -> dict[str, float]:
         """The largest ‖ν₁‖, ‖ν₂‖, ‖ν̇₁‖, ‖ν̇₂‖ and ‖q̇‖ of the logs that were used."""
         def largest(rows: list[np.ndarray]) -> float:
             sizes = np.linalg.norm(np.concatenate(rows), axis=1)
             return float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
 
-        logs = [self.windows.logs[i] for i in np.unique(self.windows.log_of)]
+        logs = self.used
         return {"nu1": largest([log.state[log.known, 3:6] for log in logs]),
                 "nu2": largest([log.state[log.known, 6:] for log in logs]),
                 "nu1_dot": largest([log.rate[log.known, 3:6] for log in logs]),

@@ -1,6 +1,8 @@
 """The files of an identification: the robot's numbers, its unknowns, everything as JSON."""
 
+import hashlib
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.common.jsonable import write_json
+from uvms_drake.common.schema import dump_typed
 from uvms_drake.identification.identify import Identification, Result
 from uvms_drake.identification.log import STATE
 from uvms_drake.identification.robot_file import FILE, source_of, with_numbers
 from uvms_drake.plant.model_error import BODIES, COEFFICIENTS, scaled_hydrodynamics
+from uvms_drake.station.scenario.identified import Identified
 
 UNKNOWNS_FILE, DATA_FILE = "unknowns.yaml", "identification.json"
 COVERED = (0.99, 0.999)
@@ -32,7 +36,12 @@ def format_result(result: Result) -> str:
 def sources(digests: dict[str, str], confidence: float) -> list[str]:
     """Returns the source of the numbers, a line each: the logs and their digests."""
     return [f"Identified by 'uvms-drake identify', intervals of {confidence:.0%}, from",
-            *(f"  {name} (SHA-256 {digest[:16]})" for name, digest in digests.items())]
+            *(f"  {name}" for name in named(digests))]
+
+
+def named(digests: dict[str, str]) -> list[str]:
+    """Returns the logs, each with the beginning of its digest."""
+    return [f"{name} (SHA-256 {digest[:16]})" for name, digest in digests.items()]
 
 
 def format_hydrodynamics(found: Identification, digests: dict[str, str]) -> str:
@@ -46,7 +55,10 @@ def format_hydrodynamics(found: Identification, digests: dict[str, str]) -> str:
 
 
 def format_unknowns(found: Identification, digests: dict[str, str]) -> str:
-    """Returns the key `model_error` of a scenario with the identified robot, and d as comments."""
+    """Returns two keys of a scenario with the identified robot, its `model_error` and `identified`.
+
+    The residual d is a comment.
+    """
     lines = [f"# {line}" for line in sources(digests, found.confidence)]
     lines += [f"# {each.parameter.name} was not identified: an error of it is for you to declare"
               for each in found.results if each.why]
@@ -69,7 +81,10 @@ def format_unknowns(found: Identification, digests: dict[str, str]) -> str:
               f"# residual of {axis}: not measured"
               for axis, size in zip(("surge", "sway", "heave", "roll", "pitch", "yaw"),
                                     sizes, strict=True)]
-    return "\n".join(lines) + "\n"
+    identified = Identified(named(digests), hashlib.sha256(
+        format_hydrodynamics(found, digests).encode()).hexdigest(), **found.excitation)
+    lines += ["", "identified:", textwrap.indent(dump_typed(identified), "  ")]
+    return "\n".join(lines)
 
 
 def _up(values: Any) -> Any:

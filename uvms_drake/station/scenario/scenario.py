@@ -30,6 +30,7 @@ from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.plant.waves import Wave
 from uvms_drake.station.scenario import scenario_file
 from uvms_drake.station.scenario.contact import Contact, KnownSurface
+from uvms_drake.station.scenario.identified import Identified
 from uvms_drake.station.scenario.modules import import_modules
 from uvms_drake.station.scenario.parts import keyed
 from uvms_drake.tube.estimates import CertificateSettings
@@ -178,6 +179,8 @@ class Scenario:
     """Waves on top of it, which the controller does not know either."""
     model_error: ModelError = field(default_factory=ModelError)
     """Difference of the simulated robot from the controller's model."""
+    identified: Identified | None = None
+    """Logs that the robot and `model_error` were identified from, which a verdict names."""
     surface: Surface = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
     """Difference of the simulated surface from `surface`, the controller's model."""
