@@ -15,7 +15,7 @@ NAMED = 3
 """Largest number of logs that a verdict names."""
 QUANTITIES = {"nu1": ("‖ν₁‖", "m/s"), "nu2": ("‖ν₂‖", "rad/s"), "nu1_dot": ("‖ν̇₁‖", "m/s²"),
               "nu2_dot": ("‖ν̇₂‖", "rad/s²"), "qdot": ("‖q̇‖", "rad/s")}
-"""Symbols and units of what the logs excite."""
+"""Symbols and units of the excitation."""
 
 
 @dataclass
