@@ -128,7 +128,7 @@ def run(overrides):
     return simulated("bluerov2_real_loop", 1.0, *overrides)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_dead_thruster_gives_no_force_in_a_run_and_the_model_does_not_know():
     """It decays with its lag; by a relative error of −1 it gives none from the first sample on."""
     healthy, lost, dead, weak = map(run, (

@@ -169,7 +169,7 @@ def test_the_nominal_mpc_sends_its_plan_from_the_measured_state(monkeypatch):
         assert u == pytest.approx(due, abs=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_observer_removes_the_steady_error_of_a_nominal_mpc():
     """On a wall of wrong stiffness, with wrong masses and a constant disturbance.
 

@@ -43,7 +43,7 @@ def test_a_tip_that_creeps_is_not_there_in_time_and_the_duration_that_would_do_i
     assert arrives(scenario, Arrival(0.1, math.inf, math.inf, math.inf)).advice == ""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_touches_and_is_in_a_hold_when_the_nominal_loop_is():
     scenario = close_to_the_wall("duration=7.0", *NEAR)
     scenario = replace(scenario, tube=replace(scenario.tube, hold=STANDS))

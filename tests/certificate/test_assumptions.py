@@ -191,8 +191,9 @@ def condition_of(scenario, basis, effects):
         scenario.disturbance, scenario.unknowns, bounds_in(scenario, basis), effects)
 
 
-@pytest.mark.parametrize("name", [name if name in ("mass", "current") else pytest.param(
-    name, marks=pytest.mark.slow) for name in CASES])
+@pytest.mark.parametrize("name", ["mass", *(pytest.param(
+    name, marks=pytest.mark.slow if name == "by axis" else pytest.mark.long)
+    for name in CASES if name != "mass")])
 def test_no_motion_of_the_plant_is_off_by_more_than_the_sum(name, basis):
     """ζ̇ of the simulated robot in its water, less ζ̇_c, at random motions and rates."""
     scenario = uv.load_scenario(NAME, [*FEW, FAR, *CASES[name]])
@@ -241,6 +242,7 @@ def test_the_terms_of_a_source_do_not_change_by_those_after_it(basis):
         assert [sizes(term) for term in source.terms] == first
 
 
+@pytest.mark.slow
 def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basis):
     scenario = uv.load_scenario(NAME, [*FEW, "model_error.drag=1.02", "current=[0.005, 0, 0]"])
     effects = effects_of(scenario, basis)
@@ -263,7 +265,9 @@ def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basi
     assert advice.endswith("--set model_error.share=0.95")
 
 
-@pytest.mark.parametrize("name", ["current", "friction"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [
+    pytest.param("current", marks=pytest.mark.long), "friction"])
 def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):
     scenario = uv.load_scenario(NAME, [*FEW, *CASES[name]])
     given = declared.fitting_disturbance(
@@ -281,16 +285,18 @@ def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name
     assert type(given) is type(scenario.disturbance)
 
 
-def test_a_second_search_does_not_refute_the_first(basis):
-    for override in (CASES["mass"], CASES["current"]):
-        scenario = uv.load_scenario(NAME, [*FEW, *override])
-        (effect,), check, _ = declared.declared_effects(scenario, basis, RADII)
-        estimates = check()
-        assert {each.name.partition(" [")[0] for each in estimates} == {
-            declared.DRIFT, f"d by {effect.name}"}
-        assert all(LEAST_SHARE <= each.ratio <= 1.0 for each in estimates)
+@pytest.mark.parametrize("name", [
+    "mass", pytest.param("current", marks=pytest.mark.long)])
+def test_a_second_search_does_not_refute_the_first(name, basis):
+    scenario = uv.load_scenario(NAME, [*FEW, *CASES[name]])
+    (effect,), check, _ = declared.declared_effects(scenario, basis, RADII)
+    estimates = check()
+    assert {each.name.partition(" [")[0] for each in estimates} == {
+        declared.DRIFT, f"d by {effect.name}"}
+    assert all(LEAST_SHARE <= each.ratio <= 1.0 for each in estimates)
 
 
+@pytest.mark.slow
 def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis):
     scenario = uv.load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1"])
     effects = effects_of(scenario, basis)

@@ -123,7 +123,7 @@ def test_the_first_certificate_holds(robot, tmp_path):
     assert certificate.certified, certificate.verdict
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_vehicle_without_an_arm_certifies_presses_and_feels(tmp_path, monkeypatch):
     """A tool that is bolted on: n = 0."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

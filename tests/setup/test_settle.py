@@ -114,7 +114,7 @@ def test_the_advice_of_its_certificate_is_taken_until_it_certifies(tmp_path, mon
     assert settled.mpc.terminal_radius == pytest.approx(found.terminal.radius, rel=6e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_small_robot_stays_within_its_declared_tube(tmp_path, monkeypatch, capsys):
     """At the bound of its disturbance, by the closed forms and by its certificate's radii."""
     few_in_all_files(monkeypatch)

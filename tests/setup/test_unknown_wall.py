@@ -151,7 +151,7 @@ def test_what_the_certificate_forbids_is_told_by_the_number_of_the_robot():
                         forbidding(found, failed))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_unknown_wall_certifies(rov, tmp_path, monkeypatch, capsys):
     few_in_all_files(monkeypatch)
     file = tmp_path / "wall.yaml"

@@ -29,7 +29,7 @@ def pressed(name, until):
     return uvms.GetOutputPort("force").Eval(uvms.GetMyContextFromRoot(context)), scenario
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_main_scenario_presses_with_the_desired_force():
     """D3: the same snippet with `make_tube_mpc` pressed with 0 N for ever."""
     force, scenario = pressed("girona500_contact", 12.0)

@@ -145,7 +145,7 @@ def same_optimum(ocp: Ocp, guess: Plan, *, cold: bool = True) -> bool:
     return whole.converged
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ten_states_of_a_run_have_the_same_optimum(monkeypatch):
     states = met("girona500_ideal", ["duration=4", "mpc.horizon=6"], monkeypatch)
     assert len(states) > 18
@@ -169,7 +169,7 @@ def test_fifty_states_of_two_runs_have_the_same_optimum(name, overrides, monkeyp
 @pytest.mark.parametrize(("name", "solver", "seconds", "overrides"), [
     ("girona500_ideal", "clarabel", 4.0, ()),
     ("girona500_ideal", "snopt", 2.6, ("mpc.horizon=5", "mpc.iterations=20")),
-    ("girona500_contact", "clarabel", 3.6, NEAR),
+    pytest.param("girona500_contact", "clarabel", 3.6, NEAR, marks=pytest.mark.long),
     pytest.param("girona500_ideal", "snopt", 6.0, (), marks=pytest.mark.long),
     pytest.param("girona500_contact", "snopt", 3.6, NEAR, marks=pytest.mark.long)])
 def test_the_closed_loop_does_not_depend_on_the_solver(name, solver, seconds, overrides):

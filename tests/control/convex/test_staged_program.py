@@ -128,7 +128,7 @@ def compare(program: StagedProgram) -> str:
     return "by rows" if found.cone_programs == 0 else "by cones"
 
 
-@pytest.mark.parametrize("seeds", [12, pytest.param(80, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [12, pytest.param(80, marks=pytest.mark.long)])
 def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
     kinds = [compare(random_program(seed, scale))
              for scale in (0.03, 0.3, 1.0, 100.0) for seed in range(seeds)]

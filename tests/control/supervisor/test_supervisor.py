@@ -419,7 +419,8 @@ def safety_of(record):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("stiffness", "seen"), [(3500.0, 3500.0), (14000.0, None)])
+@pytest.mark.parametrize(("stiffness", "seen"), [
+    pytest.param(3500.0, 3500.0, marks=pytest.mark.long), (14000.0, None)])
 def test_a_wall_5_or_20_times_as_stiff_is_left_at_once(stiffness, seen):
     """Declared are 1 kN/m. Within half a second after the detection the tip is off."""
     record = simulated(REAL, 13.5, NEAR, f"surface.law.stiffness={stiffness}")
@@ -437,7 +438,8 @@ def test_a_wall_5_or_20_times_as_stiff_is_left_at_once(stiffness, seen):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scenario", "seconds"), [(REAL, 5.0), ("girona500_contact", 7.5)])
+@pytest.mark.parametrize(("scenario", "seconds"), [
+    (REAL, 5.0), pytest.param("girona500_contact", 7.5, marks=pytest.mark.long)])
 def test_without_a_trip_a_run_is_the_same_to_the_bit(scenario, seconds):
     """Through hover and approach, and a touch with an ideal wrench."""
     one, other = (simulated(scenario, seconds, *more) for more in ((), (OFF,)))
@@ -453,7 +455,8 @@ class Failure(Exception):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fails", ["raises", "is not finite"])
+@pytest.mark.parametrize("fails", [
+    "raises", pytest.param("is not finite", marks=pytest.mark.long)])
 def test_a_law_that_fails_is_a_cause_and_not_the_end(monkeypatch, fails):
     """From 4.5 s on; it trips within two ticks of the clock, and nothing ends."""
     command = TipFirst.command
@@ -477,7 +480,7 @@ def test_a_law_that_fails_is_a_cause_and_not_the_end(monkeypatch, fails):
     assert np.all(np.isfinite(record.tau))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_planner_that_raises_for_ever_is_noticed_before_its_plan_is_too_old(monkeypatch):
     from uvms_drake.control.mpc.planner import Planner
 
@@ -494,7 +497,7 @@ def test_a_planner_that_raises_for_ever_is_noticed_before_its_plan_is_too_old(mo
     assert record.trip < 4.4 + 15 * 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_lost_state_is_a_cause_after_which_nothing_pushes():
     """Half a second later the reference rests where the plan was, and so does the command."""
     record = simulated(REAL, 13.0, NEAR, "faults=[!LostState {start: 5.0, duration: 99}]")
@@ -503,7 +506,7 @@ def test_a_lost_state_is_a_cause_after_which_nothing_pushes():
     assert np.max(np.abs(record.tau[after, 0])) < 20.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gap_of_the_fixes_is_a_cause_in_contact():
     record = simulated(REAL, 15.0, NEAR, "faults=[!LostFixes {start: 13.0, duration: 5}]")
     safety = safety_of(record)
@@ -718,7 +721,7 @@ def test_what_is_declared_counts_for_the_threshold_of_drift(model):
     np.testing.assert_array_equal(known.drift, [0.5, 0.6])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_surge_thruster_that_sticks_is_cut_off_where_the_robot_can(tmp_path):
     """It pushes with 52 N from 13 s on, in contact."""
     robot = shutil.copytree(model_dir("girona500_arm5e"), tmp_path / "girona500_arm5e")
