@@ -35,9 +35,9 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
                            "follows from scenario, program and N, and each attempt at a task is "
                            "counted. The runs are kept in the folder runs inside of DIR: the "
                            "same command continues them. If none fails, 60 runs bound it by "
-                           "6.0 %% at the first attempt, 300 by 1.2 %%. A run of a "
-                           "press behind thrusters takes about a minute of a core: 60 runs half an hour "
-                           "on two cores, 300 more than two hours")
+                           "6.0 %% at the first attempt, 300 by 1.2 %%. A run of a press behind "
+                           "thrusters takes about a minute of a core: 60 runs half an hour on "
+                           "two cores, 300 more than two hours")
     runs.add_argument("--confidence", type=float, default=0.95, metavar="C",
                       help="confidence of that bound (default: %(default)s)")
     take_workers(certify)
