@@ -181,8 +181,8 @@ def test_a_calibrated_file_has_the_numbers_their_origin_and_is_calibrated_to_its
     assert (loaded.mpc.hover, loaded.mpc.terminal_radius) == (3.4, 0.051)
     assert loaded.ancillary == real.ancillary
     tube = text[text.index("\ntube:"):]
-    assert re.search(r"position: 0\.0078 +# m \(0\.0031; 25%\)", tube)
-    assert re.search(r"depth: 0\.0042 +# m \(0\.0017; 25%\)", tube)
+    assert re.search(r"position: 0\.00775 +# m \(0\.0031; 25%\)", tube)
+    assert re.search(r"depth: 0\.00306 +# m \(0\.0012; 25%\)", tube)
     # A deviation for each input.
     assert re.search(r"# \([\d.]+(, [\d.]+){9}\)\n  u: \[.*\] # m/s2 \(3\), rad/s2\n", tube)
     assert len(re.findall(r"^tube:", text, re.M)) == 1
