@@ -1,7 +1,7 @@
 """Effect of each model error and imperfection on a realistic vehicle, one at a time.
 
 The vehicle is that of `girona500_real_loop`: thrusters with lag, 50 Hz, noisy navigation, an
-unknown wall, 4 s of hovering; without its current and mass error, from a closer start. `--before`
+unknown wall, 8 s of hovering; without its current and mass error, from a closer start. `--before`
 does the same to `girona500_ideal`: the law `resolved`, an ideal loop, a known wall.
 """
 
@@ -82,7 +82,7 @@ def main() -> None:
     arguments = parser.parse_args()
     name, common = ("girona500_ideal", BEFORE) if arguments.before else (
         "girona500_real_loop", REAL)
-    duration = arguments.duration or (16.0 if arguments.before else 20.0)
+    duration = arguments.duration or (16.0 if arguments.before else 24.0)
     print(f"{'':<22}{'tip mm':>8}{'vehicle':>8}{'/ tube':>8}{'steady':>8}{'rms N':>8}{'worst':>8}"
           f"{'lost':>6}  violated")
     for row in arguments.row or ROWS:

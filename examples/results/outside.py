@@ -1,7 +1,7 @@
 """Events outside of the class of `girona500_real_loop`, with its supervisor, one run each.
 
 `python examples/results/outside.py > examples/results/outside.md` takes 20 minutes on a core. The
-tip starts 0.09 m off the wall and touches it after 12 s, so that an event at 18 s is one in
+tip starts 0.09 m off the wall and touches it after 16 s, so that an event at 22 s is one in
 contact.
 """
 
@@ -29,7 +29,7 @@ from uvms_drake.station.record import Record
 BASE = "girona500_real_loop"
 NEAR = "start.eta.0=-1.10"
 """The tip 0.09 m off the wall."""
-TOUCH, IN_CONTACT = 12.0, 18.0
+TOUCH, IN_CONTACT = 16.0, 22.0
 """Times of the touch and of an event in contact [s]."""
 CUT = "{cut}"
 """Stands for the folder of a robot that can cut the power of each thruster."""
@@ -38,7 +38,7 @@ HEAD = """# Outside of the class
 {provenance} Command: `python examples/results/outside.py`.
 
 `{base}`, one run for each event until 6 s after it, 12 s after a current, the tip 0.09 m off at the
-start; one of 18 s is in contact. *Above* is the time with more than the declared {limit:g} N, *off*
+start; one of 22 s is in contact. *Above* is the time with more than the declared {limit:g} N, *off*
 the largest distance of the vehicle from the way of its retreat, 0.3 m straight back from where it
 was at the trip, *beyond* that of a joint beyond its range [rad], *q̇* the largest norm of the joint
 rates [rad/s]. *Detected* is the cause and its time after the event, for a wall after the touch;
@@ -155,13 +155,13 @@ EVENTS = {  # Flows come on top of the declared current of 0.1 m/s across.
     "wall 20 × at 0.1 m/s": Event(("surface.law.stiffness=14000",
                                    "mpc.weight_y.0=60000", "mpc.weight_zeta.0=0.01"), leaves=0.5),
     "wave 0.2 m/s, 6 s, from the start": Event(flow("[0.2,0,0]", 0.0, "6.0"), 0.0, off=0.35),
-    "the same from 18 s, along x": Event(flow("[0.2,0,0]", AT, "6.0"), AT, off=0.35),
-    "the same from 18 s, along y": Event(flow("[0,0.2,0]", AT, "6.0"), AT, off=0.35),
+    "the same from 22 s, along x": Event(flow("[0.2,0,0]", AT, "6.0"), AT, off=0.35),
+    "the same from 22 s, along y": Event(flow("[0,0.2,0]", AT, "6.0"), AT, off=0.35),
     "current 0.5 m/s across, from the start": Event(flow("[0,0.4,0]", 0.0), 0.0, off=1.4,
                                                     end=0.05, seconds=18.0),
-    "the same from 18 s": Event(flow("[0,0.4,0]", AT), AT, off=1.4, end=0.05,
+    "the same from 22 s": Event(flow("[0,0.4,0]", AT), AT, off=1.4, end=0.05,
                                  seconds=12.0),
-    "current 0.5 m/s at the wall, from 18 s": Event(flow("[0.5,0,0]", AT), AT, off=1.4,
+    "current 0.5 m/s at the wall, from 22 s": Event(flow("[0.5,0,0]", AT), AT, off=1.4,
                                                      end=0.05, seconds=12.0),
     "surge thruster stuck at half, power cut": Event(fault(
         f"!StuckThruster {{thruster: surge_port, share: 0.5, start: {AT}}}", f"model={CUT}"), AT,

@@ -60,8 +60,9 @@ QUIET = Seen(time=9.0, tip=np.array([0.01, 0.0, 0.0]), advance=0.0, force=10.0, 
 NOTHING = np.array([[9.0, 0.01, 0.0, 0.0, 10.0, 0.0]])
 """The reading of now alone."""
 REAL, OFF = "girona500_real_loop", "supervisor=null"
-NEAR = "start.eta.0=-1.10"
-"""The tip 0.09 m off the wall: it touches 12 s after the start."""
+HOVERS = "mpc.hover=4.0"
+NEAR = ("start.eta.0=-1.10", HOVERS)
+"""The tip 0.09 m off the wall, half of the hover: it touches 12 s after the start."""
 
 
 @pytest.mark.parametrize(("cause", "changes"), [
@@ -423,7 +424,7 @@ def safety_of(record):
     pytest.param(3500.0, 3500.0, marks=pytest.mark.long), (14000.0, None)])
 def test_a_wall_5_or_20_times_as_stiff_is_left_at_once(stiffness, seen):
     """Declared are 1 kN/m. Within half a second after the detection the tip is off."""
-    record = simulated(REAL, 13.5, NEAR, f"surface.law.stiffness={stiffness}")
+    record = simulated(REAL, 13.5, *NEAR, f"surface.law.stiffness={stiffness}")
     safety = safety_of(record)
     assert safety["cause"] == "slope" and safety["off_wall"] and safety["off_wall_s"] < 0.5
     assert safety["largest_force"] < 25.0 and safety["seconds_above_limit"] == 0.0
@@ -442,7 +443,7 @@ def test_a_wall_5_or_20_times_as_stiff_is_left_at_once(stiffness, seen):
     (REAL, 5.0), pytest.param("girona500_contact", 7.5, marks=pytest.mark.long)])
 def test_without_a_trip_a_run_is_the_same_to_the_bit(scenario, seconds):
     """Through hover and approach, and a touch with an ideal wrench."""
-    one, other = (simulated(scenario, seconds, *more) for more in ((), (OFF,)))
+    one, other = (simulated(scenario, seconds, HOVERS, *more) for more in ((), (OFF,)))
     assert one.trip == np.inf and "safety" not in other.signals
     for field in dataclasses.fields(other):
         value = getattr(other, field.name)
@@ -473,7 +474,7 @@ def test_a_law_that_fails_is_a_cause_and_not_the_end(monkeypatch, fails):
         return command(self, model, now, *rest)
 
     monkeypatch.setattr(TipFirst, "command", failing)
-    record = uv.simulate(uv.load_scenario(REAL, ["duration=7", NEAR]))
+    record = uv.simulate(uv.load_scenario(REAL, ["duration=7", *NEAR]))
     safety = safety_of(record)
     assert safety["cause"] == "raised" and len(calls) <= 254
     assert safety["distance"] == pytest.approx(0.2, abs=0.15)
@@ -492,7 +493,7 @@ def test_a_planner_that_raises_for_ever_is_noticed_before_its_plan_is_too_old(mo
         return again(self, sample, memory)
 
     monkeypatch.setattr(Planner, "again", failing)
-    record = uv.simulate(uv.load_scenario(REAL, ["duration=8"]))
+    record = uv.simulate(uv.load_scenario(REAL, ["duration=8", HOVERS]))
     assert safety_of(record)["cause"] == "plan"
     assert record.trip < 4.4 + 15 * 0.2
 
@@ -500,7 +501,7 @@ def test_a_planner_that_raises_for_ever_is_noticed_before_its_plan_is_too_old(mo
 @pytest.mark.long
 def test_a_lost_state_is_a_cause_after_which_nothing_pushes():
     """Half a second later the reference rests where the plan was, and so does the command."""
-    record = simulated(REAL, 13.0, NEAR, "faults=[!LostState {start: 5.0, duration: 99}]")
+    record = simulated(REAL, 13.0, *NEAR, "faults=[!LostState {start: 5.0, duration: 99}]")
     assert safety_of(record)["cause"] == "fix" and 5.4 < record.trip < 5.7
     after = record.time > record.trip + 0.1
     assert np.max(np.abs(record.tau[after, 0])) < 20.0
@@ -508,7 +509,7 @@ def test_a_lost_state_is_a_cause_after_which_nothing_pushes():
 
 @pytest.mark.long
 def test_a_gap_of_the_fixes_is_a_cause_in_contact():
-    record = simulated(REAL, 15.0, NEAR, "faults=[!LostFixes {start: 13.0, duration: 5}]")
+    record = simulated(REAL, 15.0, *NEAR, "faults=[!LostFixes {start: 13.0, duration: 5}]")
     safety = safety_of(record)
     assert safety["cause"] == "fix" and 13.4 < record.trip < 13.6
     assert safety["largest_force"] < 20.0 and safety["off_wall_s"] < 0.6
@@ -727,7 +728,7 @@ def test_a_surge_thruster_that_sticks_is_cut_off_where_the_robot_can(tmp_path):
     robot = shutil.copytree(model_dir("girona500_arm5e"), tmp_path / "girona500_arm5e")
     (robot / "thrusters.yaml").write_text(
         "power_cut: true\n" + (robot / "thrusters.yaml").read_text("utf-8"), "utf-8")
-    record = simulated(REAL, 20.0, NEAR, f"model={robot}", "faults=[!StuckThruster "
+    record = simulated(REAL, 20.0, *NEAR, f"model={robot}", "faults=[!StuckThruster "
                        "{thruster: surge_port, share: 0.5, start: 13.0}]")
     safety = safety_of(record)
     assert safety["isolated"] == "surge_port" and safety["held"] and safety["off_wall"]
