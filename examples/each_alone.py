@@ -11,14 +11,14 @@ import numpy as np
 
 import uvms_drake as uv
 
-REAL = ["start.eta=[-1.04, -0.04, -0.04, 0.0, 0.0, 0.02]", "start.q=[0.0, 1.17, 0.4, 0.0]",
+REAL = ["start.eta=[-1.09, -0.04, -0.04, 0.0, 0.0, 0.02]", "start.q=[0.0, 1.17, 0.4, 0.0]",
         "current=[0.0, 0.0, 0.0]", "model_error.mass=1.0"]
 BEFORE = ["disturbance.bound=0.0"]
 ROUND = ["waves=[{amplitude: 0.25, period: 6.0, depth: 2.4}]"]
 FOR_WAVES = [  # A faster vehicle, a more bent elbow, and limits and a tube wide enough for both.
     "ancillary.vehicle.k=4.0", "ancillary.vehicle.observer=3.0", "task.pose=[0, 0, 0, 0, -0.17, 0]",
     "task.posture=[0.0, 1.05, 0.35, 0.0]", "start.q=[0.0, 1.05, 0.35, 0.0]", "tube.e=0.25",
-    "start.eta=[-1.12, -0.03, -0.11, 0.0, 0.0, 0.02]", "limits.q_lower=[-0.45, 0.5, -0.25, -0.6]",
+    "start.eta=[-1.17, -0.03, -0.11, 0.0, 0.0, 0.02]", "limits.q_lower=[-0.45, 0.5, -0.25, -0.6]",
     "contact.tool_angle=0.5", "tube.joints=0.22", "tube.orientation=0.14"]
 AT_20_HZ = ["actuation.0.period=0.05", "ancillary.observer_period=0.05"]
 DVL = "{rate: 10.0, gap: 0.4, lost: 1.0, noise: [0.0017, 0.0017, 0.0017]}"

@@ -27,7 +27,7 @@ from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.record import Record
 
 BASE = "girona500_real_loop"
-NEAR = "start.eta.0=-1.10"
+NEAR = "start.eta.0=-1.15"
 """The tip 0.09 m off the wall."""
 TOUCH, IN_CONTACT = 16.0, 22.0
 """Times of the touch and of an event in contact [s]."""
