@@ -26,8 +26,10 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.wiring import release
 from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.identification.parameters import AXES
 from uvms_drake.mission.steps import Mission
 from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
+from uvms_drake.plant.model_error import COEFFICIENTS, AxisFactors, Unknowns
 from uvms_drake.report.contact_check import summarise_bands
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.station.contact.bounds import largest_force, pressing_force, sensed_contact
@@ -36,11 +38,16 @@ from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.simulation import make_record
 from uvms_drake.station.step_size import friction_rate
 
+BY_AXIS, ERRORS = "by axis", ["current=[0,0,0]", "model_error.mass=1", *(
+    f"model_error.vehicle.{each}" for each in (
+        "added_mass=[1.03]", "linear_drag=[1.3]", "quadratic_drag=[1.3]"))]
+"""Errors by axis in place of those of `girona500_contact_uncertain`."""
 RUNS = {"girona500_contact": (12, 14.0), "girona500_contact_uncertain": (6, 14.0),
         "current": (2, 14.0), "mass": (3, 14.0), "added mass": (3, 14.0), "payload": (3, 14.0),
         "girona500_tip_first": (3, 16.0), "bluerov2_contact": (3, 16.0),
-        "jacket_inspection": (2, 16.0), "girona500_stiff": (1, 28.0)}
-"""Number of runs and their duration [s]: of a scenario, or of an unknown of `unknowns.CASES`."""
+        "jacket_inspection": (2, 16.0), "girona500_stiff": (1, 28.0), BY_AXIS: (18, 8.0)}
+"""Number of runs and their duration [s]: of a scenario, or of an unknown of `unknowns.CASES`. Those
+by axis have one error each, of one coefficient along one axis."""
 LIKELY = 0.5
 """Probability of each parameter of the wall to be at its bound."""
 NEAR, FURTHER = 1.02, 0.05
@@ -54,6 +61,10 @@ SOFTLY = 1.2
 TUBE = {"pose and joints": ("e", "position", "orientation", "joints", "roll", "pitch", "depth"),
         "velocities": ("z", "nu1", "nu2", "qdot", "tip_speed", "depth_speed")}
 """Claims about the tube, and their rows; others are of inputs."""
+ACCELERATION, WHOLE = "accelerations by the unknowns", "whole disturbance over its bound"
+"""Claims about the disturbance."""
+LIMITS = "limits, used"
+"""Largest part of a limit that is used."""
 
 
 class Found(NamedTuple):
@@ -95,16 +106,23 @@ def wall_near(scenario: uv.Scenario, ocp: Ocp, rng: np.random.Generator) -> uv.S
     return replace(wall, creep=max(LEAST_CREEP, rate / steepest_friction(scenario, ocp)))
 
 
-def attacked(scenario: uv.Scenario, ocp: Ocp, duration: float, rng: np.random.Generator
-             ) -> uv.Record:
-    """Returns the record of a run with everything drawn."""
+def of_one_axis(declared: Unknowns, index: int, rng: np.random.Generator) -> Unknowns:
+    """Returns one coefficient of the vehicle off by its bound along one axis, and nothing else."""
+    name, axis = COEFFICIENTS[index // 6 % 3], index % 6
+    size = (declared.error.by_axis("vehicle", name) - 1.0) * np.eye(6)[axis]
+    return Unknowns(replace(declared.error, vehicle=AxisFactors(
+        **{name: 1.0 + rng.choice([-1.0, 1.0]) * size})))
+
+
+def attacked(scenario: uv.Scenario, ocp: Ocp, duration: float, rng: np.random.Generator,
+             unknown: Unknowns) -> uv.Record:
+    """Returns the record of a run with these unknowns and everything else drawn."""
     model, declared, contact = load_model(scenario), scenario.disturbance, sensed_contact(scenario)
     disturbance = AdversarialDisturbance(
         declared.bound, str(rng.choice(KINDS)), str(rng.choice(list(ROWS))),
         rng.normal(size=model.size), int(rng.integers(model.size)),
         float(np.exp(rng.uniform(*np.log(PERIODS)))), float(rng.uniform(0.0, 2.0 * np.pi)),
         weights=declared.weights)
-    unknown = drawn_unknowns(scenario.unknowns, rng, 1.0)
     sensor, = scenario.sensing
     scenario = uv.with_step(replace(
         scenario, duration=duration, surface=wall_near(scenario, ocp, rng),
@@ -123,26 +141,26 @@ def attacked(scenario: uv.Scenario, ocp: Ocp, duration: float, rng: np.random.Ge
     return record
 
 
-def compared(record: uv.Record, certificate: Certificate) -> Found:
-    """Returns what a run has found over what is claimed."""
+def compared(record: uv.Record, certificate: Certificate, of: str = "") -> Found:
+    """Returns what a run has found over what is claimed, of unknowns with `of` in their name."""
     found, bands = outcome(record), summarise_bands(record)["force_bands"]
     use, wall = found["use"], found["wall"]
     of_inputs = set(use) - {row for rows in TUBE.values() for row in rows}
     ratios = {f"tube: {name}": max(use.get(row, 0.0) for row in rows)
               for name, rows in {**TUBE, "inputs": of_inputs}.items()}
     ratios |= {
-        "limits, used": 1.0 - found["margin"],
+        LIMITS: 1.0 - found["margin"],
         "static force over `contact.force`": wall["static"],
         "force with damping over its bound": wall["peak"],
         "force band in motion": (bands["motion"] or {"worst_ratio": 0.0})["worst_ratio"],
         "force band in a hold": (bands["hold"] or {"worst_ratio": 0.0})["worst_ratio"],
-        "whole disturbance over its bound": found["worst_disturbance"]}
+        WHOLE: found["worst_disturbance"]}
     if found["ratio_trajectory"] is not None:
         ratios["tube along the run"] = found["ratio_trajectory"]
     if certificate.unknowns:
-        ratios["accelerations by the unknowns"] = (
+        ratios[ACCELERATION] = (
             found["induced"] * record.scenario.disturbance.bound
-            / sum(each.takes for each in certificate.unknowns))
+            / sum(each.takes for each in certificate.unknowns if of in each.name))
     left = uv.summarise(record)["contact"]["out_of_class"]
     return Found(ratios, (*left, *["no plan"] * found["mpc_failures"],
                           *["contact lost"] * wall["losses"],
@@ -154,6 +172,8 @@ def attacks(name: str, runs: int, duration: float, seed: int) -> list[Found]:
     if name in CASES:
         declared = declared_of(name)
         scenario = uv.load_scenario(BASE, [*declared, *followed(declared)[0]])
+    elif name == BY_AXIS:
+        scenario = uv.load_scenario("girona500_contact_uncertain", ERRORS)
     else:
         scenario = uv.load_scenario(name)
     certificate = certified_once(scenario)
@@ -165,7 +185,11 @@ def attacks(name: str, runs: int, duration: float, seed: int) -> list[Found]:
     found = []
     for index in range(runs):
         rng = np.random.default_rng([seed, index])
-        found.append(compared(attacked(scenario, ocp, duration, rng), certificate))
+        unknown, of = drawn_unknowns(scenario.unknowns, rng, 1.0), ""
+        if name == BY_AXIS:
+            unknown = of_one_axis(scenario.unknowns, index, rng)
+            of = COEFFICIENTS[index // 6 % 3].replace("_", " ")
+        found.append(compared(attacked(scenario, ocp, duration, rng, unknown), certificate, of))
         print(f"{name} {index}: {found[-1]}", file=sys.stderr, flush=True)
     return found
 
@@ -180,6 +204,19 @@ def table(found: dict[str, Sequence[Found]]) -> str:
     rows.append(["runs that left the class, lost the contact, ...", *(
         ", ".join(sorted({each for run in runs for each in run.bad})) or "none"
         for runs in found.values())])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def axis_table(runs: Sequence[Found]) -> str:
+    """Returns a table of the runs by axis: acceleration by the error, and largest other ratio.
+
+    The part of the limits that is used, and the whole disturbance, are left out of the latter.
+    """
+    cells = [f"{run.ratios[ACCELERATION]:.3f}, " + "{:.2f}".format(max(
+        ratio for claim, ratio in run.ratios.items() if claim not in (ACCELERATION, LIMITS, WHOLE)))
+        + "".join(f", {each}" for each in run.bad) for run in runs]
+    rows = [["axis", *(name.replace("_", " ") for name in COEFFICIENTS)], ["---"] * 4,
+            *([axis, *cells[i::6]] for i, axis in enumerate(AXES))]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
