@@ -8,18 +8,19 @@ from support.quick import FEW, search_less
 from support.scenarios import OF_A_STATION
 
 import uvms_drake as uv
+from uvms_drake.campaign.draws import declared_distribution
 from uvms_drake.certificate import assumptions as assumed
 from uvms_drake.certificate import declared_unknowns as declared
 from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.certificate.certify import basis_of
 from uvms_drake.certificate.text import refused
-from uvms_drake.common.errors import ScenarioError
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.waves import water_motion
 from uvms_drake.station.contact.tube_in_contact import force_bounds
 from uvms_drake.station.plant import make_simulated_uvms
-from uvms_drake.station.problem import load_model
+from uvms_drake.station.problem import check_inputs, load_model
 from uvms_drake.station.supervision import silent_conditions
 from uvms_drake.tube.estimates import LEAST_SHARE
 from uvms_drake.tube.unmodelled_dynamics import MotionSet
@@ -109,14 +110,13 @@ def test_a_verdict_names_the_logs_their_excitation_beside_limits_and_where_these
         "‖ν̇₁‖ not measured (5 m/s²), ‖ν̇₂‖ 9 (1 rad/s²), ‖q̇‖ 0.15 (0.2 rad/s); "
         "extrapolates in ‖ν₁‖ by 0.1 m/s, ‖ν̇₁‖, ‖q̇‖ by 0.05 rad/s")
     assert unmet(scenario) == []
-    # A certificate depends on them, and one of another robot's file does not hold.
+    # A certificate depends on them, one in probability says it, and another robot is refused.
     other = identified(tmp_path, IDENTIFIED.replace("0.15", "0.16"))
     assert fingerprint(other)["inputs"] != fingerprint(scenario)["inputs"]
-    (condition,) = [each for each in assumed.assumed_conditions(identified(tmp_path, of="00"))
-                    if not each.holds]
-    assert refused(condition) == (
-        "not certified: identified.hydrodynamics, another file than the robot's; what would help: "
-        "the file that identify wrote, unchanged in the robot's folder")
+    assert list(scope.values())[-2:] == [
+        each for each in declared_distribution(scenario) if each in scope.values()]
+    with pytest.raises(InvalidParameter, match=r"= .00.: must be that of .* of bluer"):
+        check_inputs(identified(tmp_path, of="00"))
 
 
 @pytest.mark.parametrize(("old", "new", "line"), [

@@ -185,8 +185,10 @@ def test_the_command_writes_a_robot_and_unknowns_that_are_read_back(tmp_path, ca
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(f"base: bluerov2_contact\n{unknowns}", encoding="utf-8")
     loaded = uv.load_scenario(str(scenario))
-    assert len(loaded.identified.logs) == 5 and loaded.identified.is_of(str(folder))
-    assert not loaded.identified.is_of(ROBOT)
+    assert len(loaded.identified.logs) == 5
+    loaded.identified.check_robot(str(folder))
+    with pytest.raises(InvalidParameter, match="identify has written another one"):
+        loaded.identified.check_robot(ROBOT)
     factor = loaded.model_error.by_axis("vehicle", "added_mass")[3]
     assert factor - 1.0 == pytest.approx((high - low) / 2.0 / roll["value"], abs=2e-4)
     # The page.

@@ -221,6 +221,8 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
     if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
         yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, of its full size with "
                f"the probability {AT_FULL_SIZE:g}, else of a uniform part of it")
+    if (found := scenario.identified) is not None:
+        yield from (found.log_sentences()[0], found.excitation(scenario.limits))
     yield (f"corners: with the probability {CORNER:g} all unknowns, and all parameters of the "
            "wall, are at their bounds at once, with any signs")
     if scenario.disturbance.bound > 0.0:

@@ -243,9 +243,6 @@ def assumed_conditions(scenario: Scenario, model: ContactModel | None = None) ->
     unnamed, undriven = unnamed_axes(actuation, model), ", ".join(undriven_axes(model))
     assumed: list[tuple[str, str, float]] = [
         *_uncounted(scenario.unknowns, actuation),
-        *([] if scenario.identified is None else [(
-            "identified.hydrodynamics", "another file than the robot's",
-            not scenario.identified.is_of(scenario.model))]),
         ("surface_error", "which the controller does not know", scenario.surface_error.size),
         ("faults", "which the proofs do not cover", len(uncovered(scenario.faults))),
         ("mpc.initial_state", "plans start at the measured state", mpc.initial_state != "nominal"),

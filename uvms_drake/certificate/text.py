@@ -53,7 +53,6 @@ HELP = {
     "current": "still water or an ideal wrench without a clock, or else certify --runs N",
     "waves": "still water or an ideal wrench without a clock, or else certify --runs N",
     "model_error": "leaving it out",
-    "identified.hydrodynamics": "the file that identify wrote, unchanged in the robot's folder",
     "declared unknowns": "smaller unknowns",
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",

@@ -238,6 +238,8 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
     """
     model = model or load_model(scenario)
     check_values(scenario)
+    if scenario.identified is not None:
+        scenario.identified.check_robot(scenario.model)
     check_limits(scenario.limits, model.num_joints)
     disturbance_weights(scenario, model)
     none = np.zeros(model.size)

@@ -44,10 +44,11 @@ class Identified:
         """Raises `InvalidParameter` without a log."""
         require(bool(self.logs), "logs", self.logs, "the logs, at least one")
 
-    def is_of(self, robot: str) -> bool:
-        """Returns whether a robot has the identified `hydrodynamics.yaml`."""
-        file = (model_dir(robot) / "hydrodynamics.yaml").read_bytes()
-        return hashlib.sha256(file).hexdigest() == self.hydrodynamics
+    def check_robot(self, robot: str) -> None:
+        """Raises `InvalidParameter` unless a robot has the identified `hydrodynamics.yaml`."""
+        found = hashlib.sha256((model_dir(robot) / "hydrodynamics.yaml").read_bytes()).hexdigest()
+        require(found == self.hydrodynamics, "identified.hydrodynamics", self.hydrodynamics,
+                f"that of hydrodynamics.yaml of {robot}, {found}: identify has written another one")
 
     def log_sentences(self) -> list[str]:
         """Returns the logs in words: a line with the first of them, and one for each other."""
