@@ -22,9 +22,7 @@ from uvms_drake.plant.surface import SurfaceError
 from uvms_drake.report import signals
 from uvms_drake.report.metrics import relative_margins
 from uvms_drake.report.summary import (
-    format_overview,
     format_summary,
-    headline,
     summarise_claim,
 )
 
@@ -312,8 +310,8 @@ def test_the_table_of_each_kind_of_run_is_the_stored_one():
     for name, record in runs().items():
         summary = uv.summarise(record)
         verdict = summary["verdict"]
-        lines += [f"=== {name}", format_summary(summary), "--- in short", format_overview(summary),
-                  f"{verdict['status']}: {verdict['text']}"]
+        lines += [f"=== {name}", format_summary(summary, full=True), "--- in short",
+                  format_summary(summary), f"{verdict['status']}: {verdict['text']}"]
     check_snapshot("summary", "\n".join(lines))
 
 
@@ -321,7 +319,7 @@ def test_the_overview_is_a_screen_and_has_the_tightest_limits_those_broken_first
     records = runs()
     for record in records.values():
         summary = uv.summarise(record)
-        text = format_overview(summary)
+        text = format_summary(summary)
         assert text.startswith(f"{summary['scenario']}: {summary['verdict']['text']}\n")
         lines = text.splitlines()
         assert len(lines) <= 40 and "\n\n\n" not in text
@@ -331,7 +329,7 @@ def test_the_overview_is_a_screen_and_has_the_tightest_limits_those_broken_first
         assert [margins[name] for name in names] == sorted(margins.values())[:5]
         assert any(line.startswith("events") for line in lines)
     violated = uv.summarise(records["tangential force, a violated limit"])
-    assert re.search(r"^tightest .*\nu_surge .* VIOLATED$", format_overview(violated), re.M)
+    assert re.search(r"^tightest .*\nu_surge .* VIOLATED$", format_summary(violated), re.M)
 
 
 def test_the_size_of_a_limit_is_its_range_or_its_bound():
@@ -350,17 +348,17 @@ def test_the_angle_of_the_tool_is_an_angle():
     assert (row["limit"], row["unit"]) == (pytest.approx(record.scenario.contact.tool_angle), "rad")
 
 
-def test_the_table_has_the_numbers_of_the_summary_and_begins_with_its_headline():
+def test_the_table_has_the_numbers_of_the_summary_and_begins_with_the_verdict():
     record = runs()["tangential force, a violated limit"]
     summary = uv.summarise(record)
-    text = format_summary(summary)
+    text = format_summary(summary, full=True)
     force = summary["force"]
-    assert text.splitlines()[0] == headline(summary)
+    assert text.splitlines()[0] == (
+        "girona500_ideal: LIMITS VIOLATED: u_surge (without a certificate)")
     assert f"normal error {abs(force['final_error_normal']):.3g} N at the end" in text
     assert "tangential error 5 N at the end, at most 5 N in the last 5 s" in text
-    assert headline(summary).startswith(
-        "girona500_ideal: LIMITS VIOLATED: u_surge (without a certificate); 20 N ")
     chi = record.chi.copy()
     chi[[0, -1]] = record.chi_des + np.outer([0.1, 0.001], [3.0, 0.0, 4.0, 1.0, 0.0, 0.0])
-    moved = format_summary(uv.summarise(replace(record, chi=chi)))
-    assert "task error    500 mm and 100 mrad at the start, 5 mm and 1 mrad at the end" in moved
+    moved = format_summary(uv.summarise(replace(record, chi=chi)), full=True)
+    assert "end-effector  off by 5 mm and 1 mrad at the end\n" in moved
+    assert " off by 500 mm and 100 mrad at the start\n" in moved

@@ -69,7 +69,7 @@ def test_the_summary_has_both_phases_and_a_band_that_is_left_breaks_the_guarante
     assert bands["hold"]["worst_ratio"] == pytest.approx(0.4 / least)
     assert bands["motion"]["worst_error"] == pytest.approx(6.0)
     assert bands["hold"]["exits"] == bands["motion"]["exits"] == 0
-    (line,) = (line for line in format_summary(uv.summarise(record)).splitlines()
+    (line,) = (line for line in format_summary(uv.summarise(record), full=True).splitlines()
                if " in a hold (" in line)
     assert f"from {bands['hold']['after_touch_s']:.2g} s after the touch" in line
     assert f"0.4 of {least:.3g} N at {bands['hold']['at']['time_s']:.2f} s" in line

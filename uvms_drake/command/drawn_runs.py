@@ -61,7 +61,7 @@ from uvms_drake.common.cache import store
 from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
-from uvms_drake.report.summary import format_overview
+from uvms_drake.report.summary import format_summary
 from uvms_drake.report.tube_use import check_log
 from uvms_drake.setup.calibrate import (
     MULTIPLE,
@@ -272,7 +272,7 @@ def replay_run(args: argparse.Namespace) -> int:
         summary = write_data(record, output.folder)
         output.keep()
         write_pictures(record, None, output.folder, summary, figures=True, replay=False)
-    print(f"{format_overview(summary)}\n\nthe tube is the campaign's; a run of it has no "
+    print(f"{format_summary(summary)}\n\nthe tube is the campaign's; a run of it has no "
           f"certificate of its own\nwritten to {path}: {', '.join(sorted(output.kept))}")
     return 0
 

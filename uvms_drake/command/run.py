@@ -140,10 +140,10 @@ def run_scenario(args: argparse.Namespace) -> int:
 def print_outcome(summary: dict[str, Any], path: Path, names: Sequence[str], *,
                   full: bool = False) -> int:
     """Prints the summary of a run, its files and the verdict; returns the exit status."""
-    from uvms_drake.report.summary import format_overview, format_summary
+    from uvms_drake.report.summary import format_summary
 
     verdict = summary["verdict"]
-    print(f"{format_summary(summary) if full else format_overview(summary)}\n\n"
+    print(f"{format_summary(summary, full=full)}\n\n"
           f"{'' if full else 'everything: --full, summary.json; '}"
           f"written to {path}: {', '.join(sorted(names))}\n{verdict['text']}")
     return int(verdict["status"])

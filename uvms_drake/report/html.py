@@ -104,7 +104,7 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
         *scope(certificate), *([certificate.force_sentence] if sound else [])]
     texts = {
         "title": scenario.name, "description": " ".join(scenario.description.split()),
-        "summary": format_summary(summary, event_lines=None), "scenario": dump_scenario(scenario),
+        "summary": format_summary(summary, full=True), "scenario": dump_scenario(scenario),
         "file": SCENARIO_FILE, "version": VERSION, "seed": str(scenario.seed),
         "command": f"uvms-drake run {SCENARIO_FILE}{'' if certificate else ' --uncertified'}",
         "drake": summary["versions"]["drake"], "python": summary["versions"]["python"]}

@@ -16,7 +16,6 @@ from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
 from uvms_drake.report.metrics import LAST_SECONDS, metrics, relative_margins
-from uvms_drake.report.signals import wrench_unit
 from uvms_drake.station.record import Record
 from uvms_drake.station.safety import summarise_safety
 
@@ -80,17 +79,6 @@ def summarise_claim(certificate: AnyCertificate | None, contact: dict[str, Any]
             "outside": [*(f"never drawn: {value}" for value in certificate.never_drawn), *seen]}
 
 
-def headline(summary: dict[str, Any]) -> str:
-    """Returns one sentence: the verdict, the task, its errors, the largest force, and the tube."""
-    contact = summary["contact"]
-    parts = [summary["verdict"]["text"], _task(summary)]
-    if contact["first_touch_s"] is not None:
-        lost = f", lost {contact['losses']} times" if contact["losses"] else ""
-        parts.append(f"at most {contact['largest_force']:.3g} N in contact{lost}")
-    parts.append(used(summary["tube"], summary["in_probability"] is not None))
-    return f"{summary['scenario']}: {'; '.join(parts)}."
-
-
 def used(tube: dict[str, Any], in_probability: bool = False) -> str:
     """Returns the share of the tube that the run used, the largest of its parts.
 
@@ -139,59 +127,50 @@ def _mission(mission: dict[str, Any]) -> str:
     return text
 
 
-def format_overview(summary: dict[str, Any]) -> str:
-    """Returns verdict, five numbers, the tightest limits, mission and events: one screen."""
+def format_summary(summary: dict[str, Any], *, full: bool = False) -> str:
+    """Returns a run in words: verdict, five numbers, limits, mission and events.
+
+    Args:
+        summary: As of `summarise`.
+        full: Whether all is told, and not a screen with the tightest limits and the first events.
+    """
     contact, mpc, step = summary["contact"], summary["mpc"], summary["mpc"]["step_ms"]
-    touch, margins = contact["first_touch_s"], relative_margins(summary["constraints"])
-    tightest = sorted(margins, key=lambda name: margins[name])[:TIGHTEST]
+    touch, limits, margins = contact["first_touch_s"], summary["constraints"], relative_margins(
+        summary["constraints"])
+    lost = f", lost {contact['losses']} times" if contact["losses"] else ""
+    in_short = {
+        "task": [_task(summary)],
+        "contact": ["never" if touch is None else
+                    f"from {touch:.2f} s on, at most {contact['largest_force']:.3g} N{lost}"],
+        "end-effector": [f"off by {_pose_error(summary, 'final')} at the end"],
+        "tube": [used(summary["tube"], summary["in_probability"] is not None)],
+        "MPC": [f"{_counts(mpc)}; step {_number(step['p50'], '.1f')} ms median, "
+                f"{_number(step['max'], '.1f')} ms at most"]}
+    details = {
+        "task": _format_force(summary), "contact": _format_contact(contact),
+        "end-effector": [f"off by {_pose_error(summary, 'initial')} at the start"],
+        "tube": _format_tube(summary["tube"]),
+        "MPC": [f"step {_number(step['p99'], '.1f')} ms p99"],
+        "thrusters": _format_thrusters(summary["thrusters"]),
+        "disturbance": _format_disturbance(summary["disturbance"]),
+        "certified": _format_certified(summary),
+        "run": [f"seed {summary['seed']}: {summary['duration_s']:g} s in "
+                f"{summary['wall_time_s']:.1f} s ({_number(summary['real_time_factor'], '.2f')} "
+                "times real time)"]} if full else {}
+    shown = limits if full else {name: limits[name] for name in sorted(
+        margins, key=lambda name: margins[name])[:TIGHTEST]}
     return "\n".join([
-        f"{summary['scenario']}: {summary['verdict']['text']}", "", *_block("task", [
-            _task(summary)]), *_block("contact", [
-                "never" if touch is None else f"from {touch:.2f} s on, at most "
-                f"{contact['largest_force']:.3g} N"
-                + f", lost {contact['losses']} times" * bool(contact["losses"])]),
-        *_block("end-effector", [f"off by {_pose_error(summary, 'final')} at the end"]),
-        *_block("tube", [used(summary["tube"], summary["in_probability"] is not None)]),
-        *_block("MPC", [f"{_counts(mpc)}; step {_number(step['p50'], '.1f')} ms median, "
-                        f"{_number(step['max'], '.1f')} ms at most"]),
+        f"{summary['scenario']}: {summary['verdict']['text']}", "",
+        *(line for name in in_short | details
+          for line in _block(name, [*in_short.get(name, []), *details.get(name, [])])),
         *_format_mission(summary["mission"]), "",
-        *_format_constraints({name: summary["constraints"][name] for name in tightest},
-                             "tightest"), "",
-        *_block("events", _format_events(summary["events"], EVENT_LINES))])
-
-
-def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
-    """Returns the summary as a table, with at most so many lines of events; None is no limit."""
-    return "\n".join([
-        headline(summary), "", *_format_run(summary), "",
-        *_block("force", [*_format_force(summary), *_format_contact(summary["contact"])]),
-        *_format_mission(summary["mission"]), "",
-        *_format_constraints(summary["constraints"]),
-        *_block("thrusters", _format_thrusters(summary["thrusters"])), "",
-        *_block("disturbance", _format_disturbance(summary["disturbance"])),
-        *_block("tube", _format_tube(summary["tube"], summary["in_probability"] is not None)),
-        *_block("certified", _format_certified(summary)), "",
-        *_block("events", _format_events(summary["events"], event_lines))])
+        *_format_constraints(shown, "constraint" if full else "tightest"), "",
+        *_block("events", _format_events(summary["events"], full))])
 
 
 def _block(label: str, lines: Iterable[str]) -> list[str]:
     """Returns lines with a label beside the first one."""
     return [f"{'' if i else label:<14}{line}" for i, line in enumerate(lines)]
-
-
-def _format_run(summary: dict) -> list[str]:
-    mpc, step = summary["mpc"], summary["mpc"]["step_ms"]
-    return [
-        *_block("scenario", [
-            f"{summary['scenario']}, seed {summary['seed']}: {summary['duration_s']:g} s in "
-            f"{summary['wall_time_s']:.1f} s ({_number(summary['real_time_factor'], '.2f')} times "
-            "real time)"]),
-        *_block("MPC", [
-            _counts(mpc),
-            f"step {_number(step['p50'], '.1f')} ms median, {_number(step['p99'], '.1f')} ms p99, "
-            f"{_number(step['max'], '.1f')} ms max"]),
-        *_block("task error", [f"{_pose_error(summary, 'initial')} at the start, "
-                               f"{_pose_error(summary, 'final')} at the end"])]
 
 
 def _counts(mpc: dict) -> str:
@@ -206,34 +185,27 @@ def _pose_error(summary: dict, end: str) -> str:
 
 
 def _format_force(summary: dict) -> list[str]:
-    """Returns the lines of the force: along its direction first, then across."""
+    """Returns further lines of the force: along its direction first, then across."""
     force = summary["force"]
-    overshoot, last, unit = force["overshoot"], force["last_5_s"], wrench_unit(force["desired"])
-    if summary["mission"]:
-        return ["of the mission's steps, below"]
-    if not np.any(force["desired"]):
-        return ["no force desired"]
-    settled = (f"within the tolerance for good after {force['settling_time_s']:.2f} s"
-               if force["settling_time_s"] is not None else "never settled within the tolerance")
-    first = f"{np.linalg.norm(force['desired']):.4g} {unit} desired, {settled}"
+    overshoot, last = force["overshoot"], force["last_5_s"]
+    if summary["mission"] or not np.any(force["desired"]):
+        return []
     window = f"the last {min(LAST_SECONDS, summary['duration_s']):g} s"
     if force["peak_normal"] is None:  # A torque alone.
-        return [first, f"error {force['final_error_norm']:.3g} {unit} at the end, "
-                f"{last['mean_error_norm']:.3g} {unit} on average in {window}"]
+        return [f"error {last['mean_error_norm']:.3g} N m on average in {window}"]
     impact = "started in contact" if overshoot is None else (
         "never in contact" if force["peak_normal"] == 0.0 else
         f"overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
-    return [first, *(
+    return [*(
         f"{name} error {abs(force[f'final_error_{name}']):.3g} N at the end, at most "
         f"{last[f'worst_{name}_error']:.3g} N in {window}" for name in ("normal", "tangential")),
         f"normal force {force['peak_normal']:.4g} N at its peak, {impact}"]
 
 
 def _format_contact(contact: dict) -> list[str]:
-    """Returns the lines of the contact: forces, touch, certified bands, bounds of its class."""
+    """Returns further lines of the contact: static force, bands, bounds of its class."""
     if contact["first_touch_s"] is None:
         return []
-    lost = f", contact lost {contact['losses']} times" if contact["losses"] else ""
     bands = [f"{BANDS[name]}: never" if row is None else
              f"{BANDS[name]} ({100.0 * row['share']:.0f} % of the run, from "
              f"{row['after_touch_s']:.2g} s after the touch) off by at most "
@@ -242,9 +214,7 @@ def _format_contact(contact: dict) -> list[str]:
              f"{row['at']['time_s']:.2f} s" for name, row in contact.get("force_bands", {}).items()]
     departed = [f"NOT OF ITS CLASS: contact.{key} is {row['specified']:.3g}, seen was "
                 f"{row['observed']:.3g}" for key, row in contact.get("out_of_class", {}).items()]
-    return [f"largest force in contact {contact['largest_force']:.4g} N, static force at most "
-            f"{contact['largest_static_force']:.4g} N",
-            f"first touch at {contact['first_touch_s']:.2f} s{lost}", *bands, *departed]
+    return [f"static force at most {contact['largest_static_force']:.4g} N", *bands, *departed]
 
 
 def _format_constraints(constraints: dict, title: str = "constraint") -> list[str]:
@@ -303,7 +273,8 @@ def _format_certified(summary: dict) -> list[str]:
             *(f"{about}: {statement}" for about, statement in scope.items())]
 
 
-def _format_tube(tube: dict, in_probability: bool) -> list[str]:
+def _format_tube(tube: dict) -> list[str]:
+    """Returns further lines of the tube: law, sizes, bound along the run, exits."""
     error, first = tube["error"], tube["first_exit_s"]
     if tube["worst_e"] is None:
         return [f"law {tube['law']}; not watched: the robot hovered until the end"]
@@ -316,19 +287,18 @@ def _format_tube(tube: dict, in_probability: bool) -> list[str]:
         f"(bound {1e3 * tube['bound_e']:.3g}),",
         f"|zeta - zeta_nominal| {1e3 * tube['worst_z']:.3g} mm/s, mrad/s "
         f"(bound {1e3 * tube['bound_z']:.3g})",
-        used(tube, in_probability)
-        + ("" if along is None else f", {100.0 * along:.3g} % of the bound along the run"),
+        *([f"{100.0 * along:.3g} % of the bound along the run"] if along is not None else []),
         *([f"exits: {', '.join(exits)}"] if exits else [])]
 
 
-def _format_events(events: list[dict], most: int | None) -> list[str]:
+def _format_events(events: list[dict], full: bool) -> list[str]:
     """Returns the lines of the events: alarms, others, kept plans, each in order of time."""
     ordered = sorted(events, key=lambda event: (event["kind"] not in ALARMING,
                                                 event["kind"] == "plan_kept"))
-    shown = ordered if most is None or len(events) <= most else ordered[: most - 1]
+    shown = ordered if full or len(events) <= EVENT_LINES else ordered[: EVENT_LINES - 1]
     lines = [f"{_span(event):<18}  {event['text']}" for event in shown]
     if len(shown) < len(events):
-        lines.append(f"... and {len(events) - len(shown)} more in summary.json")
+        lines.append(f"... and {len(events) - len(shown)} more")
     return lines or ["none"]
 
 

@@ -51,7 +51,7 @@ def record():
 def test_it_runs_and_its_deviation_is_watched_without_a_bound_along_the_run(record):
     assert np.max(record.deviation_of("task")) > 0.0
     np.testing.assert_array_equal(record.tube_bound, np.inf)
-    text = format_summary(uv.summarise(record))
+    text = format_summary(uv.summarise(record), full=True)
     assert "law sloppy; |y - y_nominal|" in text
     assert "of the bound along the run" not in text
     deviation_drawing(record)
