@@ -8,7 +8,7 @@ from support.robot_reading import read_robot
 from support.robots import diver
 
 from uvms_drake.command.main import main
-from uvms_drake.command.scenario import compass, place_words
+from uvms_drake.command.scenario import place_words
 from uvms_drake.model.robot import Robot
 from uvms_drake.setup import first_scenario
 from uvms_drake.station.scenario.scenario import load_scenario
@@ -57,15 +57,16 @@ def test_a_sound_scenario_is_compared_with_its_base(tmp_path, capsys):
                        "holds")
 
 
-def test_places_of_a_mission_are_told_by_the_compass():
-    """Of a wall to the north (a, b) are down and west."""
+def test_places_of_a_mission_are_told_by_the_axes_of_the_wall():
     scenario = load_scenario("girona500_inspection", [
         "mission.steps=[!Approach {at: [0.1, -0.2]}, !Slide {along: [0.0, 0.3]}, !Retreat {}]"])
     assert place_words(scenario) == [
-        "mission.steps[0], Approach.at: 0.2 m east, 0.1 m down",
-        "mission.steps[1], Slide.along: 0.3 m west"]
-    assert compass(np.array([-1.0, 0.0, 2e-12])) == "1 m south"
-    assert compass(np.zeros(3)) == "no offset"
+        "mission.steps[0], Approach.at: 0.1 m down, -0.2 m to port",
+        "mission.steps[1], Slide.along: 0 m down, 0.3 m to port"]
+    floor = load_scenario("girona500_unknown_floor", [
+        "mission.steps=[!Approach {at: [0.1, -0.2]}, !Hold {}, !Retreat {}]"])
+    assert place_words(floor) == [
+        "mission.steps[0], Approach.at: 0.1 m north, -0.2 m east"]
 
 
 def test_a_scenario_that_a_run_refuses_is_refused_with_the_file_of_its_error(tmp_path, capsys):

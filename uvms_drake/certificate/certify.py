@@ -146,15 +146,10 @@ def class_conditions(scenario: Scenario, model: ContactModel) -> list[Condition]
                        theorem="model/surface/theory.md#class-of-surfaces")]
 
 
-def refusal(scenario: Scenario, model: ContactModel) -> Condition | None:
-    """Returns the first condition that fails by the scenario's own words, before any search."""
-    said = (*class_conditions(scenario, model), *assumed_conditions(scenario, model))
-    return next((each for each in said if not each.holds), None)
-
-
 def declared(draft: Draft) -> None:
-    """Compares the scenario's own surface with its declared class."""
-    draft.require(*class_conditions(draft.scenario, draft.model))
+    """Compares the scenario with its declared class and with the premises, before any search."""
+    scenario, model = draft.scenario, draft.model
+    draft.require(*class_conditions(scenario, model), *assumed_conditions(scenario, model))
 
 
 def constants(draft: Draft) -> None:
@@ -173,15 +168,14 @@ def tube(draft: Draft) -> None:
     if all(condition.holds for condition in found.conditions):
         found = in_contact(found, scenario, draft.basis)
     draft.found = found
-    conditions = (*found.conditions, *assumed_conditions(scenario, draft.model))
     wall = scenario.contact.declared_wall()
-    legs = (legs_of(scenario.mission.checked(), wall, found.radii, conditions)
+    legs = (legs_of(scenario.mission.checked(), wall, found.radii, found.conditions)
             if wall is not None and scenario.mission.steps and np.size(found.radii.u) else ())
     # These belong to the file even if the tube leaves nothing of a limit.
     draft.claim(constants=tuple(draft.basis.constants.values()), tube=found.radii, legs=tuple(legs),
                 budget={name: dict(parts) for name, parts in found.budget.items()},
                 margin=budget_margins(found.budget, limits_of(scenario, draft.model), draft.model))
-    draft.require(*conditions)
+    draft.require(*found.conditions)
 
 
 def unknowns(draft: Draft) -> None:
@@ -254,7 +248,7 @@ def arrival(draft: Draft) -> None:
 
 
 STAGES: dict[str, Callable[[Draft], None]] = {
-    "declared class": declared, "constants": constants, "tube": tube, "unknowns": unknowns,
+    "declaration": declared, "constants": constants, "tube": tube, "unknowns": unknowns,
     "margins": margins, "supervisor": supervisor, "second search": second_search,
     "terminal set": terminal_set, "first plan": plan_from_start, "arrival": arrival}
 """Stages of a certificate; how long each takes differs from scenario to scenario."""

@@ -13,7 +13,6 @@ from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.estimates import Estimate
-from uvms_drake.tube.ultimate_bounds import HOLD
 
 
 @dataclass(frozen=True)
@@ -85,18 +84,6 @@ class Claims:
     def tightening(self) -> list[Condition]:
         """Conditions whose number tightens a limit, each component of an input being one."""
         return [each for each in self.conditions if each.kind == "tightening" and each.left > 0.0]
-
-    @property
-    def force_sentence(self) -> str:
-        """The certified force in words, with both bands of a sensed contact; empty if none is."""
-        if "force" not in self.bounds:
-            return ""
-        text = (f"the force is off by less than {self.bounds['force']:.3g} N once the plan is at "
-                "the task")
-        if HOLD not in self.bounds or not self.hold_condition:
-            return text
-        return (f"{text}, and by less than {self.bounds[HOLD]:.3g} N in a hold: "
-                f"{self.hold_condition}")
 
     @property
     def hold_condition(self) -> str:

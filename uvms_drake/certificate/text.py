@@ -93,13 +93,8 @@ def verdict(claims: Claims) -> str:
     """Returns one line: certified, or not, with the first failed condition and advice."""
     if claims.failed is None:
         return f"certified: all {len(claims.conditions)} conditions hold{_proven(claims)}"
-    return refused(claims.failed)
-
-
-def refused(failed: Condition) -> str:
-    """Returns one line: not certified, with a failed condition and advice."""
-    advice = help_for(failed)
-    return f"not certified: {violation(failed)}" + (f"; {advice}" if advice else "")
+    advice = help_for(claims.failed)
+    return f"not certified: {violation(claims.failed)}" + (f"; {advice}" if advice else "")
 
 
 def scope(claims: Claims) -> list[str]:
@@ -141,21 +136,17 @@ def _proven(claims: Claims) -> str:
 # In short -----------------------------------------------------------------------------------------
 
 
-def format_overview(claims: Claims, scenario: Scenario, seconds: float | None = None,
-                    *, from_cache: bool = False) -> str:
+def format_overview(claims: Claims, scenario: Scenario, computed: str = "") -> str:
     """Returns the verdict, its scope, its numbers in short, and failed conditions with advice.
 
     Args:
         claims: Those of a certificate of the scenario.
         scenario: The scenario, which has the limit of the force and the desired one.
-        seconds: Time of the computation [s], if it is to be told.
-        from_cache: Whether it was computed before.
+        computed: In what time, or that it was before, if it is to be told.
     """
     rows = list(_numbers(claims, scenario)) if claims.certified else []
-    if from_cache:
-        rows.append(("computed", "before, from the cache"))
-    elif seconds is not None:
-        rows.append(("computed in", f"{seconds:.1f} s"))
+    if computed:
+        rows.append(("computed", computed))
     failures = [line for each in claims.conditions if not each.holds for line in (
         f"  {violation(each)}", *([f"    {help_for(each)}"] if help_for(each) else []))]
     return "\n".join([
@@ -200,8 +191,8 @@ def tightest_limit(claims: Claims) -> Condition | None:
 
 
 def _numbers(claims: Claims, scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Yields names and values: force, end-effector, tightest limit and proven numbers."""
-    bounds, numbers = claims.bounds, claims.tightening
+    """Yields names and values: force, end-effector, approach and tightest limit."""
+    bounds = claims.bounds
     if text := largest_force(claims, scenario):
         yield "largest force", text
     if HOLD in claims.bounds and claims.hold_condition:
@@ -215,10 +206,6 @@ def _numbers(claims: Claims, scenario: Scenario) -> Iterator[tuple[str, str]]:
         yield ("tightest limit", f"{tightest.about}: of its {tightest.right:.3g} the tube takes "
                f"{tightest.left:.3g} ({100.0 * tightest.left / tightest.right:.3g} %), "
                f"the plan has {tightest.margin:.3g}")
-    if numbers:
-        proven = sum(each.proven for each in numbers)
-        yield ("proven", f"{proven} of the {len(numbers)} numbers that tighten limits; "
-               f"{len(numbers) - proven} estimated")
 
 
 # Everything ---------------------------------------------------------------------------------------
@@ -357,47 +344,39 @@ def _leg_rows(claims: Claims) -> list[str]:
 # In probability -----------------------------------------------------------------------------------
 
 
-def format_probability_overview(certificate: ProbabilityCertificate, seconds: float | None
-                                ) -> str:
-    """Returns the verdict, and runs, bound, failures by kind and time as a table.
+def format_probability(certificate: ProbabilityCertificate, seconds: float | None = None, *,
+                       full: bool = True) -> str:
+    """Returns the verdict, and runs, failures by kind, bound and time as a table.
 
     Args:
         certificate: The certificate.
-        seconds: Median time of a run on one core [s]; None if there is none.
+        seconds: Median time of a run on one core [s]; None if it is not told.
+        full: Whether uses, draws, sentences and declared distribution follow.
     """
-    rows = {"runs": f"{certificate.runs}, attempt {certificate.attempt}",
-            "bound": f"{percent_above(certificate.probability)} per run",
-            "failed": str(certificate.failures)}
-    rows |= {f"  {FAILURES[kind]}": str(number) for kind, number in certificate.kinds.items()
-             if number}
-    if seconds is not None:
-        rows["time"] = (f"{seconds:.3g} s a run of one core, "
-                        f"{certificate.runs * seconds:.3g} s in all")
-    width = max(map(len, rows)) + 2
-    return "\n".join([f"{certificate.scenario}: {certificate.verdict}", "",
-                      *(f"{name:<{width}}{text}" for name, text in rows.items())])
-
-
-def format_probability(certificate: ProbabilityCertificate) -> str:
-    """Returns the verdict, its table, its sentences, and the declared distribution."""
+    runs, level = certificate.runs, spent(certificate.confidence, certificate.attempt)
+    rows = {
+        "runs": _count(certificate),
+        "attempt": f"{certificate.attempt} at: {certificate.attempts[-1].task}",
+        "bound": f"{percent_above(certificate.probability)} per run, at {100.0 * level:.5g} % "
+                 "confidence for this attempt",
+        "time": "" if seconds is None else
+                f"{seconds:.3g} s a run of one core, {runs * seconds:.3g} s in all",
+        **(_details(certificate) if full else {})}
     return "\n".join([
-        f"{certificate.scenario}: {certificate.verdict}", "", *_probability_rows(certificate), "",
-        *sentences(certificate),
-        *_section("declared distribution", (f"  {line}" for line in certificate.distribution))])
+        f"{certificate.scenario}: {certificate.verdict}", "",
+        *(f"{name:<14}{text}" for name, text in rows.items() if text),
+        *(["", *sentences(certificate), *_section(
+            "declared distribution", (f"  {line}" for line in certificate.distribution))]
+          if full else [])])
 
 
-def _probability_rows(certificate: ProbabilityCertificate) -> list[str]:
-    """Returns runs, failures, attempt, bound, largest uses, force, and the shares accepted."""
+def _details(certificate: ProbabilityCertificate) -> dict[str, str]:
+    """Returns largest uses, force, and the shares accepted."""
     runs, draws, force = certificate.runs, certificate.draws, certificate.force
     most, watched = (", ".join(
         f"{name} {use:.2f}" for name, use in sorted(found.items(), key=lambda row: -row[1])[:USES])
         for found in (certificate.use, certificate.supervisor))
-    level = spent(certificate.confidence, certificate.attempt)
-    rows = {
-        "runs": _count(certificate),
-        "attempt": f"{certificate.attempt} at: {certificate.attempts[-1].task}",
-        "bound": f"{percent_above(certificate.probability)}, at {100.0 * level:.5g} % confidence "
-                 "for this attempt",
+    return {
         "tube used": most or "not watched",
         "supervisor": f"largest over its threshold: {watched}" if watched else "",
         "force": "" if force["off_line"] is None else
@@ -407,7 +386,6 @@ def _probability_rows(certificate: ProbabilityCertificate) -> list[str]:
                            for name, number in draws.items() if number),
         "its own run": f"never drawn: {'; '.join(certificate.never_drawn)}"
                        if certificate.never_drawn else "accepted by the test of the draws"}
-    return [f"{name:<14}{text}" for name, text in rows.items() if text]
 
 
 def sentences(certificate: ProbabilityCertificate) -> list[str]:

@@ -16,7 +16,7 @@ from uvms_drake.certificate.certificate import (
     stale_reason,
 )
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
-from uvms_drake.certificate.text import scope
+from uvms_drake.certificate.text import largest_force, scope
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.cache import stored
@@ -61,41 +61,29 @@ def new_certificate(args: argparse.Namespace, scenario: Scenario, model: Contact
     """Returns the worst-case certificate; if it does not hold, one in probability from the cache.
 
     Raises:
-        RunFailed: There is neither; at once, if the scenario itself says that none can hold.
+        RunFailed: There is neither.
     """
-    from uvms_drake.certificate.certify import certified_once, refusal
-    from uvms_drake.certificate.text import refused
+    from uvms_drake.certificate.certify import certified_once
 
-    with reported_in(source):
-        failed = refusal(scenario, model)
-        if failed is None:
-            with bar(args, CERTIFYING, is_steady=False) as progress:
-                worst_case = certified_once(scenario, progress, model)
-            failed = worst_case.failed
-    if failed is None:
-        return replace(worst_case, made_by="run")
-    if (known := stored(cache_key(scenario))) is not None:
-        return replace(from_data(known), made_by="run")
-    raise not_sound(source, refused(failed))
+    with reported_in(source), bar(args, CERTIFYING, is_steady=False) as progress:
+        worst_case = certified_once(scenario, progress, model)
+    known = None if worst_case.certified else stored(cache_key(scenario))
+    return replace(sound(worst_case, source) if known is None else from_data(known), made_by="run")
 
 
 def sound(certificate: AnyCert, source: str) -> AnyCert:
-    """Returns a certificate that holds, or raises `RunFailed`; one in probability is none less."""
+    """Returns a certificate that holds, or raises `RunFailed` with both ways out of it."""
     if not certificate.certified:
-        raise not_sound(source, certificate.verdict)
+        raise RunFailed(f"{source}: --uncertified runs it with its declared tube, and 'certify "
+                        "--runs N' bounds the probability that a run fails; "
+                        f"{certificate.verdict}")
     return certificate
 
 
-def not_sound(source: str, verdict: str) -> RunFailed:
-    """Returns the error of a run without a certificate that holds, with both ways out of it."""
-    return RunFailed(f"{source}: --uncertified runs it with its declared tube, and 'certify --runs "
-                     f"N' bounds the probability that a run fails; {verdict}")
-
-
-def announce(certificate: AnyCertificate) -> None:
+def announce(certificate: AnyCertificate, scenario: Scenario) -> None:
     """Says on stderr the kind and scope of a run's certificate."""
     lines = ([certificate.verdict] if isinstance(certificate, ProbabilityCertificate) else
-             [*scope(certificate), f"certified: {certificate.force_sentence}"])
+             [*scope(certificate), f"certified: {largest_force(certificate, scenario)}"])
     print("\n".join(lines), file=sys.stderr)
 
 

@@ -79,10 +79,11 @@ def certify_scenario(args: argparse.Namespace) -> int:
                     progress(stage, done)
 
                 certificate = certified_once(scenario, said, model)
-            seconds = time.perf_counter() - started
+            computed = f"in {time.perf_counter() - started:.1f} s" if stages else (
+                "before, from the cache")
         write_certificate(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
-    print(format_overview(certificate, scenario, seconds, from_cache=not stages))
+    print(format_overview(certificate, scenario, computed))
     print(f"\n{certificate}" if args.full else "everything: --full")
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     return 0 if certificate.certified else 1

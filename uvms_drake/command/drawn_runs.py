@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -44,13 +43,13 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.certificate.run_verdict import BROKEN
-from uvms_drake.certificate.text import format_probability, format_probability_overview
+from uvms_drake.certificate.text import format_probability
 from uvms_drake.command.certificates import note, sound
 from uvms_drake.command.files import (
     DATA_FILES,
     asked,
     left_out,
-    new_at,
+    new_file,
     picture_files,
     write_data,
     write_pictures,
@@ -75,7 +74,7 @@ from uvms_drake.setup.calibrated_file import calibrated_text
 from uvms_drake.station.contact.bounds import largest_force
 from uvms_drake.station.problem import check_inputs
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario, scenario_of
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_path
 from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step_size import with_step
@@ -151,9 +150,9 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     with output_folder(path, replaced, replaces=True) as output:
         write_certificate(certificate, output.folder)
     store(cache_key(scenario), to_data(certificate))
-    print(f"{format_probability(certificate)}\n\n{text}" if args.full else
-          f"{format_probability_overview(certificate, (times['seconds'] or {}).get('median'))}\n\n"
-          "statement, distribution and all results of the runs: --full")
+    told = format_probability(certificate, (times["seconds"] or {}).get("median"), full=args.full)
+    print(told, text if args.full else "statement, distribution and all results of the runs: "
+          "--full", sep="\n\n")
     print(f"written to {path}: {CERTIFICATE_FILE}, {STORE}", file=sys.stderr)
     return BROKEN if certificate.failures else 0
 
@@ -162,40 +161,26 @@ def calibrate_scenario(args: argparse.Namespace) -> int:
     """Writes the calibrated scenario and prints the rows of its tube."""
     scenario, path = load_scenario(args.scenario), scenario_path(args.scenario)
     file = args.output or Path(f"{scenario.name}_calibrated.yaml")
-    require(file.suffix == ".yaml" and not file.exists(), "--output", str(file),
-            "a .yaml file that is not there yet")
     pool = make_pool(args.workers, args.scheduler)
     command = " ".join([PROGRAM, "calibrate", args.scenario, *(["--gains"] if args.gains else [])])
     text = path.read_text(encoding="utf-8")
-    # Whether its layout takes the numbers, before the runs that find them.
-    scale = SCALES[0] if args.gains else None
-    _write_scenario(file, calibrated_text(text, Calibration(
-        scenario, {}, args.runs, MULTIPLE, ROUNDS, scale, 0.0), command))
-    file.unlink()
-    with reported_in(args.scenario), bar(args, "pilot runs") as progress:
-        try:
-            found = calibrate(scenario, args.runs, args.gains, pool, progress)
-        except PilotsFailed as error:
-            for line in error.lines:
-                print(line, file=sys.stderr)
-            raise
-    _write_scenario(file, calibrated_text(text, found, command),
-                    lambda written: check_declared(drawable(written)))
+    with new_file(file, "--output"):
+        # Whether its layout takes the numbers, before the runs that find them.
+        with reported_in(str(file)):
+            scenario_of(calibrated_text(text, Calibration(
+                scenario, {}, args.runs, MULTIPLE, ROUNDS, SCALES[0] if args.gains else None, 0.0),
+                command), file)
+        with reported_in(args.scenario), bar(args, "pilot runs") as progress:
+            try:
+                found = calibrate(scenario, args.runs, args.gains, pool, progress)
+            except PilotsFailed as error:
+                print("\n".join(error.lines), file=sys.stderr)
+                raise
+        file.write_text(calibrated_text(text, found, command), encoding="utf-8")
+        with reported_in(str(file)):
+            check_declared(drawable(load_scenario(str(file))))
     print(f"{found}\n\nwritten to {file}; '{PROGRAM} certify {file} --runs 300' draws other runs")
     return 0
-
-
-def _write_scenario(file: Path, text: str, check: Callable[[Scenario], None] = lambda _: None
-                    ) -> None:
-    """Writes a scenario's file, which is deleted again if it cannot be loaded, or a check fails."""
-    with new_at(file, "--output"):
-        file.write_text(text, encoding="utf-8")
-    try:
-        with reported_in(str(file)):
-            check(load_scenario(str(file)))
-    except BaseException:
-        file.unlink()
-        raise
 
 
 def check_draws(args: argparse.Namespace) -> None:

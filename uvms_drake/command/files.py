@@ -45,6 +45,28 @@ def new_at(path: Path, option: str = "--new") -> Iterator[None]:
                                f"a path that can be written to ({error.strerror})") from None
 
 
+@contextlib.contextmanager
+def new_file(file: Path, option: str) -> Iterator[None]:
+    """Makes room for the file of a scenario that a block writes, and is there only if it succeeds.
+
+    Raises:
+        InvalidParameter: It is there already, or cannot be written.
+    """
+    require(file.suffix == ".yaml" and not file.exists(), option, str(file),
+            "a .yaml file that is not there yet")
+    above = [path for path in file.parents if not path.exists()]
+    with new_at(file, option):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    try:
+        yield
+    except BaseException:
+        file.unlink()
+        for path in above:
+            path.rmdir()
+        raise
+
+
 def take_scenario(command: argparse.ArgumentParser) -> None:
     """Adds the arguments that name a scenario and override its values."""
     command.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",

@@ -113,7 +113,7 @@ def run_scenario(args: argparse.Namespace) -> int:
                 certificate = certificates.new_certificate(args, scenario, model, source)
                 write_certificate(certificate, output.folder)
             scenario = certificate.applied_to(scenario)
-            certificates.announce(certificate)
+            certificates.announce(certificate, scenario)
         with reported_in(source):
             scenario = with_step(scenario, model)
             certificates.note(scenario)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.command.files import folder, new_at, take_quiet
+from uvms_drake.command.files import folder, left_out, new_file, take_quiet
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.errors import RunFailed, require
@@ -14,6 +14,7 @@ from uvms_drake.common.schema import read_yaml
 from uvms_drake.common.wiring import release
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.description.robot_files import shipped_robots
+from uvms_drake.model.surface.surface_class import axis_names
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario, remarks
 from uvms_drake.station.scenario.scenario_file import (
@@ -30,7 +31,7 @@ def add_scenario(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
     scenario = commands.add_parser(
         "scenario", help="begin a new scenario for a robot, or check one", allow_abbrev=False)
-    scenario.set_defaults(command=new_or_checked)
+    scenario.set_defaults(command=new_or_checked, parser=scenario)
     task = scenario.add_mutually_exclusive_group(required=True)
     task.add_argument("--new", type=folder, metavar="FILE", help="new YAML file to write")
     task.add_argument("--check", metavar="FILE",
@@ -55,10 +56,7 @@ def add_scenario(commands: argparse._SubParsersAction) -> None:
 def new_or_checked(args: argparse.Namespace) -> int:
     """Writes a new scenario, or checks one."""
     if args.check is not None:
-        require(args.robot is None, "--robot", args.robot, "left out with --check")
-        require(not args.uncertified, "--uncertified", True, "left out with --check")
-        require(not args.unknown_wall, "--unknown-wall", True, "left out with --check")
-        require(not args.real_loop, "--real-loop", True, "left out with --check")
+        left_out(args, ("robot", "uncertified", "unknown_wall", "real_loop"), "with --check")
         return check_scenario(args.check)
     require(args.robot is not None, "--robot", args.robot, "a robot, with --new")
     return new_scenario(args)
@@ -101,23 +99,16 @@ def require_runnable(scenario: Scenario) -> ContactModel:
 
 
 def place_words(scenario: Scenario) -> list[str]:
-    """Returns a line for each approach and slide of a mission: its lengths by compass direction."""
+    """Returns a line for each approach and slide of a mission: its lengths by `axis_names`."""
     lines = []
     for i, step in enumerate(scenario.mission.steps):
         for key in ("at", "along"):
             lengths = getattr(step, key, None)
             if lengths is not None and np.any(lengths):
-                offset = np.asarray(lengths, dtype=float) @ sensed_contact(scenario).walls.axes[1:]
-                lines.append(f"mission.steps[{i}], {type(step).__name__}.{key}: {compass(offset)}")
+                names = axis_names(sensed_contact(scenario).direction)
+                lines.append(f"mission.steps[{i}], {type(step).__name__}.{key}: " + ", ".join(
+                    f"{x:.3g} m {name}" for x, name in zip(lengths, names, strict=True)))
     return lines
-
-
-def compass(offset: np.ndarray) -> str:
-    """Returns a vector (3,) in Σ_I (NED) [m] in words, such as `0.2 m down, 0.1 m west`."""
-    names = (("north", "south"), ("east", "west"), ("down", "up"))
-    parts = [f"{abs(length):.3g} m {name[int(length < 0.0)]}"
-             for length, name in zip(offset, names, strict=True) if abs(length) > 1e-9]
-    return ", ".join(parts) or "no offset"
 
 
 def new_scenario(args: argparse.Namespace) -> int:
@@ -128,38 +119,27 @@ def new_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.setup.unknown_wall import press
 
     file: Path = args.new
-    require(file.suffix == ".yaml" and not file.exists(), "--new", str(file),
-            "a .yaml file that is not there yet")
     require(0.0 < args.force < np.inf, "--force", args.force, "positive")
-    robot = sound_robot(args.robot)
-    shipped = args.robot in shipped_robots()
-    # A path, though it may be that of a folder with the name of a shipped robot.
-    model = args.robot if shipped else os.path.join(".", os.path.relpath(robot.folder, file.parent))
-    found = first_scenario(robot.uvms, args.force)
-    with reported_in(f"the scenario made for {robot.name}"):
-        found, text_of = press(
-            robot, found, model, file, unknown=args.unknown_wall, real=args.real_loop)
     verdict = (f"'{PROGRAM} calibrate {file}' finds its tube from pilot runs" if args.real_loop
                else f"'{PROGRAM} certify {file}' says whether it holds")
-    above = [path for path in file.parents if not path.exists()]
-    with new_at(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text_of(found), encoding="utf-8")
     # A scenario that `run` would refuse is refused here, and leaves no file.
-    try:
+    with new_file(file, "--new"):
+        robot = sound_robot(args.robot)
+        # A path, though it may be that of a folder with the name of a shipped robot.
+        model = args.robot if args.robot in shipped_robots() else os.path.join(
+            ".", os.path.relpath(robot.folder, file.parent))
+        found = first_scenario(robot.uvms, args.force)
         with reported_in(f"the scenario made for {robot.name}"), bar(
                 args, CERTIFYING, is_steady=False) as progress:
+            found, text_of = press(
+                robot, found, model, file, unknown=args.unknown_wall, real=args.real_loop)
+            file.write_text(text_of(found), encoding="utf-8")
             require_runnable(load_scenario(str(file)))
             if not (args.uncertified or args.real_loop):
                 certificate = settle(found, text_of, file, progress)
                 if args.unknown_wall and certificate.failed is not None:
                     raise RunFailed(forbidding(found, certificate.failed))
                 verdict = certificate.verdict
-    except BaseException:
-        file.unlink()
-        for path in above:
-            path.rmdir()
-        raise
     print(f"written to {file}; {verdict}")
     return 0
 

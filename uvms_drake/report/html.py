@@ -15,7 +15,7 @@ from uvms_drake.certificate.certificate import (
     read_certificate,
 )
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
-from uvms_drake.certificate.text import format_overview, format_probability, scope
+from uvms_drake.certificate.text import format_overview, format_probability, largest_force, scope
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.contact_figures import ESTIMATE
@@ -101,7 +101,8 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
     drawn = {path.name: embedded(path, captions.get(path.name)) for path in figures}
     verdict, sound = summary["verdict"], certificate and not summary["verdict"]["status"]
     about = [] if not isinstance(certificate, Certificate) else [
-        *scope(certificate), *([certificate.force_sentence] if sound else [])]
+        *scope(certificate),
+        *([f"largest force {largest_force(certificate, scenario)}"] if sound else [])]
     texts = {
         "title": scenario.name, "description": " ".join(scenario.description.split()),
         "summary": format_summary(summary, full=True), "scenario": dump_scenario(scenario),

@@ -134,9 +134,9 @@ def format_summary(summary: dict[str, Any], *, full: bool = False) -> str:
         summary: As of `summarise`.
         full: Whether all is told, and not a screen with the tightest limits and the first events.
     """
+    # Five numbers, each with what is told of it in full.
     contact, mpc, step = summary["contact"], summary["mpc"], summary["mpc"]["step_ms"]
-    touch, limits, margins = contact["first_touch_s"], summary["constraints"], relative_margins(
-        summary["constraints"])
+    touch, limits = contact["first_touch_s"], summary["constraints"]
     lost = f", lost {contact['losses']} times" if contact["losses"] else ""
     in_short = {
         "task": [_task(summary)],
@@ -157,6 +157,8 @@ def format_summary(summary: dict[str, Any], *, full: bool = False) -> str:
         "run": [f"seed {summary['seed']}: {summary['duration_s']:g} s in "
                 f"{summary['wall_time_s']:.1f} s ({_number(summary['real_time_factor'], '.2f')} "
                 "times real time)"]} if full else {}
+    # All limits, or the tightest ones.
+    margins = relative_margins(limits)
     shown = limits if full else {name: limits[name] for name in sorted(
         margins, key=lambda name: margins[name])[:TIGHTEST]}
     return "\n".join([

@@ -9,7 +9,7 @@ import numpy as np
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.common.program import FOLDER
-from uvms_drake.common.schema import check_values, parse_yaml
+from uvms_drake.common.schema import check_values
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.description.robot_files import model_dir, shipped_robots
 from uvms_drake.model.robot import Robot
@@ -22,8 +22,7 @@ from uvms_drake.setup.first_scenario import Choices, first_scenario
 from uvms_drake.setup.unknown_wall import press
 from uvms_drake.station.problem import check_inputs, load_model
 from uvms_drake.station.scenario.contact import Contact
-from uvms_drake.station.scenario.scenario import Scenario, typed_scenario
-from uvms_drake.station.scenario.scenario_file import with_base
+from uvms_drake.station.scenario.scenario import Scenario, scenario_of
 from uvms_drake.station.step_size import with_step
 
 
@@ -105,7 +104,7 @@ def make_scenario(
     model = robot.name if shipped else str(robot.folder.resolve())
     path = FOLDER / "scenarios" / "made.yaml"
     found, text_of = press(robot, found, model, path, unknown=unknown_wall, real=real_loop)
-    scenario = typed_scenario(with_base(parse_yaml(text_of(found)), path, ()))
+    scenario = scenario_of(text_of(found), path)
     scenario.name, scenario.simulator.max_step_size = name, 0.0
     if surface is not None:
         scenario.surface = surface

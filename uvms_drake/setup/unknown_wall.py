@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from uvms_drake.common.schema import parse_yaml
 from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.surface_class import wall_axes
 from uvms_drake.model.uvms_model import UvmsModel
@@ -31,8 +30,7 @@ from uvms_drake.station.contact import bounds
 from uvms_drake.station.contact.tube_in_contact import force_bounds
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.parts import command_path_of
-from uvms_drake.station.scenario.scenario import Scenario, typed_scenario
-from uvms_drake.station.scenario.scenario_file import with_base
+from uvms_drake.station.scenario.scenario import Scenario, scenario_of
 
 TEMPLATES = [Path(__file__).with_name(f"{name}.template") for name in ("unknown_wall", "real_loop")]
 """Texts of the sections in place of those of a first scenario; both if it is behind thrusters."""
@@ -101,7 +99,7 @@ def press(robot: Robot, found: first.FirstScenario, model: str, path: Path, *, u
             text, {"limits.static_force": "null"}, "that of the contact"))
 
     def scenario() -> Scenario:
-        return typed_scenario(with_base(parse_yaml(text_of(found)), path, ()))
+        return scenario_of(text_of(found), path)
 
     for _ in range(ROUNDS):
         contact, forces = bounds.sensed_contact(scenario()), force_bounds(scenario())

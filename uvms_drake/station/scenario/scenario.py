@@ -6,6 +6,7 @@ The parameters of each part are declared with that part; here they are composed 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -15,7 +16,7 @@ from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 from uvms_drake.actuation import IdealWrench, Thrusters
 from uvms_drake.common.constraints import AtMost, NotNegative, OneOf, Positive, Vector
 from uvms_drake.common.errors import require, shortened, vector
-from uvms_drake.common.schema import check_values, conform, dump_typed, read_yaml
+from uvms_drake.common.schema import check_values, conform, dump_typed, parse_yaml, read_text
 from uvms_drake.control.laws import AncillaryLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp.ocp import MpcConfig
@@ -284,7 +285,7 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
     """
     path = scenario_file.scenario_path(name_or_path)
     with scenario_file.reported_in(path.name):
-        scenario = typed_scenario(scenario_file.with_base(read_yaml(path), path, ()))
+        scenario = scenario_of(read_text(path), path)
         scenario.name = scenario.name or path.stem
     options = scenario_file.set_options(overrides) if options is None else options
     with scenario_file.reported_in(scenario_file.scenario_source(name_or_path, options)):
@@ -298,6 +299,11 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
         require(usable, "name", shortened(name),
                 f"usable as the name of a folder, of at most {LONGEST_NAME} bytes")
     return scenario
+
+
+def scenario_of(text: str, path: Path) -> Scenario:
+    """Returns the scenario of the text of a file, not checked."""
+    return typed_scenario(scenario_file.with_base(parse_yaml(text), path, ()))
 
 
 def typed_scenario(raw: object) -> Scenario:
