@@ -15,7 +15,7 @@ from uvms_drake.certificate.certificate import (
     read_certificate,
 )
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
-from uvms_drake.certificate.text import format_overview, format_probability, largest_force, scope
+from uvms_drake.certificate.text import format_overview, format_probability, largest_force
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.contact_figures import ESTIMATE
@@ -100,9 +100,8 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
     captions = CAPTIONS | (SENSED_CAPTIONS if ESTIMATE in record.signals else {})
     drawn = {path.name: embedded(path, captions.get(path.name)) for path in figures}
     verdict, sound = summary["verdict"], certificate and not summary["verdict"]["status"]
-    about = [] if not isinstance(certificate, Certificate) else [
-        *scope(certificate),
-        *([f"largest force {largest_force(certificate, scenario)}"] if sound else [])]
+    force = largest_force(certificate, scenario) if (
+        sound and isinstance(certificate, Certificate)) else ""
     texts = {
         "title": scenario.name, "description": " ".join(scenario.description.split()),
         "summary": format_summary(summary, full=True), "scenario": dump_scenario(scenario),
@@ -114,7 +113,7 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
         portrait=drawn.pop(PORTRAIT, ""), kept="" if sound else " no",
         figures="".join(drawn.values()) or "<p>Made without figures.</p>",
         verdict="<br>".join(f"{html.escape(line[:1].upper() + line[1:])}." for line in [
-            verdict["text"], *filter(None, about)]),
+            verdict["text"], *([f"largest force {force}"] if force else [])]),
         certificate=_certificate(certificate, scenario, verdict["text"]))
 
 
