@@ -142,7 +142,7 @@ def format_overview(claims: Claims, scenario: Scenario, computed: str = "") -> s
     Args:
         claims: Those of a certificate of the scenario.
         scenario: The scenario, which has the limit of the force and the desired one.
-        computed: In what time, or that it was before, if it is to be told.
+        computed: Time of the computation, or "before, from the cache"; empty: not printed.
     """
     rows = list(_numbers(claims, scenario)) if claims.certified else []
     if computed:
