@@ -13,7 +13,7 @@ from uvms_drake.certificate import assumptions as assumed
 from uvms_drake.certificate import declared_unknowns as declared
 from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.certificate.certify import basis_of
-from uvms_drake.certificate.text import refused
+from uvms_drake.certificate.text import help_for
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.disturbance import ConstantDisturbance
@@ -346,7 +346,7 @@ def test_what_the_silence_of_the_supervisor_assumes_is_a_condition(change, name)
     assert not silent_conditions(uv.load_scenario("girona500_ideal"), model)
     failed = [item for item in silent_conditions(uv.load_scenario(
         "girona500_stiff", [change]), model) if not item.holds]
-    assert any(name in item.name and "supervisor: null" in refused(item) for item in failed)
+    assert any(name in item.name and "supervisor: null" in help_for(item) for item in failed)
 
 
 def test_a_supervisor_is_an_input_of_the_certificate():
