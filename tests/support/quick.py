@@ -3,7 +3,7 @@
 import pytest
 
 from uvms_drake.certificate import certify  # noqa: F401  it has its constants before a patch
-from uvms_drake.common.schema import read_yaml
+from uvms_drake.common.schema import parse_yaml
 from uvms_drake.station.scenario import scenario
 
 SETTINGS = dict.fromkeys(("constant_samples", "tube_samples", "terminal_samples"), 50)
@@ -32,4 +32,4 @@ def search_less(patch: pytest.MonkeyPatch) -> None:
 def few_in_all_files(patch: pytest.MonkeyPatch) -> None:
     """Lets `certify` search less, and every scenario file say `FEW`."""
     search_less(patch)
-    patch.setattr(scenario, "read_yaml", lambda path: read_yaml(path) | {"certificate": SETTINGS})
+    patch.setattr(scenario, "parse_yaml", lambda text: parse_yaml(text) | {"certificate": SETTINGS})

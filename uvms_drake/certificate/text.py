@@ -350,7 +350,7 @@ def format_probability(certificate: ProbabilityCertificate, seconds: float | Non
 
     Args:
         certificate: The certificate.
-        seconds: Median time of a run on one core [s]; None if it is not told.
+        seconds: Median time of a run on one core [s]; None if it is not printed.
         full: Whether uses, draws, sentences and declared distribution follow.
     """
     runs, level = certificate.runs, spent(certificate.confidence, certificate.attempt)

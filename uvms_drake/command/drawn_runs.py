@@ -150,8 +150,8 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
     with output_folder(path, replaced, replaces=True) as output:
         write_certificate(certificate, output.folder)
     store(cache_key(scenario), to_data(certificate))
-    told = format_probability(certificate, (times["seconds"] or {}).get("median"), full=args.full)
-    print(told, text if args.full else "statement, distribution and all results of the runs: "
+    table = format_probability(certificate, (times["seconds"] or {}).get("median"), full=args.full)
+    print(table, text if args.full else "statement, distribution and all results of the runs: "
           "--full", sep="\n\n")
     print(f"written to {path}: {CERTIFICATE_FILE}, {STORE}", file=sys.stderr)
     return BROKEN if certificate.failures else 0

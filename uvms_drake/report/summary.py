@@ -132,9 +132,9 @@ def format_summary(summary: dict[str, Any], *, full: bool = False) -> str:
 
     Args:
         summary: As of `summarise`.
-        full: Whether all is told, and not a screen with the tightest limits and the first events.
+        full: Whether all lines, limits and events are printed, and not a screen of them.
     """
-    # Five numbers, each with what is told of it in full.
+    # Five numbers, and the details of each.
     contact, mpc, step = summary["contact"], summary["mpc"], summary["mpc"]["step_ms"]
     touch, limits = contact["first_touch_s"], summary["constraints"]
     lost = f", lost {contact['losses']} times" if contact["losses"] else ""
