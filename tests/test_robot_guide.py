@@ -10,7 +10,7 @@ from support.quick import SETTINGS, search_less
 from support.robot_files import FILES
 
 from uvms_drake.command.main import main
-from uvms_drake.common.schema import read_yaml
+from uvms_drake.common.schema import parse_yaml
 from uvms_drake.report.robot import robot_page, robot_views
 from uvms_drake.station.scenario import scenario
 
@@ -40,7 +40,7 @@ def test_whoever_follows_the_guide_has_a_certificate(tmp_path, monkeypatch, caps
     """With fewer searches than usual, a larger factor on what they find, and small pictures."""
     search_less(monkeypatch)
     settings = {"certificate": SETTINGS | {"safety_factor": 2.0}}
-    monkeypatch.setattr(scenario, "read_yaml", lambda path: read_yaml(path) | settings)
+    monkeypatch.setattr(scenario, "parse_yaml", lambda text: parse_yaml(text) | settings)
     monkeypatch.setattr(robot_views, "PIXELS", 100)
     monkeypatch.setattr(robot_page, "RATE", 1.0)
     monkeypatch.chdir(tmp_path)
