@@ -27,7 +27,7 @@ def main() -> None:
         law=uv.Resolved(k=20.0, sigma=5.0), disturbance=0.01)  # 1/s, m/s² or rad/s²
     if arguments.certify:
         certificate = uv.certify(press)
-        print(f"certified: {certificate.certified}, {certificate.force_sentence}")
+        print(certificate.verdict)
         press = certificate.applied_to(press)
 
     # Plant and controller are Diagrams with named ports.
