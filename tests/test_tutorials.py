@@ -13,6 +13,9 @@ FOLDER = ROOT / "examples" / "tutorials"
 TUTORIALS = sorted(FOLDER.glob("*.ipynb"))
 LARGEST_FIGURE = 300_000  # Bytes.
 
+LONG = ("8_from_logs",)
+"""Tutorials of some minutes of a core, which CI does not run."""
+
 each = pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
 
 
@@ -21,8 +24,9 @@ def cells(path: Path, kind: str) -> list[dict]:
             if cell["cell_type"] == kind]
 
 
-@pytest.mark.slow
-@each
+@pytest.mark.parametrize("path", [
+    pytest.param(path, marks=pytest.mark.long if path.stem in LONG else pytest.mark.slow)
+    for path in TUTORIALS], ids=lambda path: path.stem)
 def test_a_tutorial_runs(path, tmp_path):
     pytest.importorskip("nbclient", reason="needs pip install '.[tutorials]'")
     import nbformat
