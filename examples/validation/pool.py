@@ -55,6 +55,12 @@ UNTOUCHED = {"traj_alt_009-0": (10.0, np.inf), "traj_alt_001-1": (0.0, 22.5),
 others end with the vehicle moved by hand."""
 DECAYS = ("traj005-1", "traj006-2", "traj019-2", "traj_alt_008-1", "traj_alt_009-0")
 """Runs that begin with a free decay."""
+OTHER_HEAVE = ("traj012-2", "traj019-0")
+"""Further runs in which the vehicle was moved up or down."""
+HEAVE_STEP, HEAVE_MASS = 0.05, 34.0
+"""Step [s] and mass with water of the heave alone [kg]."""
+HEAVE_DRAGS = ((15.0, 80.0), (5.0, 40.0), (2.0, 80.0), (2.0, 40.0), (0.5, 40.0))
+"""Linear and quadratic heave drags that are compared [N s/m, N s²/m²]."""
 MOUNT = "0.25 0.110 -0.005 3.141592653589793 0 0"
 """Pose of the arm's base in the vehicle, FRD: at the starboard bow, upright [m, rad]."""
 MASS, VOLUME = "14.24", "15.079e-3"
@@ -141,6 +147,59 @@ def errors(runs: dict[str, dict[str, np.ndarray]], name: str) -> tuple[np.ndarra
             np.mean([np.nanmax(np.abs(each), axis=0) for each in off], axis=0))
 
 
+def heights(clone: Path) -> np.ndarray:
+    """Returns the measured rise (K, R) of the runs with sound motion capture, NaN after an end [m].
+
+    Left out: the runs with bumps or decays, and those with jumps of more than 30 mm.
+    """
+    out = []
+    for path in sorted((clone / FOLDER).glob("*_mocap.csv")):
+        name = path.name.removesuffix("_mocap.csv")
+        if name in (DUPLICATE, *HANDLED, *DECAYS, *OTHER_HEAVE):
+            continue
+        table = np.genfromtxt(path, delimiter=",", names=True)
+        order = np.argsort(table["time_secs"])
+        time, z = table["time_secs"][order], table["z_pose"][order]
+        grid = np.arange(time[0] + 1.0, min(time[-1] - 1.0, time[0] + 25.0), HEAVE_STEP)
+        if len(grid) * HEAVE_STEP > 8.0 and np.max(np.abs(np.diff(z))) < 0.03:
+            z = np.interp(grid, time, z)
+            out.append(np.pad(z - z[0], (0, 500 - len(z)), constant_values=np.nan))
+    return np.array(out).T
+
+
+def heave_rms(measured: np.ndarray, linear: float, quadratic: float) -> float:
+    """Returns the rms of predicted less measured rise [m] with a heave drag.
+
+    m dw/dt = B − (linear + quadratic |w|) w, one axis; the beginning (z, w) and the constant net
+    force B of each run are fitted, by Gauss-Newton.
+    """
+    steps, runs = measured.shape
+
+    def rise(w: np.ndarray, force: np.ndarray) -> np.ndarray:
+        def rate(w: np.ndarray) -> np.ndarray:
+            return (force - (linear + quadratic * np.abs(w)) * w) / HEAVE_MASS
+        z = [np.zeros(runs)]
+        for _ in range(steps - 1):
+            middle = w + 0.5 * HEAVE_STEP * rate(w)
+            z.append(z[-1] + HEAVE_STEP * middle)
+            w = w + HEAVE_STEP * rate(middle)
+        return np.array(z)
+
+    w, force, z0 = np.full(runs, 0.03), np.full(runs, 0.2), np.zeros(runs)
+    for _ in range(12):
+        predicted = rise(w, force)
+        by_w = (rise(w + 1e-4, force) - predicted) / 1e-4
+        by_force = (rise(w, force + 1e-3) - predicted) / 1e-3
+        for run in range(runs):
+            known = np.isfinite(measured[:, run])
+            jacobian = np.column_stack([np.ones(known.sum()), by_w[known, run],
+                                        by_force[known, run]])
+            left = measured[known, run] - predicted[known, run] - z0[run]
+            step = np.linalg.lstsq(jacobian, left, rcond=None)[0]
+            z0[run], w[run], force[run] = (z0[run], w[run], force[run]) + step
+    return float(np.sqrt(np.nanmean((rise(w, force) + z0 - measured)**2)))
+
+
 def print_identified(title: str, found: Identification) -> None:
     """Prints the parameters, the held-out error and what was not used."""
     print(f"\n{title}: {len(found.windows.start)} windows of {len(found.windows.logs)} runs")
@@ -211,6 +270,10 @@ def main(argv: Sequence[str] | None = None) -> dict[str, np.ndarray]:
             print(f"  {title:40s} {rms[0]:.2f} {rms[1]:.2f}   {peak[0]:.2f} {peak[1]:.2f}")
             out[title] = rms
         if not args.compare_only:
+            rise = heights(args.clone)
+            print(f"\nrise of {rise.shape[1]} runs, of heave alone: rms [mm] by drag")
+            for drag in HEAVE_DRAGS:
+                print(f"  {drag[0]:g} + {drag[1]:g} |w|: {1e3 * heave_rms(rise, *drag):.1f}")
             for title, some in (("all runs", logs), ("slow runs, without the decays", [
                     log for log in logs if log.name not in DECAYS])):
                 found = identify(robot, some)

@@ -61,6 +61,13 @@ def fits(monkeypatch):
     monkeypatch.setattr(module, "derived", derived)
 
 
+@pytest.mark.parametrize(("hover", "longer"), [(4.0, 4.0), (8.0, 0.0), (9.6, 0.0)])
+def test_a_longer_hover_makes_the_run_longer(real, model, hover, longer):
+    now = module.derived(replace(real, mpc=replace(real.mpc, hover=hover)), model, real.tube)
+    assert now.mpc.hover == pytest.approx(8.0)
+    assert now.duration - real.duration == pytest.approx(longer)
+
+
 def rows_of(**largest: float) -> dict[str, Row]:
     return {name: Row(largest.get(name, 0.001), 0.01, most) for name, most in ROOM.items()}
 
@@ -171,14 +178,15 @@ def test_a_calibrated_file_has_the_numbers_their_origin_and_is_calibrated_to_its
         real, tmp_path, scale):
     rows = {name: Row(0.4 * radius, radius, 4.0 * radius)
             for name, radius in radii_by_row(real.tube).items()}
-    changed = replace(real, mpc=replace(real.mpc, hover=3.4, terminal_radius=0.051))
-    found = Calibration(changed, rows, 20, 2.0, 2, scale, 0.2)
+    changed = replace(real, duration=70.5,
+                      mpc=replace(real.mpc, hover=3.4, terminal_radius=0.051))
+    found = Calibration(changed, rows, 20, 2.0, 2, scale, 0.2, 1.5)
     text = calibrated_text(scenario_path(REAL).read_text("utf-8"), found, "uvms-drake calibrate")
     file = tmp_path / "again.yaml"
     file.write_text(text, encoding="utf-8")
     loaded = uv.load_scenario(str(file))
     assert radii_by_row(loaded.tube) == radii_by_row(real.tube)
-    assert (loaded.mpc.hover, loaded.mpc.terminal_radius) == (3.4, 0.051)
+    assert (loaded.duration, loaded.mpc.hover, loaded.mpc.terminal_radius) == (70.5, 3.4, 0.051)
     assert loaded.ancillary == real.ancillary
     tube = text[text.index("\ntube:"):]
     assert re.search(r"position: 0\.00775 +# m \(0\.0031; 25%\)", tube)

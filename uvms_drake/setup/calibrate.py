@@ -125,6 +125,8 @@ class Calibration:
     """Scale β of the gains; None if they are the scenario's own."""
     redrawn: float
     """Share of the drawn starts of the pilot runs that had no first plan."""
+    longer: float = 0.0
+    """Time by which the hover is longer, and the duration with it [s]."""
 
     def __str__(self) -> str:
         """Returns the table of the rows, and the numbers that are derived."""
@@ -168,14 +170,15 @@ def calibrate(scenario: Scenario, runs: int = 20, gains: bool = False, pool: Poo
                 for name, M in largest.items()}
         if turn > 1 and all(
                 row.largest <= (1.0 / multiple + BEYOND) * row.radius for row in rows.values()):
-            return Calibration(now, rows, runs, multiple, turn, scale, redrawn)
+            return Calibration(now, rows, runs, multiple, turn, scale, redrawn,
+                               now.duration - scenario.duration)
         tube, multiple = fitting(now, model, rows, grow=turn > 1)
     # In the last round no run has left the tube, and it is as large as (1) has it.
     if all(row.largest <= row.radius for row in rows.values()):
         radii = radii_by_row(tube)
         rows = {name: replace(row, radius=radii[name]) for name, row in rows.items()}
         return Calibration(derived(started, model, tube), rows, runs, multiple, turn, scale,
-                           redrawn)
+                           redrawn, now.duration - scenario.duration)
     worst = max(rows, key=lambda name: rows[name].largest / rows[name].radius)
     raise RunFailed(f"no tube after {ROUNDS} rounds: {worst} deviates by "
                     f"{rows[worst].largest:.3g}, {rows[worst].largest / rows[worst].radius:.0%} of "
@@ -297,8 +300,8 @@ def with_totals(radii: dict[str, float]) -> dict[str, float]:
 def derived(scenario: Scenario, model: ContactModel, tube: TubeRadii) -> Scenario:
     """Returns a scenario with a tube, and the numbers that follow from it and the declared ones.
 
-    The hover until the observers have settled, the limits of the tip's speed about those of a plan,
-    and the terminal set.
+    The hover until the observers have settled, by which the run takes longer if it is longer, the
+    limits of the tip's speed about those of a plan, and the terminal set.
 
     Raises:
         InvalidParameter: There is no plan within the tightened limits.
@@ -307,12 +310,14 @@ def derived(scenario: Scenario, model: ContactModel, tube: TubeRadii) -> Scenari
     assert isinstance(law, TipFirst) and scenario.draws.speed is not None
     assert tube.depth_speed is not None and tube.tip_speed is not None
     rates = [rate for rate in (law.vehicle.observer, law.tip.observer) if rate > 0.0]
-    hover = SETTLED / min(rates) if rates else mpc.hover
+    hover = mpc.time_step * float(np.ceil(
+        (SETTLED / min(rates) if rates else mpc.hover) / mpc.time_step))
     across = max([scenario.draws.speed, *(
         float(np.max(step.fastest)) for step in scenario.mission.steps)])
     scenario = replace(
-        scenario, mpc=replace(mpc, hover=mpc.time_step * float(np.ceil(hover / mpc.time_step))),
-        tube=tube, contact=replace(contact, speed=up(scenario.draws.speed + tube.depth_speed),
+        scenario, duration=scenario.duration + max(0.0, hover - mpc.hover),
+        mpc=replace(mpc, hover=hover), tube=tube,
+        contact=replace(contact, speed=up(scenario.draws.speed + tube.depth_speed),
                         speed_across=up(across + tube.tip_speed)))
     return with_plan(scenario, model)
 
@@ -356,7 +361,8 @@ def first_guess(scenario: Scenario, model: ContactModel, scale: float) -> Calibr
     """Returns a scenario with the gains of a scale, and the tube that pilot runs begin with."""
     scenario = with_gains(scenario, scale, model)
     tube = first_radii(scenario, model, available_radii(scenario, model))
-    return Calibration(derived(scenario, model, tube), {}, 0, 0.0, 0, scale, 0.0)
+    found = derived(scenario, model, tube)
+    return Calibration(found, {}, 0, 0.0, 0, scale, 0.0, found.duration - scenario.duration)
 
 
 def fitting(scenario: Scenario, model: ContactModel, rows: dict[str, Row], *, grow: bool

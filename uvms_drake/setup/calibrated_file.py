@@ -39,6 +39,8 @@ def calibrated_text(text: str, found: Calibration, command: str = "") -> str:
             "mpc.hover": f"{scenario.mpc.hover:g}"},
         "the largest terminal set within the tightened limits": {
             "mpc.terminal_radius": f"{scenario.mpc.terminal_radius:g}"}}
+    if found.longer:
+        numbers["s, longer by the hover"] = {"duration": f"{scenario.duration:g}"}
     if found.scale is not None:
         why = f", the best one with {SLOWER:g} times the delays" if found.runs else ""
         numbers[f"1/s; of the scale {found.scale:g}{why}"] = {f"ancillary.{key}": "{" + ", ".join(
