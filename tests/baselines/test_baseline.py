@@ -189,7 +189,7 @@ def of_theory(scale: float):
     return gains
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("scale", "gravity"), [
     (1.0, False), (3.0, False), pytest.param(0.3, True, marks=pytest.mark.long)])
 def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gravity):
@@ -226,7 +226,7 @@ def test_a_funnel_narrows_and_the_transformed_error_rises_without_bound_inside()
 # Sliding is reached, and the parallel composition has no steady error of the force.
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "stiffness"), [
     ("sliding_decoupled", 1000.0),
     pytest.param("sliding_decoupled", 5000.0, marks=pytest.mark.long),

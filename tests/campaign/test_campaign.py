@@ -56,6 +56,7 @@ def test_it_can_be_made_longer_by_other_workers_and_gives_the_same_bytes(
     assert result_bytes(tmp_path) == result_bytes(reference)
 
 
+@pytest.mark.long
 def test_a_run_can_be_replayed_alone(reference, capsys, monkeypatch):
     result = json.loads(result_bytes(reference))["results"][2]
     record = replayed(reference, 2)

@@ -242,7 +242,7 @@ def test_the_terms_of_a_source_do_not_change_by_those_after_it(basis):
         assert [sizes(term) for term in source.terms] == first
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basis):
     scenario = uv.load_scenario(NAME, [*FEW, "model_error.drag=1.02", "current=[0.005, 0, 0]"])
     effects = effects_of(scenario, basis)
@@ -265,7 +265,7 @@ def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basi
     assert advice.endswith("--set model_error.share=0.95")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", [
     pytest.param("current", marks=pytest.mark.long), "friction"])
 def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):
@@ -296,7 +296,7 @@ def test_a_second_search_does_not_refute_the_first(name, basis):
     assert all(LEAST_SHARE <= each.ratio <= 1.0 for each in estimates)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_payload_is_read_twice_over_and_accelerates_no_more_than_it_says(basis):
     scenario = uv.load_scenario(NAME, [*FEW, "model_error.payload.mass=0.1"])
     effects = effects_of(scenario, basis)

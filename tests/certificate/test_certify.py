@@ -36,6 +36,7 @@ def by_few(*overrides: str) -> Certificate:
         return certified_once(uv.load_scenario("girona500_ideal", [*FEW, *overrides]))
 
 
+@pytest.mark.long
 def test_the_radii_are_those_of_the_cascade_from_as_few_constants_as_decide_them(certificate):
     how = {constant.name: constant.how for constant in certificate.constants}
     assert how == dict.fromkeys(("J_position_max", "J_attitude_max", "Jx_max"), "proven")

@@ -54,7 +54,7 @@ def test_the_help_says_what_60_and_300_runs_give(capsys):
     assert f"60 runs bound it by {few:.1f} % at the first attempt, 300 by {many:.1f} %" in said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
     assert written(made) == {"certificate.json", "runs"}
     assert {"setup.json", "runs.jsonl", "campaign.json"} <= written(made / "runs")
@@ -149,7 +149,7 @@ def test_a_radius_that_tightens_a_limit_has_to_be_declared(radius, tmp_path, cap
     assert f"tube.{radius.partition('=')[0]} = " in err and "watches each radius" in err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_takes_it_from_its_folder_and_says_its_kind(kept, capsys):
     command = ["run", *SHORT, "--output", str(kept), "--no-replay"]
     assert main(command) == 0

@@ -99,7 +99,7 @@ def test_what_was_simulated_until_an_exception_is_written_and_read_again(
     assert float(lines[-1].split(",")[0]) == pytest.approx(record.time[-1])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_figures_report_and_comparison_tell_the_failure(break_in, tmp_path, capsys):
     break_in("law", ERRORS["law"])
     assert run(tmp_path / "a", "--no-replay") == FAILED

@@ -11,11 +11,11 @@ from support.own_loop import own_loop
 
 import uvms_drake as uv
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.control.supervisor.detections import CAUSES
 from uvms_drake.loop.command import Mode
 from uvms_drake.loop.planner_process import ENDED
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.signals.sensor_actuator import CAUSES
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 EXACT = ["log_period=0.015625", "mpc.time_step=0.1875"]

@@ -36,7 +36,7 @@ def test_the_plain_loop_is_short_and_runs(monkeypatch, capsys):
     assert "force at the end: 0.00 N" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_plain_loop_presses_with_the_desired_force(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["plain_loop.py", "--duration=14"])
     example("plain_loop").main()
@@ -335,7 +335,7 @@ def test_the_wall_in_mujoco_has_the_stiffness_asked_for():
     assert robot.data.efc_aref[0] / robot.data.efc_R[0] == pytest.approx(9.0, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_short_press_in_mujoco_keeps_its_energy_and_its_sensors_agree():
     pytest.importorskip("mujoco", reason="needs the extra mujoco")
     run = example("in_mujoco").press("girona500_arm5e", 12.0)

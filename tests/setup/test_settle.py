@@ -92,6 +92,12 @@ def test_an_advice_is_written_in_its_line(key, value, tmp_path):
     np.testing.assert_allclose(np.asarray(found, dtype=float), json.loads(value))
 
 
+def test_a_key_without_a_section_is_written_in_its_line_or_a_new_one():
+    assert with_settings("a: 1.0   # s\nb:\n  a: 2\n", {"a": "3"}, "longer") == (
+        "a: 3  # longer\nb:\n  a: 2\n")
+    assert with_settings("b:\n  a: 2\n", {"a": "3"}, "new") == "b:\n  a: 2\n\na: 3  # new\n"
+
+
 @pytest.mark.slow
 def test_the_advice_of_its_certificate_is_taken_until_it_certifies(tmp_path, monkeypatch, capsys):
     """A disturbance beyond what the limits of the inputs have been made for."""

@@ -103,6 +103,7 @@ QUICK = ["certificate.constant_samples=200", "certificate.tube_samples=40",
          "certificate.terminal_samples=200"]
 
 
+@pytest.mark.long
 def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     """The budget's parts add up to the radii, and the force is bounded by what was explored."""
     certificate = uv.certify(uv.load_scenario("girona500_contact", QUICK))

@@ -12,12 +12,11 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.finite import is_finite
 from uvms_drake.control.mpc.planner import HOVERED, TROUBLE
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.control.supervisor.detections import CAUSES
 from uvms_drake.control.supervisor.retreat import WATCHING
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH
+from uvms_drake.model.signals.sensor_actuator import CAUSES, VEHICLE_WRENCH
 from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station.scenario.scenario import Scenario
 

@@ -12,7 +12,7 @@
     Hold, Slide     → failed: no touch during `patience`, or the force or the state is lost
 
 A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by
-the end; a Retreat that times out is the end. The supervisor's is too, or `on_retreat: skip`.
+the end; a Retreat that times out is the end. After the supervisor's it is by `on_retreat`.
 
 *Every mission ends:* a spot is begun at most 1 + `retries` times, and all is over after as often
 the sum of all time-outs and a clock period a step, and the supervisor's waits. It is `DONE` if
@@ -50,6 +50,8 @@ class Measured(NamedTuple):
     """Whether the operator stops the mission."""
     retreated: bool = False
     """Whether the supervisor of the controller has left the plan and retreats."""
+    stiffer: bool = False
+    """Whether it retreats since the force is above, or the wall stiffer than the declared one."""
 
 
 class Due(NamedTuple):
@@ -145,7 +147,7 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
     step = mission.steps[state.step]
     state = _seen(mission, state, measured, t)
     if measured.retreated:
-        return _waiting(mission, state, measured.stop, t)
+        return _waiting(mission, state, measured, t)
     if state.waits and not measured.stop:
         return state._replace(waits=False, since=t, touch=t)
     if isinstance(step, Retreat):
@@ -216,12 +218,12 @@ def _failed(mission: Mission, state: State, reason: int, t: float) -> State:
     return _entered(mission, state, last, t)._replace(after=after)
 
 
-def _waiting(mission: Mission, state: State, stop: bool, t: float) -> State:
+def _waiting(mission: Mission, state: State, measured: Measured, t: float) -> State:
     """Returns the state while the supervisor retreats; it waits for the time-out of a step.
 
     A stop is the end, and so is a retreat on the way to the end. The tip stays where it is.
     """
-    state = state._replace(deepest=float(state.tip[0]))
+    stop, state = measured.stop, state._replace(deepest=float(state.tip[0]))
     if state.waits:
         timed_out = t - state.since >= mission.steps[state.step].timeout - ROUNDING
         if not stop and not timed_out:
@@ -231,11 +233,14 @@ def _waiting(mission: Mission, state: State, stop: bool, t: float) -> State:
                            state.reason if state.home else SUPERVISED)
     if stop or state.home or mission.on_retreat == "end":
         return _over(_marked(state, SKIPPED)._replace(home=True))
-    _, last = mission.spot(state.step)
-    state = state._replace(outcomes=tuple(
-        SKIPPED if state.step <= i <= last else outcome
-        for i, outcome in enumerate(state.outcomes)))
-    state = _entered(mission, state, last + 1, t)
+    first, last = mission.spot(state.step)
+    if (mission.on_retreat == "retry" and state.tries < mission.retries and state.step < last
+            and not measured.stiffer):
+        state = _entered(mission, state._replace(tries=state.tries + 1), first, t)
+    else:
+        state = _entered(mission, state._replace(outcomes=tuple(
+            SKIPPED if state.step <= i <= last else outcome
+            for i, outcome in enumerate(state.outcomes))), last + 1, t)
     return state._replace(waits=state.outcome == RUNNING)
 
 

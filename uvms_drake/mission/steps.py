@@ -234,9 +234,10 @@ class Mission:
     """Largest number of retries of a spot whose failed step has `on_failure: retry`."""
     patience: Annotated[float, NotNegative] = 0.5
     """Largest time of a lost contact during a hold or slide [s]."""
-    on_retreat: Annotated[str, OneOf("end", "skip")] = "end"
-    """Continuation after a retreat of the supervisor: the end, or the next spot, once the robot
-    stands and all that is watched is as declared again."""
+    on_retreat: Annotated[str, OneOf("end", "skip", "retry")] = "end"
+    """Continuation after a retreat of the supervisor: the end, or the next spot, or the same one
+    again, unless its force or stiffness was above the declared one; once the robot stands and all
+    that is watched is as declared again."""
     lead: Annotated[float, NotNegative] = 0.0
     """Lead of the references for places and forces of a slide, the lag of the tip [s]."""
 

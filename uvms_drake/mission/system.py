@@ -11,12 +11,14 @@ from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import WiredSystem
 from uvms_drake.mission.law import Due, Measured, State, advance, begin, due_at
 from uvms_drake.mission.steps import Mission
-from uvms_drake.model.signals.sensor_actuator import SAFETY
+from uvms_drake.model.signals.sensor_actuator import CAUSES, SAFETY
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
 
 PROGRESS = ("step", "outcome", "reason", "failures", "tries")
 """Entries of the port `progress`: fields of `law.State`."""
+STIFFER = [list(CAUSES).index(name) + 1 for name in ("force", "slope")]
+"""Causes of a retreat after which a spot is not tried again, as in the port `safety`."""
 
 
 class MissionControl(WiredSystem):
@@ -112,13 +114,13 @@ class MissionControl(WiredSystem):
 
     def _update(self, context: Context, state: ContextState) -> EventStatus:
         force, stop = self._force_port.Eval(context), self._stop_port
+        safety = self._safety_port.Eval(context) if self._safety_port.HasValue(context) else (0, 0)
         measured = Measured(
             self._tip(context), float(self._axes[0] @ force[:3]),
             touched=bool(self._touched_port.Eval(context)[0] > 0.0),
             lost=bool(self._lost_port.Eval(context)[0] > 0.0),
             stop=bool(stop.HasValue(context) and stop.Eval(context)[0] > 0.0),
-            retreated=bool(self._safety_port.HasValue(context)
-                           and self._safety_port.Eval(context)[0] > 0.0))
+            retreated=bool(safety[0] > 0.0), stiffer=safety[1] in STIFFER)
         after, _ = advance(self._mission, self._now(context), measured, context.get_time())
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()

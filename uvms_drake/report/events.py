@@ -15,7 +15,7 @@ import numpy as np
 from uvms_drake.control.feedback.tube_monitor import SAID, beyond
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT, TROUBLE
-from uvms_drake.control.supervisor.detections import CAUSES
+from uvms_drake.model.signals.sensor_actuator import CAUSES
 from uvms_drake.report import signals
 from uvms_drake.sensing.force_fault_detector import ForceStatus
 from uvms_drake.station import diagram

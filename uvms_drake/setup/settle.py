@@ -66,7 +66,7 @@ def settle(found: FirstScenario, text_of: Callable[[FirstScenario], str], file: 
 
 def with_settings(text: str, settings: dict[str, str], why: str = "by advice of the certificate"
                   ) -> str:
-    """Returns the text of a scenario with values by their keys, `section.name`, in their lines.
+    """Returns the text of a scenario with values by their keys, `section.name` or a name alone.
 
     Args:
         text: The text.
@@ -74,10 +74,11 @@ def with_settings(text: str, settings: dict[str, str], why: str = "by advice of 
         why: Comment of each.
     """
     for key, value in settings.items():
-        section, _, name = key.partition(".")
-        line = re.compile(rf"^({section}:.*\n(?:[ #].*\n)*?  {name}: )[^#\n]*?( *#.*)?$", re.M)
-        if not re.search(f"^{section}:", text, flags=re.M):
-            text += f"\n{section}:\n"
+        section, _, name = key.rpartition(".")
+        within = rf"{section}:.*\n(?:[ #].*\n)*?  " if section else ""
+        line = re.compile(rf"^({within}{name}: )[^#\n]*?( *#.*)?$", re.M)
+        if not re.search(f"^{section or name}:", text, flags=re.M):
+            text += f"\n{section or name}:{'' if section else ' 0'}\n"
         if not line.search(text):
             text = re.sub(rf"^{section}:.*$", rf"\g<0>\n  {name}: 0", text, flags=re.M)
         text = line.sub(rf"\g<1>{value}  # {why}", text)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_drake.control.supervisor.detections import CAUSES
+from uvms_drake.model.signals.sensor_actuator import CAUSES
 from uvms_drake.station.contact.bounds import largest_force, pressing_force, sensed_contact
 from uvms_drake.station.record import Record
 

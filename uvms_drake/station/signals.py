@@ -12,8 +12,7 @@ import numpy as np
 
 from uvms_drake.common.schema import read_yaml
 from uvms_drake.control.laws.law import FIELDS
-from uvms_drake.control.supervisor.detections import CAUSES
-from uvms_drake.model.signals.sensor_actuator import SAFETY
+from uvms_drake.model.signals.sensor_actuator import CAUSES, SAFETY
 
 Component = tuple[str, str]
 

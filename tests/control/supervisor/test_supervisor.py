@@ -15,7 +15,6 @@ from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.mpc.solver_faults import SolverFailure
 from uvms_drake.control.supervisor.detections import (
-    CAUSES,
     Seen,
     Thresholds,
     largest_force,
@@ -38,11 +37,21 @@ from uvms_drake.control.supervisor.retreat import (
     stands,
 )
 from uvms_drake.control.supervisor.supervisor import initial_watch, updated
-from uvms_drake.mission.law import REASONS, RETREATED, SKIPPED, Measured, advance, begin
+from uvms_drake.mission.law import (
+    DONE,
+    REASONS,
+    RETREATED,
+    RUNNING,
+    SKIPPED,
+    Measured,
+    advance,
+    begin,
+)
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat
 from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.signals.sensor_actuator import CAUSES
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.station.contact.bounds import fastest_advance, sensed_contact
@@ -542,6 +551,33 @@ def test_a_mission_goes_on_with_the_next_spot_when_the_robot_is_given_back():
     assert not state.waits and state.since == 5.0 and due.deepest == -0.3
     state, _ = advance(mission, state, away._replace(retreated=False), 5.1)
     assert state.searching
+
+
+def test_a_mission_tries_the_spot_again_but_not_at_a_wall_that_is_not_as_declared():
+    """As often as `retries`, and never once its retreat is under way."""
+    steps = [Approach(at=[0.1, 0.0]), Hold(), Retreat(), Approach(), Retreat()]
+    mission = Mission(steps=steps, on_retreat="retry", retries=1).checked()
+    near = Measured(np.array([-0.3, 0.1, 0.0]), 0.0, touched=False)
+    pressing = near._replace(tip=np.array([0.01, 0.1, 0.0]), touched=True)
+
+    def after(state, t, stiffer=False):
+        """The state when the robot is given back after a retreat."""
+        state, due = advance(mission, state, near._replace(retreated=True, stiffer=stiffer), t)
+        assert state.waits and due.force == 0.0
+        return advance(mission, state, near, t + 5.0)[0]
+
+    begun, _ = advance(mission, begin(mission, near.tip, 0.0), pressing, 1.0)
+    held = advance(mission, begun, pressing, 1.5)[0]._replace(
+        step=1, outcomes=(DONE, *[RUNNING] * 4))
+    again = after(held, 2.0)
+    assert (again.step, again.tries, again.failures) == (0, 1, 1) and not again.waits
+    assert list(again.outcomes) == [RUNNING] * 5 and list(again.place) == [0.1, 0.0]
+    second = after(again, 10.0)
+    assert second.step == 3 and list(second.outcomes) == [SKIPPED] * 3 + [RUNNING] * 2
+    stiff = after(held, 2.0, stiffer=True)
+    assert stiff.step == 3 and list(stiff.outcomes) == [DONE, SKIPPED, SKIPPED, RUNNING, RUNNING]
+    leaving = after(held._replace(step=2, outcomes=(DONE, DONE, *[RUNNING] * 3)), 2.0)
+    assert leaving.step == 3 and leaving.tries == 0
 
 
 def supervised_on_the_last_spot():

@@ -197,7 +197,7 @@ SENSED = MeasuredForceBounds(size=50.0, rate=0.0, ripple=0.0, tangential_rate=0.
                              reading=reading_off(2.0, 0.1, 0.02, 0.01))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
     """To both limits, what is off while the tip turns beside the error in rest."""
     given = []

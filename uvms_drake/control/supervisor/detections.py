@@ -10,20 +10,6 @@ import numpy as np
 
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
-CAUSES = {
-    "force": "the force is above the declared one",
-    "slope": "the wall is stiffer than declared",
-    "tip": "the end-effector is off its plan",
-    "tool": "the attitude of the end-effector is off its plan",
-    "joints": "the joints are off their plan",
-    "fix": "position and velocity are without a fix",
-    "drift": "the water or a thruster drives the vehicle away",
-    "raised": "the law failed",
-    "cut": "the commands are beyond the limits of thrusters and joints",
-    "plan": "there is no new plan",
-    "force_lost": "the force is not measured",
-}
-"""Causes by name, each with its sentence; a cause is logged as its index, from 1."""
 FINAL = ("raised", "plan", "cut")
 """Causes after which the robot does not go on."""
 OFF_PLAN = ("tip", "tool", "joints", "drift")

@@ -30,7 +30,6 @@ from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.control.laws.law import Pair
 from uvms_drake.control.mpc.planner import HOVERED, KEPT, MPC_REPORT, SOLVED
 from uvms_drake.control.supervisor.detections import (
-    CAUSES,
     FINAL,
     OFF_PLAN,
     ROWS,
@@ -63,7 +62,7 @@ from uvms_drake.control.supervisor.retreat import (
 )
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.propulsion.allocation import Allocation
-from uvms_drake.model.signals.sensor_actuator import SAFETY
+from uvms_drake.model.signals.sensor_actuator import CAUSES, SAFETY
 from uvms_drake.model.uvms_model import UvmsModel
 
 SATURATED = 2.0

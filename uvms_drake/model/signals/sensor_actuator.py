@@ -29,6 +29,22 @@ SAFETY = ("mode", "cause", "time", "stiffness", "isolated")
 the trip; time of the trip [s]; stiffness of the wall by the touch [N/m], NaN if unknown; number of
 the thruster whose power it cuts, from 1, 0 for none."""
 
+CAUSES = {
+    "force": "the force is above the declared one",
+    "slope": "the wall is stiffer than declared",
+    "tip": "the end-effector is off its plan",
+    "tool": "the attitude of the end-effector is off its plan",
+    "joints": "the joints are off their plan",
+    "fix": "position and velocity are without a fix",
+    "drift": "the water or a thruster drives the vehicle away",
+    "raised": "the law failed",
+    "cut": "the commands are beyond the limits of thrusters and joints",
+    "plan": "there is no new plan",
+    "force_lost": "the force is not measured",
+}
+"""Causes of a trip of a `Supervisor` by name, each with its sentence; the signal has the index,
+from 1."""
+
 PAYLOAD, PAYLOAD_AT_REST = "payload", "payload_at_rest"
 """Names of the signals (6) [N, N m] of a plant with a payload: the wrench on the payload, about
 the origin of the end-effector in its axes, and the static part of it."""
