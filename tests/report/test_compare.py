@@ -32,6 +32,19 @@ def test_the_keys_that_differ_are_found_at_any_depth_and_no_others():
     assert found["surface.stiffness"][1] == "700.0"
 
 
+def test_of_a_list_with_other_parts_there_are_the_kinds_alone():
+    steps = "mission.steps=[!Approach {}, !Hold {seconds: 7.0}, !Retreat {}]"
+    found = differing_keys([load_scenario("girona500_inspection", changes) for changes in (
+        [], [steps], ["mission.steps.1.seconds=7.0"])])
+    assert set(found) == {"mission.steps"}
+    assert found["mission.steps"] == [
+        "Approach, Hold, Retreat, Approach, Hold, Slide, Retreat", "Approach, Hold, Retreat",
+        "Approach, Hold, Retreat, Approach, Hold, Slide, Retreat"]
+    found = differing_keys([load_scenario("girona500_inspection", changes) for changes in (
+        [], ["mission.steps.1.seconds=7.0"])])
+    assert found == {"mission.steps.1.seconds": ["5.0", "7.0"]}
+
+
 def test_what_another_kind_of_part_does_not_have_is_a_dash():
     found = differing_keys([load_scenario("girona500_ideal", changes) for changes in (
         [], ["surface=!BilateralSpring {}"])])

@@ -1,5 +1,6 @@
 """Comparison of several runs: their figures of merit, the keys that differ, signals overlaid."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,8 @@ MOST = len(COLORS)
 """Largest number of runs in a comparison, one for each colour."""
 WIDEST = 40
 """Largest number of characters of a value in the table of keys."""
+PART = re.compile(r"(.+)\.\d+\._tag$")
+"""Key of the kind of a part of a list."""
 METRICS: dict[str, tuple[str, ...]] = {
     "settled [s]": ("force", "settling_time_s"),
     "normal force error, end [N]": ("force", "final_error_normal"),
@@ -54,12 +57,25 @@ def metrics_of(summary: Mapping[str, Any]) -> dict[str, float | None]:
 def differing_keys(scenarios: Sequence[Scenario]) -> dict[str, list[str]]:
     """Returns the keys of which not all scenarios have the same value, and the value of each.
 
-    A key that a scenario does not have, as another kind of part has others, is `-`.
+    A key that a scenario does not have, as another kind of part has others, is `-`. Of a list whose
+    parts differ in kind or number there are the kinds alone.
     """
     flat = [dict(leaves(yaml_load_data(dump_scenario(each)))) for each in scenarios]
     keys = dict.fromkeys(key for each in flat for key in each)
     table = {key: [each.get(key, "-") for each in flat] for key in keys if key != "description"}
-    return {key: values for key, values in table.items() if len(set(values)) > 1}
+    table = {key: values for key, values in table.items() if len(set(values)) > 1}
+    for name in dict.fromkeys(part[1] for key in table if (part := PART.match(key))):
+        kinds = [", ".join(type(part).__name__ for part in _at(each, name)) for each in scenarios]
+        table = {key: values for key, values in table.items() if not key.startswith(f"{name}.")}
+        table[name] = [each or "-" for each in kinds]
+    return table
+
+
+def _at(data: Any, key: str) -> Any:
+    """Returns the value at a dotted key, of attributes and of indices of lists."""
+    for name in key.split("."):
+        data = data[int(name)] if name.isdigit() else getattr(data, name)
+    return data
 
 
 def format_comparison(names: Sequence[str], summaries: Sequence[Mapping[str, Any]],
