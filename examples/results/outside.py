@@ -1,6 +1,6 @@
 """Events outside of the class of `girona500_real_loop`, with its supervisor, one run each.
 
-`python examples/results/outside.py > examples/results/outside.md` takes 20 minutes on a core. The
+`python examples/results/outside.py > examples/results/outside.md` takes half an hour on a core. The
 tip starts 0.09 m off the wall and touches it after 16 s, so that an event at 22 s is one in
 contact.
 """
@@ -56,11 +56,12 @@ thruster that sticks and cannot be cut is not held, and one that alone drives an
 |---|---|---|---|---|---|---|---|---|
 """
 FOOT = """
-Why targets are missed: with a force or a state that is wrong or missing the filter of the joints
-predicts wrongly. 20.7 N are those of the press before the event. A wall 100 times as stiff is left
-at a bounce, the second peak of which comes with the detection. In a current the sway thruster is at
-its limit until the bow has turned; one towards the wall drives the vehicle on until the observer
-has seen it. With a thruster that pushes and cannot be cut, nothing is held.
+Why targets are missed: 20.5 N are those of the press of 20 N before the event. A wave at the start
+moves two joints against their stops before the trip, up to which nothing but the law holds them,
+and with a state that is missing, or a law at random, the filter of the joints predicts wrongly. A
+current towards the wall, or a thruster that pushes, drives the vehicle on until the observer has
+seen it; where its power cannot be cut, nothing is held. Without fixes the vehicle drifts with the
+error of the last velocity.
 """
 
 

@@ -204,7 +204,7 @@ class Coverage:
 
     def __init__(self, stage: Stage, path: str, legend: str, scale: float, facing: np.ndarray):
         self._stage, self._path, self._scale, self._facing = stage, path, scale, facing
-        width = 0.04
+        width = 0.03
         stage.meshcat.SetTransform(legend, frame_at([-0.2, 0.0, -0.26]))
         for c, color in enumerate(palette()):
             stage.make(f"{legend}/{c}", rectangle(width, 0.035, (*color, 1.0)), None,
