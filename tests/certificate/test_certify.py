@@ -12,8 +12,8 @@ from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.certificate.certificate import Certificate, to_data
 from uvms_drake.certificate.certify import STAGES, certified_once, certify
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
+from uvms_drake.model.propulsion.allocation import largest_wrench
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.report.robot.robot_sheet import largest_wrench
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 pytestmark = pytest.mark.slow

@@ -12,7 +12,7 @@ from support.robots import copied
 import uvms_drake as uv
 from uvms_drake.certificate.attempts import ledger_path
 from uvms_drake.certificate.certificate import fingerprint, read_certificate, write_certificate
-from uvms_drake.certificate.in_probability import failure_bound, spent
+from uvms_drake.certificate.in_probability import failure_bound, percent_above, spent
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
 
@@ -46,12 +46,13 @@ def kept(made, tmp_path, capsys, monkeypatch):
     return shutil.copytree(made, tmp_path / "out")
 
 
-def test_the_help_says_what_60_and_300_runs_give(capsys):
+def test_the_help_says_what_20_60_and_300_runs_give(capsys):
     with pytest.raises(SystemExit):
         main(["certify", "--help"])
     said = " ".join(capsys.readouterr().out.split())
-    few, many = (100.0 * failure_bound(runs, 0, spent(0.95, 1)) for runs in (60, 300))
-    assert f"60 runs bound it by {few:.1f} % at the first attempt, 300 by {many:.1f} %" in said
+    bounds = [percent_above(failure_bound(runs, 0, spent(0.95, 1))) for runs in (20, 60, 300)]
+    assert bounds == ["16.9 %", "5.97 %", "1.23 %"]
+    assert "20 runs bound it by 16.9 % at the first attempt, 60 by 6.0 %, 300 by 1.3 %" in said
 
 
 @pytest.mark.long

@@ -16,6 +16,7 @@ from uvms_drake.model.description.thruster_file import (
     ThrusterParameters,
 )
 from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.model.propulsion.allocation import largest_wrench
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.trim import middle_posture
@@ -24,7 +25,6 @@ from uvms_drake.report.robot.render import RobotScene, picture_axes
 from uvms_drake.report.robot.robot_figure import SIZE, SQUARES, draw_robot, wall_triangles
 from uvms_drake.report.robot.robot_sheet import (
     Thrust,
-    largest_wrench,
     notes_of,
     sheet_of,
     swing,

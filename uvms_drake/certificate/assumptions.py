@@ -11,8 +11,10 @@ import numpy as np
 
 from uvms_drake.actuation.ideal import IdealWrench
 from uvms_drake.actuation.thrusters import Thrusters
-from uvms_drake.control.limits import Limits
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.description.thruster_file import AXES
+from uvms_drake.model.propulsion.allocation import largest_wrench
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sensor_actuator import Actuator
 from uvms_drake.model.uvms_model import UvmsModel
@@ -56,7 +58,7 @@ def assumptions_of(scenario: Scenario, model: ContactModel) -> tuple[Assumption,
     wall, actuation = scenario.contact.declared_wall(), scenario.actuation
     path = command_path_of(actuation, model)
     return tuple(Assumption(*each) for each in (
-        *_actuation(scenario.model, actuation, path, scenario.limits, model),
+        *_actuation(scenario, path, model),
         *_motors(scenario, model),
         *_sensing([] if wall is None else [*_force_sensor(scenario)], path, [
             type(part).__name__ for part in scenario.sensing
@@ -110,17 +112,18 @@ def _timing(path: CommandPath) -> str:
     return ", ".join(words) or "at once, in continuous time"
 
 
-def _actuation(robot: str, actuation: Sequence[Actuator], path: CommandPath, limits: Limits,
-               model: UvmsModel) -> Iterator[Statement]:
+def _actuation(scenario: Scenario, path: CommandPath, model: ContactModel) -> Iterator[Statement]:
     """Yields the wrench and the torques."""
-    undriven = undriven_axes(model)
+    robot, actuation, limits = scenario.model, scenario.actuation, scenario.limits
+    undriven, lacking = undriven_axes(model), _lacking(scenario, model)
     timing = _timing(path)
     ideal = "an ideal wrench on six axes and a torque on every joint"
     if _thrusters(actuation):
         yield "actuation", f"the thrusters of {robot} as its files have them", MAKER
-    elif undriven:
+    elif undriven or lacking:
+        drive = f"drive no {', '.join(undriven)}" if undriven else ""
         yield ("actuation", f"{ideal}, {timing}; NOT {robot} as it is, whose thrusters "
-               f"drive no {', '.join(undriven)}"
+               + " and ".join(filter(None, (drive, lacking)))
                + ("" if unnamed_axes(actuation, model) else ", asked for by !IdealWrench"),
                f"{OPERATOR}, by other thrusters")
     else:
@@ -131,16 +134,34 @@ def _actuation(robot: str, actuation: Sequence[Actuator], path: CommandPath, lim
            + " is there, without dead band, ripple or thermal limit", MAKER)
 
 
-def _motors(scenario: Scenario, model: ContactModel) -> Iterator[Statement]:
-    """Yields the torques that the limits leave to a command and that the motors do not give.
+def _asked(scenario: Scenario, model: ContactModel) -> np.ndarray:
+    """Returns the largest forces (6+n,) that the limits leave to a command [N, N m].
 
     Of a command at a corner of `limits.u`, |M(𝔮)|u in the posture of the start, and of `limits.tau`
     if it is less.
     """
     M = model.mass_matrix(model.kinematics(np.asarray(scenario.start.config, dtype=float)))
-    asked, said = np.abs(M) @ np.asarray(scenario.limits.u, dtype=float), "limits.u"
-    if scenario.limits.tau is not None:
-        asked, said = np.minimum(asked, scenario.limits.tau), "limits.u and limits.tau"
+    most = np.inf if scenario.limits.tau is None else scenario.limits.tau
+    return np.minimum(np.abs(M) @ np.asarray(scenario.limits.u, dtype=float), most)
+
+
+def _lacking(scenario: Scenario, model: ContactModel) -> str:
+    """Returns the axis along which thrusters give least of the limits' wrench; empty for none."""
+    if model.thrusters is None:
+        return ""
+    thrusters, asked = ThrusterModel.of(model.thrusters), _asked(scenario, model)
+    given = {i: min(largest_wrench(thrusters, i, sign) for sign in (1.0, -1.0))
+             for i in thrusters.driven}
+    worst = min(given, key=lambda i: given[i] / asked[i])
+    unit = "N" if worst < 3 else "N m"
+    return (f"give {given[worst]:.3g} {unit} of the {asked[worst]:.3g} {unit} that the limits may "
+            f"ask for in {AXES[worst]}" if given[worst] < asked[worst] else "")
+
+
+def _motors(scenario: Scenario, model: ContactModel) -> Iterator[Statement]:
+    """Yields the torques that the limits leave to a command and that the motors do not give."""
+    asked = _asked(scenario, model)
+    said = "limits.u" + ("" if scenario.limits.tau is None else " and limits.tau")
     over = [f"{asked[6 + j]:.3g} {'N' if model.slides[j] else 'N m'} of joint {j + 1}, whose motor "
             f"gives {effort:.3g}" for j, effort in enumerate(model.joint_effort)
             if asked[6 + j] > effort]

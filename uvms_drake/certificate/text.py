@@ -360,7 +360,7 @@ def format_probability(certificate: ProbabilityCertificate, seconds: float | Non
         "bound": f"{percent_above(certificate.probability)} per run, at {100.0 * level:.5g} % "
                  "confidence for this attempt",
         "time": "" if seconds is None else
-                f"{seconds:.3g} s a run of one core, {runs * seconds:.3g} s in all",
+                f"{seconds:.3g} s a run in the median, by the clock, {runs * seconds:.3g} s in all",
         **(_details(certificate) if full else {})}
     return "\n".join([
         f"{certificate.scenario}: {certificate.verdict}", "",

@@ -42,6 +42,7 @@ from uvms_drake.certificate.certificate import (
     write_certificate,
 )
 from uvms_drake.certificate.certify import certified_once
+from uvms_drake.certificate.in_probability import failure_bound, percent_above, spent
 from uvms_drake.certificate.run_verdict import BROKEN
 from uvms_drake.certificate.text import format_probability
 from uvms_drake.command.certificates import note, sound
@@ -142,7 +143,10 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         note(scenario)
         vary(campaign, 0)
     attempts = begun(attempt)
-    print(f"attempt {len(attempts)} at: {attempt.task}; in {ledger_path()}", file=sys.stderr)
+    best = failure_bound(args.runs, 0, spent(args.confidence, len(attempts)))
+    print(f"attempt {len(attempts)} at: {attempt.task}; in {ledger_path()}\n"
+          f"{args.runs} runs, a minute or two of a core each: at most {percent_above(best)} per "
+          "run if none fails", file=sys.stderr)
     summary, times, text, _ = complete(args, campaign, args.runs, folder, pool, None)
     # The certificate: in the folder, and in the cache for a run elsewhere.
     certificate = certificate_in_probability(

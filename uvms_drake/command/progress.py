@@ -15,7 +15,7 @@ from uvms_drake.common.alarm import LOGGER
 
 LINES = 5  # in a log file, and one for the beginning
 BAR = 20  # letters
-CERTIFYING = "certifying (about half a minute)"
+CERTIFYING = "certifying (half a minute of a core or more)"
 
 
 class Bar:

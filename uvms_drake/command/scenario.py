@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.command.files import folder, left_out, new_file, take_quiet
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.progress import CERTIFYING, bar
@@ -83,8 +84,20 @@ def check_scenario(file: str) -> int:
             print(f"{key}: {now} (base: {before})")
     for line in [*place_words(scenario), *(f"note: {each}" for each in remarks(scenario))]:
         print(line)
-    print(f"{path.name}: a valid scenario; '{PROGRAM} certify {file}' says whether it holds")
+    print(f"{path.name}: a valid scenario; {verdict_by(file, has_thrusters(scenario))}")
     return 0
+
+
+def has_thrusters(scenario: Scenario) -> bool:
+    """Returns whether thrusters make the wrench, which no proof of the worst case covers."""
+    return any(isinstance(part, Thrusters) for part in scenario.actuation)
+
+
+def verdict_by(file: Path | str, real: bool) -> str:
+    """Returns the commands that decide on a scenario, of a real loop or not."""
+    return (f"'{PROGRAM} calibrate {file}' finds its tube, and of the result 'certify --runs N' "
+            "bounds the probability of a failure" if real else
+            f"'{PROGRAM} certify {file}' says whether it holds")
 
 
 def require_runnable(scenario: Scenario) -> ContactModel:
@@ -120,8 +133,7 @@ def new_scenario(args: argparse.Namespace) -> int:
 
     file: Path = args.new
     require(0.0 < args.force < np.inf, "--force", args.force, "positive")
-    verdict = (f"'{PROGRAM} calibrate {file}' finds its tube from pilot runs" if args.real_loop
-               else f"'{PROGRAM} certify {file}' says whether it holds")
+    verdict = verdict_by(file, args.real_loop)
     # A scenario that `run` would refuse is refused here, and leaves no file.
     with new_file(file, "--new"):
         robot = sound_robot(args.robot)

@@ -23,11 +23,12 @@ from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.control.limits.input_in_contact import ForceCone
 from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.model.propulsion.allocation import largest_wrench
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.report.robot.robot_sheet import dexterities, largest_wrench
+from uvms_drake.report.robot.robot_sheet import dexterities
 from uvms_drake.setup.holding import Holding, coordinate, unit_of, what_helps
 from uvms_drake.tube.row_gains import input_gain, instant_gains
 

@@ -13,6 +13,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.solvers import MathematicalProgram, Solve
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
@@ -80,6 +81,21 @@ def bounded_least_squares(A: np.ndarray, y: np.ndarray, lower: np.ndarray, upper
         if gain[worst] <= NULL * np.linalg.norm(A[:, worst]) * np.linalg.norm(y):
             return x
         fixed[worst] = False
+
+
+def largest_wrench(thrusters: ThrusterModel, axis: int, sign: float) -> float:
+    """Returns the largest force or moment along or against an axis; zero if none drives it."""
+    if axis in thrusters.undriven:
+        return 0.0
+    program = MathematicalProgram()
+    f, size = program.NewContinuousVariables(thrusters.size), program.NewContinuousVariables(1)
+    program.AddBoundingBoxConstraint(thrusters.lower, thrusters.upper, f)
+    B = thrusters.B[thrusters.driven]
+    direction = sign * (thrusters.driven == axis)
+    program.AddLinearEqualityConstraint(
+        np.column_stack([B, -direction]), np.zeros(len(B)), np.concatenate([f, size]))
+    program.AddLinearCost(-size[0])
+    return float(Solve(program).GetSolution(size)[0])
 
 
 @dataclass(frozen=True)

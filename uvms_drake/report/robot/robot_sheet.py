@@ -4,13 +4,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.solvers import MathematicalProgram, Solve
 
 from uvms_drake.control.laws.outputs import best_rows, row_names
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.description.water_center import center_of_water
-from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.propulsion.allocation import Allocation, largest_wrench
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.trim import Trim, trim_of
 from uvms_drake.model.uvms import STANDARD_GRAVITY, Uvms, slides
@@ -143,21 +142,6 @@ def thrust_of(thrusters: ThrusterModel, wrench: np.ndarray) -> Thrust:
     share = np.abs(forces) / np.maximum(limits, NO_FORCE)
     return Thrust(thrusters.size, largest, tuple(AXES[i] for i in thrusters.undriven),
                   float(np.max(share)), thrusters.names[int(np.argmax(share))])
-
-
-def largest_wrench(thrusters: ThrusterModel, axis: int, sign: float) -> float:
-    """Returns the largest force or moment along or against an axis; zero if none drives it."""
-    if axis in thrusters.undriven:
-        return 0.0
-    program = MathematicalProgram()
-    f, size = program.NewContinuousVariables(thrusters.size), program.NewContinuousVariables(1)
-    program.AddBoundingBoxConstraint(thrusters.lower, thrusters.upper, f)
-    B = thrusters.B[thrusters.driven]
-    direction = sign * (thrusters.driven == axis)
-    program.AddLinearEqualityConstraint(
-        np.column_stack([B, -direction]), np.zeros(len(B)), np.concatenate([f, size]))
-    program.AddLinearCost(-size[0])
-    return float(Solve(program).GetSolution(size)[0])
 
 
 def _reach(model: UvmsModel, many: np.ndarray, rng: np.random.Generator) -> np.ndarray:
