@@ -10,7 +10,7 @@ from support.arms import write_arm, write_press
 from support.quick import FEW, search_less
 
 import uvms_drake as uv
-from uvms_drake.certificate.certify import between_knots, certify, longer, roomier, safer
+from uvms_drake.certificate.certify import between_knots, certify, longer, roomier, safer, stronger
 from uvms_drake.command.main import main
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.uvms import slides
@@ -109,6 +109,15 @@ def test_a_horizon_and_a_safety_factor_are_given_as_numbers():
     assert safer(settings[1.2], 5.0) == safer(settings[1.2], 0.9) == safer(settings[1.1], 0.5) == ""
     less = float(overrides(safer(settings[1.2], 0.8))[0].partition("=")[2])
     assert 0.85 <= 0.8 * 1.2 / less < 0.86
+
+
+def test_a_limit_of_an_acceleration_is_advised_that_has_the_missing_margin():
+    scenario = uv.load_scenario("girona500_ideal", ["limits.u.1=0.5"])
+    assert stronger(scenario, "u_sway, end of a step", -0.1) == "--set limits.u.1=0.62"
+    assert stronger(scenario, "u_q2, largest in contact, begin of a step", -0.1).startswith(
+        "--set limits.u.7=")
+    assert stronger(scenario, "u_sway, end of a step", 0.0) == ""
+    assert stronger(scenario, "decrease", -1.0) == ""
 
 
 @pytest.mark.slow

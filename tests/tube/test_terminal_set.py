@@ -343,8 +343,8 @@ def test_there_is_a_terminal_set_for_all_places_and_forces(tracking, found_anywh
     """The decrease does not depend on the force, nor on the place; the inputs' limits do."""
     radius, check = found_anywhere
     assert check.holds and radius > 0.4
-    assert {"safe_depth", "safe_depth_between_knots", "u_q2 pressed, most end"} <= set(
-        check.margins)
+    assert {"safe_depth", "safe_depth_between_knots",
+            "u_q2, largest in contact, end of a step"} <= set(check.margins)
     free = TerminalLoop(tracking_ocp(force=0.0))
     loop = TerminalLoop(tracking)
     states = 0.5 * boundary_samples(tracking.terminal.P, 20, np.random.default_rng(1))
@@ -390,7 +390,7 @@ def test_in_that_set_the_continued_plan_keeps_front_and_inputs(tracking, found_a
 def test_a_force_that_the_arm_cannot_hold_leaves_no_terminal_set():
     radius, check = largest_radius(tracking_ocp(force=40.0), samples=200)
     assert radius == 0.0
-    assert check.failures[0].startswith("u_q2 pressed, least")
+    assert check.failures[0].startswith("u_q2, smallest in contact")
 
 
 def test_where_the_tip_is_beyond_its_reach_the_set_is_refused(tracking):

@@ -32,6 +32,7 @@ from uvms_drake.control.limits import (
     joint_limits,
     resolved_radii,
 )
+from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
@@ -225,10 +226,12 @@ def terminal_set(draft: Draft) -> None:
             P=ocp.terminal.P, gain=ocp.terminal.gain),
         bounds=ultimate_bounds(draft.found.radii, draft.model.surface, ocp.y_des[:6],
                                np.asarray(scenario.task.force, dtype=float)))
-    draft.require(
-        Condition("terminal set, ε", radius, ">", 0.0, theorem=TERMINAL, topic="terminal set"),
-        Condition(f"terminal set, worst margin ({check.limiting})", min(check.margins.values()),
-                  ">=", 0.0, theorem=TERMINAL, topic="terminal set"))
+    least = min(check.margins.values())
+    draft.require(*(Condition(name, value, comparison, 0.0, theorem=TERMINAL, topic="terminal set",
+                              advice=stronger(scenario, check.limiting, least))
+                    for name, value, comparison in (
+                        ("terminal set, ε", radius, ">"),
+                        (f"terminal set, worst margin ({check.limiting})", least, ">="))))
 
 
 def plan_from_start(draft: Draft) -> None:
@@ -519,6 +522,23 @@ def roomier(bound: float, reserved: float, share: float) -> str:
 def longer(horizon: int) -> str:
     """Returns a horizon that reaches further."""
     return setting(mpc__horizon=math.ceil(1.5 * horizon))
+
+
+def stronger(scenario: Scenario, limiting: str, margin: float) -> str:
+    """Returns the limit of an acceleration that has a missing margin; empty for other limits.
+
+    Args:
+        scenario: The scenario.
+        limiting: Value with the smallest margin in the terminal set, as `u_surge, end of a step`.
+        margin: Its margin.
+    """
+    channel = limiting.partition(",")[0].removeprefix("u_")
+    bounds = np.asarray(scenario.limits.u, dtype=float)
+    names = input_names(len(bounds) - 6)
+    if margin >= 0.0 or channel not in names:
+        return ""
+    i = names.index(channel)
+    return setting(**{f"limits__u__{i}": _up(float(bounds[i]) - MORE * margin, 3)})
 
 
 def safer(settings: CertificateSettings, ratio: float) -> str:

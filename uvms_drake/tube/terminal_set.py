@@ -96,7 +96,7 @@ class TerminalLoop:
         self.inputs = [limit for limit in limits if limit.about == "input"]
         self.sampled = [limit for limit in limits
                         if limit.about != "input" and limit.name not in self.closed_forms]
-        self.names = (DECREASE, *(f"{part} {end}" for limit in self.inputs
+        self.names = (DECREASE, *(f"{part}, {end} of a step" for limit in self.inputs
                                   for end in ("begin", "end") for part in limit.labels),
                       *(part for limit in self.sampled for part in limit.labels), *ocp.reach_names)
         # Limit, whether at the end of an interval, and component of the columns that have one.

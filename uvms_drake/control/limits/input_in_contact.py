@@ -116,5 +116,5 @@ class UnderContact(Limit):
     @property
     def labels(self) -> list[str]:
         """Values of the limit: free, then most and least when pressed."""
-        return [f"{label}{end}" for end in ("", " pressed, most", " pressed, least")
+        return [f"{label}{end}" for end in ("", ", largest in contact", ", smallest in contact")
                 for label in self.limit.labels]

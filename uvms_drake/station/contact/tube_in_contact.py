@@ -186,6 +186,7 @@ def _of_sensor(scenario: Scenario, measured: MeasuredForceBounds, uneven: float
     """
     contact, reading = bounds.sensed_contact(scenario), bounds.reading_of(scenario)
     off = bounds.largest_reading_error(scenario, measured, uneven)
+    path = bounds.fastest_advance(contact) * reading.tare
     return [
         Condition("contact.force_error, not less than the sensor's error", contact.force_error,
                   ">=", off, f"--set contact.force_error={np.ceil(10.0 * off) / 10.0:.3g}"
@@ -198,7 +199,8 @@ def _of_sensor(scenario: Scenario, measured: MeasuredForceBounds, uneven: float
                   if bounds.sensing_of(scenario).repeats else 0.0, "<=", CHANCE,
                   theorem="sensing/theory.md#detection-of-a-frozen-force"),
         Condition("contact.clearance, not less than the path of the tip in the tare [m]",
-                  contact.clearance, ">=", bounds.fastest_advance(contact) * reading.tare,
+                  contact.clearance, ">=", path,
+                  f"--set contact.clearance={np.ceil(1e3 * path) / 1e3:.3g}",
                   theorem=bounds.SAFE_REGION, topic="contact.clearance")]
 
 
