@@ -227,11 +227,12 @@ def terminal_set(draft: Draft) -> None:
         bounds=ultimate_bounds(draft.found.radii, draft.model.surface, ocp.y_des[:6],
                                np.asarray(scenario.task.force, dtype=float)))
     least = min(check.margins.values())
-    draft.require(*(Condition(name, value, comparison, 0.0, theorem=TERMINAL, topic="terminal set",
-                              advice=stronger(scenario, check.limiting, least))
-                    for name, value, comparison in (
-                        ("terminal set, ε", radius, ">"),
-                        (f"terminal set, worst margin ({check.limiting})", least, ">="))))
+    advice = stronger(scenario, check.limiting, least)
+    draft.require(
+        Condition("terminal set, ε", radius, ">", 0.0, advice, theorem=TERMINAL,
+                  topic="terminal set"),
+        Condition(f"terminal set, worst margin ({check.limiting})", least, ">=", 0.0, advice,
+                  theorem=TERMINAL, topic="terminal set"))
 
 
 def plan_from_start(draft: Draft) -> None:
