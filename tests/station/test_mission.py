@@ -10,11 +10,14 @@ from support.meshcat import press
 import uvms_drake as uv
 from uvms_drake.certificate.run_verdict import broken
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.mission import system
+from uvms_drake.mission.law import DONE, RETREATED, begin
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
 from uvms_drake.model.surface.law import TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.surface.unknown_contact import UnknownContact
 from uvms_drake.report.mission import summarise_mission
+from uvms_drake.station import simulation
 from uvms_drake.station.contact.bounds import largest_force, mission_conditions
 from uvms_drake.station.contact.drawn_mission import (
     ends_of,
@@ -95,6 +98,16 @@ def test_a_button_says_stop_to_it(scenario):
         if t == 0.05:
             press(meshcat, HOME)
     assert said == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(("outcome", "end"), [(DONE, 0.3), (RETREATED, 0.6)])
+def test_a_run_is_over_some_time_after_a_mission_that_is_done_and_after_no_other(
+        outcome, end, monkeypatch):
+    monkeypatch.setattr(simulation, "REST", 0.25)
+    monkeypatch.setattr(system, "begin", lambda *args: begin(*args)._replace(outcome=outcome))
+    record = uv.simulate(uv.load_scenario(NAME, ["duration=0.6"]))
+    assert record.time[-1] == pytest.approx(end, abs=0.06) and not record.failure
+    assert record.scenario.duration == pytest.approx(record.time[-1])
 
 
 @pytest.mark.long

@@ -16,6 +16,7 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.common.wiring import release
 from uvms_drake.control.limits import joint_limits
+from uvms_drake.mission.law import DONE
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station, read_logs
 from uvms_drake.station.problem import load_model
@@ -25,6 +26,8 @@ from uvms_drake.station.step_size import with_step
 
 PROGRESS_PERIOD = 0.1
 """Simulated time between two calls of `progress` [s]."""
+REST = 3.0
+"""Time for which a run goes on when all steps of its mission are done [s]."""
 SIGNALS = ("state", "nominal_state", "acceleration", "u", "tau", "force")
 """Signals without which a run does not go on, once one is no number."""
 
@@ -41,9 +44,10 @@ def simulate(
 ) -> Record:
     """Returns the record of a run from t = 0 to the scenario's duration.
 
-    An exception inside of the run, of a law, the MPC, a sensor or the plant, ends it, and so does a
-    signal that is no number any more: the record has all until then, and time and cause as
-    `failure`. Before the second logged sample there is nothing to record, and it is raised.
+    It ends before, `REST` after a mission that is done, as with a shorter duration. An exception
+    inside of the run, of a law, the MPC, a sensor or the plant, ends it, and so does a signal that
+    is no number any more: the record has all until then, and time and cause as `failure`. Before
+    the second logged sample there is nothing to record, and it is raised.
 
     Args:
         scenario: Everything the run depends on.
@@ -146,17 +150,22 @@ def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | No
 
     A monitor is passive, while AdvanceTo in slices would end an integration step at each of them.
     """
-    due = 0.0
+    due, done = 0.0, np.inf
 
     def watch(context: Context) -> EventStatus:
-        """Reports progress and polls `stop` every `PROGRESS_PERIOD`."""
-        nonlocal due
+        """Reports progress, polls `stop` and the mission, every `PROGRESS_PERIOD`."""
+        nonlocal due, done
         now = context.get_time()
         if now >= due:
             due = now + PROGRESS_PERIOD
             progress(f"{now:.1f} of {duration:g} s", now / duration)
             if stop is not None and now >= log_period and stop():
                 return EventStatus.ReachedTermination(station, "stopped")
+            if station.HasOutputPort("mission_progress") and station.GetOutputPort(
+                    "mission_progress").Eval(context)[1] == DONE:
+                done = min(done, now)
+                if now >= done + REST:
+                    return EventStatus.ReachedTermination(station, "the mission is done")
         return EventStatus.DidNothing()
 
     return watch
