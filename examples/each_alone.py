@@ -40,7 +40,8 @@ LOOP: dict[str, tuple[list[str], list[str] | None]] = {
     "thrusters + 10 %": (["actuation.1.error=[0.1]"], None),
     "thrusters - 10 %": (["actuation.1.error=[-0.1]"], None),
     "20 Hz": (AT_20_HZ, ["actuation=[!SampledCommand {period: 0.05, delay: 0.01}]"]),
-    "20 Hz, slower tip": ([*AT_20_HZ, "ancillary.tip.k=12.0", "ancillary.tip.sigma=6.0"], None),
+    "20 Hz, faster tip": (
+        [*AT_20_HZ, "ancillary.tip.k=24.0", "ancillary.tip.sigma=12.0"], None),
     "DVL gaps of 0.4 s": ([f"sensing.0.dvl={DVL}"],
                           [f"sensing=[!Navigation {{dvl: {DVL}, drift: {{rate: 0.0}}}}]"])}
 """Changes of the loop now and before, None without counterpart: no thrusters before."""

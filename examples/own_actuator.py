@@ -34,7 +34,6 @@ class ThrusterLag(uv.Actuator):
         lags = np.repeat([self.time_constant, FASTEST], [6, model.num_joints])
         lag = builder.AddNamedSystem("lag", FirstOrderLowPassFilter(lags))
         builder.Connect(port, lag.get_input_port())
-        signals["exerted"] = lag.get_output_port()
         return lag.get_output_port()
 
 

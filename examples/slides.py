@@ -16,8 +16,8 @@ JOBS = {
     "leg": ("!Cylinder {point: [-0.27, 0.0, 0.0], axis: [0.0697565, 0.0, 0.9975641], radius: 0.75, "
             f"{LEANS}}}",
             "!Slide {along: [0.5, 0.0], speed: 0.02}, !Slide {along: [-0.5, 0.0], speed: 0.037}, "
-            "!Slide {along: [0.3, 0.0], speed: 0.015, amplitude: 3.0, frequency: 0.1}, "
-            "!Slide {along: [-0.25, 0.0], speed: 0.005, amplitude: 3.0, frequency: 0.02}"),
+            "!Slide {along: [0.3, 0.0], speed: 0.015, amplitude: 2.0, frequency: 0.1}, "
+            "!Slide {along: [-0.25, 0.0], speed: 0.005, amplitude: 2.0, frequency: 0.02}"),
     "bumps of 5 mm": (
         f"!Bumpy {{point: [-0.27, 0.0, 0.0], {LEANS}, axis: [0.0, 1.0, 0.0], amplitude: 0.0025, "
         "wavelength: 0.1}",
