@@ -183,7 +183,8 @@ def test_limits_and_tubes_are_kept_with_each_model_error(row, run):
 
 
 def test_a_tip_that_is_too_fast_for_20_hz_leaves_its_tube(run):
-    found = run("each_alone.py", 8.5, "--row=20 Hz, faster tip").splitlines()[-1]  # After 8 s of hovering.
+    # After 8 s of hovering.
+    found = run("each_alone.py", 8.5, "--row=20 Hz, faster tip").splitlines()[-1]
     tip, _, of_tube = map(float, found[22:].split()[:3])
     assert tip > 10.0
     assert of_tube > 2.0
