@@ -10,9 +10,10 @@ measures and the forces along them would have several minima in a window; they k
 are errors of the outputs with covariance BΛ⁻¹Bᵀ in (1).
 
 A step solves min ½δᵀHδ − gᵀδ with factors and added masses that a body can have. Errors within a
-window are correlated, those of different windows are taken as independent: with R windows
+window are correlated, those of different windows are taken as independent: with R windows, and the
+correction CR2 of Bell and McCaffrey (2002) for what the fit takes from the residual of a window,
 
-    cov θ = R/(R − P) H⁻¹ (Σ g_w g_wᵀ) H⁻¹,   θ ± t_{R−1} σ.                                     (2)
+    cov θ = L (Σ s_w s_wᵀ) Lᵀ,   s_w = (I − LᵀH_wL)^(−½) Lᵀg_w,   LLᵀ = H⁻¹,   θ ± t_{R−1} σ.   (2)
 """
 
 from collections.abc import Sequence
@@ -41,6 +42,8 @@ INDEPENDENT = 0.5
 TILT, ACCELERATION, CLOCK = np.deg2rad(0.5), 0.01, 0.1
 """Spread of a window's constant wrench: moments that tilt the vehicle so [rad], forces that
 accelerate it so [m/s²]; and of its clock [s]."""
+LEAST_LEFT = 1e-6
+"""Smallest share of the information about a direction that is taken as left without a window."""
 ITERATIONS, CONVERGED, LARGEST_STEP = 25, 0.01, 0.5
 """Most steps; step over the standard deviation at which it ends; and largest step over a
 parameter's scale."""
@@ -94,10 +97,12 @@ class Estimate:
 
     def covariance(self, which: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Returns (2) of some of the windows (P, P)."""
-        g, inverse = self.quadratic.g[which], np.linalg.inv(self._information(which))
-        g = g - np.mean(g, axis=0)
-        R, P = g.shape
-        out: np.ndarray = R / max(R - P, 1) * inverse @ (g.T @ g) @ inverse
+        g, H = self.quadratic.g[which], self.quadratic.H[which]
+        L = np.linalg.cholesky(np.linalg.inv(self._information(which)))
+        left, axes = np.linalg.eigh(np.eye(len(L)) - L.T @ H @ L)
+        alone = np.einsum("wij,wi->wj", axes, (g - np.mean(g, axis=0)) @ L)
+        s = L @ np.einsum("wij,wj->iw", axes, alone / np.sqrt(np.maximum(left, LEAST_LEFT)))
+        out: np.ndarray = s @ s.T
         return out
 
     def of(self, which: np.ndarray) -> np.ndarray:
