@@ -306,7 +306,8 @@ force's error stay within 14 % and three quarters within 25 %, in 95 of 100 samp
   except with a biased sensor and in the slide; in these two it does not settle there. It touches
   last, and needs a model, the class of the wall, and five to seven milliseconds of a processor for
   a step, some thirty for the longest. On walls five and twenty times stiffer, outside of its
-  class, it presses far too hard, and on the BlueROV2 it loses control.
+  class, it presses far too hard, and on the BlueROV2 it loses control. These runs are of before
+  the supervisor, which retreats from such walls with at most 22 N ([outside.md](outside.md)).
 * **Impedance with an integral of the force**: on the Girona 500 behind thrusters nearly as good as
   the tube MPC where limits do not matter. Its error is smaller in {smaller} of the {pairs} runs of
   such cases: in {slide} as the place slides and in {gravity} with a heavier arm, but in
