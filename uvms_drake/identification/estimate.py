@@ -11,7 +11,7 @@ are errors of the outputs with covariance BΛ⁻¹Bᵀ in (1).
 
 A step solves min ½δᵀHδ − gᵀδ with factors and added masses that a body can have. Errors within a
 window are correlated, those of different windows are taken as independent: with R windows, and the
-correction CR2 of Bell and McCaffrey (2002) for what the fit takes from the residual of a window,
+correction CR2 of Bell and McCaffrey (2002) for the part of a residual that its own fit takes away,
 
     cov θ = L (Σ s_w s_wᵀ) Lᵀ,   s_w = (I − LᵀH_wL)^(−½) Lᵀg_w,   LLᵀ = H⁻¹,   θ ± t_{R−1} σ.   (2)
 """
