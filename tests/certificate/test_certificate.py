@@ -215,7 +215,7 @@ def full(contact) -> Certificate:
         budget={"depth": {"noise": 1e-3, "d": 2e-3}, "joints": {"noise": 0.0, "d": 1e-3}},
         margin={"depth": 0.01},
         terminal=TerminalResult(
-            0.5, "u_sway end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
+            0.5, "u_sway, end of a step", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
         bounds=HOLDS.bounds | {HOLD: 6.12, LIKELY: 4.95},
         assumptions=assumptions_of(contact, uv.load_model(contact)))
 

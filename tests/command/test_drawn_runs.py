@@ -87,7 +87,7 @@ def test_an_interrupted_one_goes_on_to_the_same_certificate(kept, made, capsys):
     assert "attempt 1 at: girona500_arm5e, KnownSurface, press; in " in err
     assert out.startswith(f"girona500_bilateral: {VERDICT}\n\nruns          0 of 2 failed\n"
                           "attempt       1 at: ")
-    assert out.count("\n") < 12 and " s a run of one core, " in out
+    assert out.count("\n") < 12 and " s a run in the median, by the clock, " in out
     assert (kept / "certificate.json").read_bytes() == (made / "certificate.json").read_bytes()
     # Runs that are there cannot be left out by asking for fewer, nor added to by their outcome.
     for number in ("1", "3"):

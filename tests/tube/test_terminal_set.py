@@ -198,7 +198,8 @@ def test_an_input_that_is_used_up_at_the_equilibrium_leaves_no_set(robot):
     tight = changed(robot, limits=bounded(robot, u=u))
     radius, check = largest_radius(tight)
     assert radius == 0.0
-    assert set(check.failures) == {"u_pitch begin", "u_pitch end"}
+    assert set(check.failures) == {
+        "u_pitch, begin of a step", "u_pitch, end of a step"}
 
 
 class Linear:
