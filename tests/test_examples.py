@@ -176,7 +176,7 @@ def test_limits_and_tubes_are_kept_with_each_model_error(row, run):
     tip, vehicle, of_tube, steady, rms, worst, lost = map(float, found[22:].split()[:7])
     assert steady < 3.0
     assert tip < 3.5
-    assert vehicle < 20.0
+    assert vehicle < (20.0 if row == "current 0.25 m/s" else 15.0)
     assert of_tube < 1.0
     assert rms < worst < 3.0
     assert lost == 0.0
