@@ -38,14 +38,15 @@ from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.simulation import make_record
 from uvms_drake.station.step_size import friction_rate
 
-BY_AXIS, ERRORS = "by axis", ["current=[0,0,0]", "model_error.mass=1", *(
-    f"model_error.vehicle.{each}" for each in (
-        "added_mass=[1.03]", "linear_drag=[1.3]", "quadratic_drag=[1.3]"))]
+BY_AXIS = {"by axis": "vehicle", "by axis of the arm": "arm"}
+"""Names of runs with errors by axis, and whose."""
+ERRORS = ("added_mass=[1.03]", "linear_drag=[1.3]", "quadratic_drag=[1.3]")
 """Errors by axis in place of those of `girona500_contact_uncertain`."""
 RUNS = {"girona500_contact": (12, 14.0), "girona500_contact_uncertain": (6, 14.0),
         "current": (2, 14.0), "mass": (3, 14.0), "added mass": (3, 14.0), "payload": (3, 14.0),
         "girona500_tip_first": (3, 16.0), "bluerov2_contact": (3, 16.0),
-        "jacket_inspection": (2, 16.0), "girona500_stiff": (1, 28.0), BY_AXIS: (18, 8.0)}
+        "jacket_inspection": (2, 16.0), "girona500_stiff": (1, 28.0),
+        **dict.fromkeys(BY_AXIS, (18, 8.0))}
 """Number of runs and their duration [s]: of a scenario, or of an unknown of `unknowns.CASES`. Those
 by axis have one error each, of one coefficient along one axis."""
 LIKELY = 0.5
@@ -106,12 +107,12 @@ def wall_near(scenario: uv.Scenario, ocp: Ocp, rng: np.random.Generator) -> uv.S
     return replace(wall, creep=max(LEAST_CREEP, rate / steepest_friction(scenario, ocp)))
 
 
-def of_one_axis(declared: Unknowns, index: int, rng: np.random.Generator) -> Unknowns:
-    """Returns one coefficient of the vehicle off by its bound along one axis, and nothing else."""
+def of_one_axis(declared: Unknowns, body: str, index: int, rng: np.random.Generator) -> Unknowns:
+    """Returns one coefficient of `vehicle` or `arm` off by its bound along one axis alone."""
     name, axis = COEFFICIENTS[index // 6 % 3], index % 6
-    size = (declared.error.by_axis("vehicle", name) - 1.0) * np.eye(6)[axis]
-    return Unknowns(replace(declared.error, vehicle=AxisFactors(
-        **{name: 1.0 + rng.choice([-1.0, 1.0]) * size})))
+    size = (declared.error.by_axis(body, name) - 1.0) * np.eye(6)[axis]
+    return Unknowns(replace(declared.error, **{body: AxisFactors(
+        **{name: 1.0 + rng.choice([-1.0, 1.0]) * size})}))
 
 
 def attacked(scenario: uv.Scenario, ocp: Ocp, duration: float, rng: np.random.Generator,
@@ -172,8 +173,10 @@ def attacks(name: str, runs: int, duration: float, seed: int) -> list[Found]:
     if name in CASES:
         declared = declared_of(name)
         scenario = uv.load_scenario(BASE, [*declared, *followed(declared)[0]])
-    elif name == BY_AXIS:
-        scenario = uv.load_scenario("girona500_contact_uncertain", ERRORS)
+    elif name in BY_AXIS:
+        scenario = uv.load_scenario("girona500_contact_uncertain", [
+            "current=[0,0,0]", "model_error.mass=1",
+            *(f"model_error.{BY_AXIS[name]}.{each}" for each in ERRORS)])
     else:
         scenario = uv.load_scenario(name)
     certificate = certified_once(scenario)
@@ -186,8 +189,8 @@ def attacks(name: str, runs: int, duration: float, seed: int) -> list[Found]:
     for index in range(runs):
         rng = np.random.default_rng([seed, index])
         unknown, of = drawn_unknowns(scenario.unknowns, rng, 1.0), ""
-        if name == BY_AXIS:
-            unknown = of_one_axis(scenario.unknowns, index, rng)
+        if name in BY_AXIS:
+            unknown = of_one_axis(scenario.unknowns, BY_AXIS[name], index, rng)
             of = COEFFICIENTS[index // 6 % 3].replace("_", " ")
         found.append(compared(attacked(scenario, ocp, duration, rng, unknown), certificate, of))
         print(f"{name} {index}: {found[-1]}", file=sys.stderr, flush=True)
@@ -207,7 +210,7 @@ def table(found: dict[str, Sequence[Found]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def axis_table(runs: Sequence[Found]) -> str:
+def axis_table(body: str, runs: Sequence[Found]) -> str:
     """Returns a table of the runs by axis: acceleration by the error, and largest other ratio.
 
     The part of the limits that is used, and the whole disturbance, are left out of the latter.
@@ -215,7 +218,7 @@ def axis_table(runs: Sequence[Found]) -> str:
     cells = [f"{run.ratios[ACCELERATION]:.3f}, " + "{:.2f}".format(max(
         ratio for claim, ratio in run.ratios.items() if claim not in (ACCELERATION, LIMITS, WHOLE)))
         + "".join(f", {each}" for each in run.bad) for run in runs]
-    rows = [["axis", *(name.replace("_", " ") for name in COEFFICIENTS)], ["---"] * 4,
+    rows = [[f"{body}, axis", *(name.replace("_", " ") for name in COEFFICIENTS)], ["---"] * 4,
             *([axis, *cells[i::6]] for i, axis in enumerate(AXES))]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 

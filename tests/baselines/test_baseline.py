@@ -1,5 +1,7 @@
 """Parts of every baseline: approach, integrals, gains and limit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -11,6 +13,7 @@ from uvms_drake.baselines.baseline import (
     ApproachGains,
     Baseline,
     moved_reference,
+    next_approach,
     read_gains,
     robots_with_gains,
 )
@@ -35,6 +38,49 @@ def test_the_reference_waits_advances_and_follows_the_touched_tip():
     assert x == pytest.approx(PERIOD * v)
 
 
+AT_REST = np.array([0.0] * 9 + [np.inf])
+"""A reference in free water, without a stop."""
+
+
+@pytest.mark.parametrize(("largest", "read", "across", "stops"), [
+    (30.0, 31.0, 0.0, True), (30.0, 29.0, 0.14, False), (30.0, 0.0, 0.16, True),
+    (np.inf, 1e6, 1.0, False)])
+def test_a_press_stops_above_its_largest_force_or_far_across(largest, read, across, stops):
+    pressed = PressTask(X, np.zeros(3), np.zeros(3), task().posture, 20.0, largest)
+    state = next_approach(ApproachGains(wait=0.0), pressed, AT_REST, np.array([0.2, across, 0.0]),
+                          read, np.zeros(3), 5.0)
+    assert np.isfinite(state[9]) == stops
+    assert bool(state[7]) == (not stops and read > 1.0)
+
+
+def test_a_stopped_press_goes_back_from_the_tip_stands_and_never_presses_again():
+    pressed = PressTask(X, np.zeros(3), np.zeros(3), task().posture, 20.0, 30.0)
+    gains, tip = ApproachGains(wait=0.0, speed=0.05), np.array([0.2, 0.1, 0.0])
+    state = next_approach(gains, pressed, AT_REST, tip, 31.0, np.zeros(3), 5.0)
+    assert state[:6] == pytest.approx([0.2 - 0.05 * PERIOD, 0.1, 0.0, -0.05, 0.0, 0.0])
+    for _ in range(1000):
+        state = next_approach(gains, pressed, state, tip, 25.0, np.zeros(3), 6.0)
+    assert state[:3] == pytest.approx([-0.1, 0.1, 0.0], abs=0.05 * PERIOD)
+    assert state[3:6] == pytest.approx(0.0) and state[7] == 0.0
+
+
+def test_a_stop_clears_what_the_law_remembers_and_no_other():
+    class Counting(Constant):
+        def updated(self, now, memory, limited):
+            return memory + 1.0
+
+    gains = read_gains(ROBOT)
+    gains.approach = ApproachGains(wait=0.0, touch=1.0)
+    laws = {"law": Counting(np.zeros(10)), "other": Counting(np.zeros(10))}
+    baseline, simulator, context = pressing(laws, gains, largest=30.0)
+    simulator.AdvanceTo(5.0 * PERIOD)
+    force = baseline.GetInputPort("force_measured")
+    force.FixValue(context, np.concatenate([31.0 * X, np.zeros(3)]))
+    simulator.AdvanceTo(6.0 * PERIOD)
+    assert list(context.get_discrete_state_vector().value()[-2:]) == [0.0, 5.0]
+    assert baseline.GetOutputPort("memory").Eval(context) == 0.0
+
+
 class Constant(Law):
     """The same command always; its memory is whether a limit cuts the sum."""
 
@@ -50,9 +96,9 @@ class Constant(Law):
         return np.array([float(limited)])
 
 
-def pressing(laws, gains):
+def pressing(laws, gains, largest=np.inf):
     """A baseline with its tip a decimetre in front of the place, touched by 5 N; its simulator."""
-    model, pressed = uv.UvmsModel(uv.read_uvms(ROBOT)), task()
+    model, pressed = uv.UvmsModel(uv.read_uvms(ROBOT)), replace(task(), largest=largest)
     baseline = Baseline(model, pressed, laws, gains)
     simulator = Simulator(baseline)
     context = simulator.get_mutable_context()

@@ -102,6 +102,21 @@ def result(controller: str, index: int, rms: float | None, **other) -> dict:
             "energy": 5.0, "step_ms": 0.2, "worst_step_ms": 0.3, **other}
 
 
+def test_cases_outside_of_what_is_declared_have_a_table_of_their_own_and_no_overview():
+    limits = {"limits": {}, "above": 0.0, "beyond": 0.0}
+    summary = summarise([
+        result("tube_mpc", 0, None, case="wave", off=0.2, **limits),
+        result("impedance", 0, 9.0, case="wave", off=0.1, **limits),
+        result("impedance", 0, 0.5, off=0.1, **limits)])
+    text = format_benchmark(summary)
+    held, outside = text.split("Outside of the class")
+    assert "thrusters: " in held and "wave: " not in held
+    assert "along the direction | 21 / 0 / 0.2 / 0 | 21 / 0 / 0.1 / 0 |" in outside
+    assert [row["metric"] for row in summary["better_than_tube"]] == ["off"]
+    assert relative_errors(summary | {"desired": {ROBOT: 10.0}}, ROBOT, ["impedance"]) == (
+        pytest.approx(np.array([[5.0]])))
+
+
 def test_a_law_of_ones_own_has_a_line_and_a_name_of_its_own_in_the_figure():
     own = "/home/me/laws/my_law.py:make_controller"
     assert title_of(own) == "my law.py" and title_of("laws.py:make_pid") == "laws.py:make pid"
@@ -176,7 +191,7 @@ def test_medians_worst_and_lost_rows_are_those_of_the_runs():
     text = format_benchmark(summarise([
         result("tube_mpc", 0, 0.3, limits={}), result("tube_mpc", 0, 0.3, case="stiff")]))
     assert "| runs that broke a limit | 1 of 2 |" in text
-    assert "| of those on walls of the declared class | 0 of 1 |" in text
+    assert "| of those within the declared class | 0 of 1 |" in text
 
 
 def test_the_overview_has_the_medians_over_the_desired_force():

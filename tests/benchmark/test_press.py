@@ -10,9 +10,10 @@ from pydrake.trajectories import PiecewisePolynomial
 import uvms_drake as uv
 from uvms_drake.benchmark.cases import CASES, ROBOTS, Case, drawn_case
 from uvms_drake.benchmark.controllers import CONTROLLERS
-from uvms_drake.benchmark.press import AfterTouch, Course, Trace, measure, run_press
+from uvms_drake.benchmark.press import AfterTouch, Course, Trace, measure, run_press, way_off
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario.scenario import dump_scenario
 
@@ -85,6 +86,28 @@ def test_an_excess_of_the_declared_force_and_a_run_that_ends_early_are_told(scen
     assert found["touch"] == pytest.approx(0.5) and found["saturated"] == 1.0
 
 
+def test_what_is_asked_outside_of_the_class_is_that_of_the_trace(scenario, model):
+    time, n = np.linspace(0.0, 10.0, 501), sensed_contact(scenario).direction
+    limit = scenario.contact.force
+    trace = traced(scenario, model, time, np.where(np.abs(time - 5.0) < 1.0, limit + 1.0, 1.0))
+    state = trace.signals["state"]
+    state[:, :3] -= np.outer(np.clip(0.1 * (time - 4.0), 0.0, 0.5), n)  # 0.2 m beyond the way back.
+    state[time < 3.0, 1] += 7.0  # Before the event.
+    state[:, 6] = np.where(time > 9.0, model.q_upper[0] + 0.02, 0.0)
+    found = measure(scenario, model, trace, 3.5)
+    assert found["above"] == pytest.approx(2.0, abs=0.05)
+    assert found["off"] == pytest.approx(0.2)
+    assert found["beyond"] == pytest.approx(0.02)
+    assert measure(scenario, model, trace)["off"] > 6.9  # From the touch, at zero.
+    across = np.linalg.norm(np.cross(n, [0.0, 0.3, 0.4]))
+    assert way_off(np.outer([0.0, 1.0], np.array([0.0, 0.3, 0.4])), n) >= across - 1e-12
+
+
+def test_the_course_of_an_event_ends_after_it_whenever_it_touches():
+    course = Course(latest=16.0, after=8.0, event=15.0, lasting=6.0)
+    assert course.end(np.inf) == course.end(3.0) == 21.0
+
+
 def test_the_course_of_a_run_begins_at_its_touch():
     course = Course(latest=16.0, after=8.0, slide=np.array([0.0, 0.5, 0.0]))
     assert (course.end(np.inf), course.end(4.0)) == (16.0, 12.0)
@@ -128,7 +151,12 @@ def test_cases_share_their_draw_and_differ_as_named(scenario):
 def test_every_case_can_be_drawn(robot, case):
     scenario, course = drawn_case(robot, case, 1, 0)
     assert isinstance(scenario.contact, uv.SensedContact)
-    assert scenario.duration == pytest.approx(course.latest + course.after)
+    assert scenario.duration == pytest.approx(
+        course.latest + max(course.after, course.lasting))
+    assert scenario.duration >= course.end(course.latest)
+    starts = [fault.start for fault in scenario.faults if case.outside]
+    assert starts == ([] if course.event is None else [course.event])
+    assert case.outside or course.event is None
     assert (scenario.disturbance.label == "impulse") == (case.name == "impulse")
 
 

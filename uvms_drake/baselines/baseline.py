@@ -27,6 +27,10 @@ RELEASE = 0.3
 """Part of the force of a touch below which the contact is lost."""
 SMOOTHING = 0.05
 """Time constant of the force for that decision [s]."""
+STRAY, BACK = 0.15, 0.3
+"""Distance of the tip across n from x_d that stops a press, and that of the way back [m]."""
+APPROACH = 10
+"""Number of states of the approach."""
 
 
 @dataclass
@@ -138,24 +142,36 @@ def moved_reference(
     return x + PERIOD * v, v
 
 
-def next_approach(gains: ApproachGains, n: np.ndarray, old: np.ndarray, tip: np.ndarray,
+def next_approach(gains: ApproachGains, task: PressTask, old: np.ndarray, tip: np.ndarray,
                   read: float, place: np.ndarray, time: float) -> np.ndarray:
-    """Returns the next state (9,): x_d, ẋ_d, the smoothed force along n, contact, and since when.
+    """Returns the next state (10,): x_d, ẋ_d, force, contact and since when, n·x_d of a stop's end.
+
+    A force above the task's largest, or a tip that strays across n, stops the press for good: x_d
+    goes back along −n from the tip, as if it were not in contact.
 
     Args:
         gains: Its parameters.
-        n: Direction (3,).
-        old: The state (9,).
+        task: The task, whose direction and largest force are used.
+        old: The state (10,): the force is smoothed, and the end infinite while there is no stop.
         tip: Measured position of the tip (3,) [m].
         read: Measured force along n [N].
         place: Place across n (3,) [m].
         time: Instant [s].
     """
+    # A stop is latched in its end.
+    n, x, end = task.direction, old[:3], old[9]
     force = old[6] + PERIOD / SMOOTHING * (read - old[6])
-    touched = force > gains.touch * (RELEASE if old[7] else 1.0)
-    x, v = moved_reference(gains, n, old[:3], tip, place, touched, time)
+    strayed = np.linalg.norm(tip - x - n * (n @ (tip - x))) > STRAY
+    if np.isinf(end) and np.isfinite(task.largest) and (read > task.largest or strayed):
+        x, end = tip, n @ tip - BACK
+    touched = bool(np.isinf(end)) and force > gains.touch * (RELEASE if old[7] else 1.0)
+    if np.isinf(end):
+        x, v = moved_reference(gains, n, x, tip, place, touched, time)
+    else:
+        v = -gains.speed * n * (n @ x > end)
+        x = x + PERIOD * v
     since = time if touched != bool(old[7]) else old[8]
-    return np.concatenate([x, v, [force, float(touched), since]])
+    return np.concatenate([x, v, [force, float(touched), since, end]])
 
 
 class Baseline(WiredSystem):
@@ -192,8 +208,9 @@ class Baseline(WiredSystem):
     - `reference` (9): see `Reference`.
     - `memory` (m): states of the law named "law".
 
-    The discrete state is that of the approach (9) and the memories of the laws. The first
-    initialisation sets x_d to the measured tip; it is NaN before.
+    The discrete state is that of the approach (10) and the memories of the laws. The first
+    initialisation sets x_d to the measured tip; it is NaN before. A stop clears the memory of the
+    law named "law".
 
     Args:
         model: The controller's model; its contact is not used.
@@ -209,12 +226,15 @@ class Baseline(WiredSystem):
         require(bool(np.all(largest >= 0.0)), "largest", largest, "positive, or 0 if not driven")
         self._model, self._task, self._gains = model, task, gains
         self._laws, self._names = list(laws.values()), list(laws)
-        self._ends = np.cumsum([9, *(law.memory for law in self._laws)])
+        self._ends = np.cumsum([APPROACH, *(law.memory for law in self._laws)])
         self._state, self._force, self._desired, self._place = (
             self.DeclareVectorInputPort(name, size) for name, size in (
                 ("state", 2 * model.size), ("force_measured", 6), ("desired_force", 6),
                 ("place", 3)))
-        self.DeclareDiscreteState(np.append(np.full(3, np.nan), np.zeros(self._ends[-1] - 3)))
+        # The reference is that of the first initialisation; there is no stop yet.
+        begin = np.zeros(self._ends[-1])
+        begin[:3], begin[APPROACH - 1] = np.nan, np.inf
+        self.DeclareDiscreteState(begin)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._update)
         read = {port.ticket() for port in (self._state, self._force, self._desired)}
@@ -266,10 +286,11 @@ class Baseline(WiredSystem):
     def _update(self, context: Context, state: DiscreteValues) -> None:
         now, limited = self._now.Eval(context), self._is_limited(context)
         place = self._place.Eval(context) if self._place.HasValue(context) else self._task.place
-        approach = next_approach(
-            self._gains.approach, self._task.direction,
-            context.get_discrete_state_vector().value()[:9], self._tip(context), now.force, place,
-            now.time)
-        state.set_value(np.concatenate([approach, *(
-            law.updated(now, memory, limited) for law, memory in zip(
-                self._laws, self._memories(context), strict=True))]))
+        old = context.get_discrete_state_vector().value()[:APPROACH]
+        approach = next_approach(self._gains.approach, self._task, old, self._tip(context),
+                                 now.force, place, now.time)
+        memories = [law.updated(now, memory, limited) for law, memory in zip(
+            self._laws, self._memories(context), strict=True)]
+        if np.isinf(old[-1]) and np.isfinite(approach[-1]):
+            memories[self._names.index("law")] *= 0.0
+        state.set_value(np.concatenate([approach, *memories]))

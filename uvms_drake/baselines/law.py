@@ -28,10 +28,13 @@ class PressTask:
     """Joint angles that resolve the redundancy (n,) [rad]."""
     force: float
     """Desired force along n [N]."""
+    largest: float = np.inf
+    """Force along n above which the press stops [N]; infinite for a press without a stop."""
 
     def __post_init__(self) -> None:
         unit_vector("direction", self.direction)
         require(0.0 < self.force < np.inf, "force", self.force, "a positive force")
+        require(self.largest > self.force, "largest", self.largest, "above the desired force")
 
 
 class Reference(NamedTuple):

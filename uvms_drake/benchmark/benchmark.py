@@ -97,7 +97,8 @@ def run_one(run: Run) -> dict[str, Any]:
         controller = controller_named(run.controller)(scenario, model)
         trace = run_press(scenario, model, controller, course)
         result |= {"duration": scenario.duration, "desired": float(scenario.task.force[0]),
-                   **measure(scenario, model, trace)}
+                   "event": course.event,
+                   **measure(scenario, model, trace, course.event)}
         if run.controller.startswith(EXITS) and run.controller in CONTROLLERS:
             result["exits"] = float(trace.signals["memory"][-1, 0])
         kept = np.linspace(0, len(trace.time) - 1, SAMPLES).astype(int)

@@ -5,6 +5,7 @@ but one are of the robot as it is, with thrusters, a clock, navigation and a wro
 baseline has one set of gains. In `ideal` the wrench is exact and the loop continuous.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +30,8 @@ LAG = (0.05, 0.15)
 INTEGRATOR = ("simulator.integration_scheme=runge_kutta2", "simulator.max_step_size=0.005")
 """Step of the integrator [s]: the clocks of sensors and thrusters stop it there anyhow. Against the
 third order in steps of 1 ms, force and peak on a wall 20 times stiffer are within 0.2 %."""
+FILLED = ("payload", "impulse", "event", "thruster", "hard")
+"""Fields of a robot that stand in overrides."""
 AFTER = 8.0
 """Time from the touch to the end of a run [s]."""
 
@@ -45,12 +48,18 @@ class BenchRobot:
     """x of the vehicle at the start of either [m], at which the wall is near."""
     latest: float
     """Instant at which a run without a touch ends [s]."""
+    event: float
+    """Instant of an event outside of the class, at which all controllers press [s]."""
     impulse: float
     """Acceleration in sway of the impulse [m/s²]."""
     spread: float
     """Factor of the drawn offsets of the start: an MPC needs a plan from it."""
     payload: float
     """Mass of a dense ball in the hand [kg]: 20 % of the weight that has to be held."""
+    thruster: str
+    """Name of the thruster that fails."""
+    hard: float
+    """A hundred times the stiffness of the scenario's wall [N/m]."""
 
 
 _DATA: Any = read_yaml(Path(__file__).with_name("cases.yaml"))
@@ -66,12 +75,14 @@ class Case:
     text: str
     """Description of the difficulty, in a table."""
     overrides: Sequence[str] = ()
-    """Overrides of the robot's scenario, `key.path=value`; `{payload}` and `{impulse}` are the
-    robot's."""
+    """Overrides of the robot's scenario, `key.path=value`; `{payload}`, `{impulse}`, `{event}`,
+    `{thruster}` and `{hard}` are the robot's."""
     ideal: bool = False
     """Whether the scenario is the robot's `ideal` one."""
     outside: bool = False
-    """Whether the wall is stiffer than the class that is declared to the MPCs."""
+    """Whether wall, water or robot are outside of the declared class to the MPCs."""
+    lasting: float = 0.0
+    """Time of a run after its event [s]; zero without one."""
     further: float = 0.0
     """Further time of a run, after the touch [s]."""
     slide: Sequence[float] = (0.0, 0.0, 0.0)
@@ -97,10 +108,10 @@ def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario,
     unit, stiffness, lag, noise = (
         bench.spread * draw.uniform(-1.0, 1.0, 10), draw.uniform(-1.0, 1.0), draw.uniform(*LAG),
         int(draw.integers(2**31)))
-    overrides = [text.replace("{payload}", repr(bench.payload)).replace(
-        "{impulse}", repr(bench.impulse)) for text in case.overrides]
+    overrides = [*INTEGRATOR] + [functools.reduce(lambda done, key: done.replace(
+        f"{{{key}}}", str(getattr(bench, key))), FILLED, text) for text in case.overrides]
     after = AFTER + case.further
-    overrides += [f"seed={noise}", *INTEGRATOR, f"duration={bench.latest + after}"]
+    overrides += [f"seed={noise}", f"duration={bench.latest + max(after, case.lasting)}"]
     if not case.ideal:
         overrides.append(f"actuation.1.lag={lag}")
     scenario = load_scenario(bench.ideal if case.ideal else bench.scenario, overrides)
@@ -113,4 +124,5 @@ def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario,
     scenario = replace(
         scenario, start=replace(scenario.start, eta=eta, q=q),
         surface_error=replace(error, stiffness=error.stiffness * (1.0 + STIFFNESS * stiffness)))
-    return scenario, Course(bench.latest, after, np.array(case.slide))
+    event = bench.event if case.lasting else None
+    return scenario, Course(bench.latest, after, np.array(case.slide), event, case.lasting)

@@ -42,11 +42,12 @@ def controller_with_gains(name: str, scenario: Scenario, model: ContactModel, ga
     """Returns a baseline, or the nominal MPC with an observer, with given gains."""
     if name == OFFSET_FREE:
         return _mpc(scenario, model, _offset_free_law(gains, scenario.ancillary))
-    task, direction = scenario.task, sensed_contact(scenario).direction
+    task, contact = scenario.task, sensed_contact(scenario)
     pose = np.asarray(task.pose, dtype=float)
     return Baseline(model, PressTask(
-        direction, place=pose[:3], attitude=pose[3:], posture=np.asarray(task.posture, dtype=float),
-        force=task.force_along(direction)), BASELINES[name](gains), gains)
+        contact.direction, place=pose[:3], attitude=pose[3:],
+        posture=np.asarray(task.posture, dtype=float), force=task.force_along(contact.direction),
+        largest=contact.force), BASELINES[name](gains), gains)
 
 
 def _with_default_gains(name: str) -> Factory:

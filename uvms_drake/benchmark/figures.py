@@ -47,7 +47,8 @@ def write_figures(results: Results, summary: dict[str, Any], folder: Path) -> No
     own = {robot: [result for result in results if result["robot"] == robot and SAMPLED in result]
            for robot in summary["robots"]}
     with matplotlib.rc_context(style.STYLE):
-        draw_overview(summary).savefig(folder / OVERVIEW, dpi=200)
+        if not all(CASES[case].outside for case in summary["cases"]):
+            draw_overview(summary).savefig(folder / OVERVIEW, dpi=200)
         for robot, sampled in own.items():
             if sampled:
                 draw_forces(sampled).savefig(folder / figure_name(robot), dpi=200)
@@ -56,18 +57,24 @@ def write_figures(results: Results, summary: dict[str, Any], folder: Path) -> No
 def relative_errors(summary: dict[str, Any], robot: str, names: list[str]) -> np.ndarray:
     """Returns the medians of the force's rms error (controllers, cases) [% of the desired force].
 
-    They are infinite for a run that failed or never touched, and NaN without a run.
+    They are of the cases within the declared class, infinite for a run that failed or never
+    touched, and NaN without a run.
     """
     cells, desired = summary["cells"][robot], summary["desired"].get(robot, np.nan)
     return 100.0 / desired * np.array([[
         cells[case][name]["force_rms"]["median"] if cells[case][name]["runs"] else np.nan
-        for case in summary["cases"]] for name in names])
+        for case in _inside(summary)] for name in names])
+
+
+def _inside(summary: dict[str, Any]) -> list[str]:
+    """Returns the cases in which a force is to be held."""
+    return [case for case in summary["cases"] if not CASES[case].outside]
 
 
 def draw_overview(summary: dict[str, Any]) -> Figure:
     """Draws a matrix of controllers and cases for each robot, the tube MPC in the first row."""
     names = sorted(summary["controllers"], key=lambda name: name != TUBE)
-    cases, robots = summary["cases"], summary["robots"]
+    cases, robots = _inside(summary), summary["robots"]
     height = 1.1 + len(robots) * (0.35 + 0.19 * len(names))
     figure = Figure(figsize=(7.0, height), layout="constrained")
     axes = figure.subplots(len(robots), 1, sharex=True, squeeze=False)[:, 0]
@@ -104,7 +111,7 @@ def _mark(axis: Axes, row: int, column: int, error: float, broken: bool) -> None
 
 
 def draw_forces(results: Results) -> Figure:
-    """Draws the force along x of the first draw of every case, since the touch."""
+    """Draws the force along x of the first draw of every case, since its event, or the touch."""
     cases = [name for name in CASES if any(result["case"] == name for result in results)]
     names = list(dict.fromkeys(result["controller"] for result in results))
     rows = -(-len(cases) // COLUMNS)
@@ -112,6 +119,7 @@ def draw_forces(results: Results) -> Figure:
     axes = figure.subplots(rows, COLUMNS, sharex=True, squeeze=False).reshape(-1)
     known = [name for name in dict.fromkeys([*CONTROLLERS, *names]) if name != TUBE]
     lines = dict(zip(known, cycle(LINES), strict=False)) | {TUBE: (style.BLUE, "-")}
+    # A panel for each case; the tube MPC is in front of all others.
     for axis, case in zip(axes, cases, strict=False):
         first = {result["controller"]: result for result in results
                  if result["case"] == case and result["index"] == 0}
@@ -120,7 +128,8 @@ def draw_forces(results: Results) -> Figure:
         for name in (name for name in names if name in first):
             curve, is_tube = first[name][SAMPLED], name == TUBE
             color, dash = lines[name]
-            axis.plot(np.array(curve["time"]) - (first[name]["touch"] or 0.0), curve["force"],
+            begun = first[name].get("event") or first[name]["touch"] or 0.0
+            axis.plot(np.array(curve["time"]) - begun, curve["force"],
                       color=color, linestyle=dash, linewidth=1.3 if is_tube else 0.8,
                       zorder=3 if is_tube else 2, label=title_of(name))
         axis.set_title(CASES[case].text.split(":")[0], fontsize=6.5)
@@ -128,7 +137,7 @@ def draw_forces(results: Results) -> Figure:
     for axis in axes[len(cases):]:
         axis.set_axis_off()
     for axis in axes[max(len(cases) - COLUMNS, 0): len(cases)]:
-        axis.set_xlabel("time since the touch [s]")
+        axis.set_xlabel("time since touch or event [s]")
         axis.tick_params(labelbottom=True)
     for axis in axes[: len(cases): COLUMNS]:
         axis.set_ylabel("force [N]", color=style.BLACK)

@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.systems import framework
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from uvms_drake.baselines.baseline import read_gains
+from uvms_drake.baselines.baseline import BACK, read_gains
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.kinds import register
 from uvms_drake.common.wiring import WiredSystem, output_of, release
@@ -105,9 +105,15 @@ class Course:
     """Time from the touch to the end of a run [s]."""
     slide: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Displacement of the place in contact (3,) in Σ_I [m]."""
+    event: float | None = None
+    """Instant of an event outside of the class [s]; the touch is one without it."""
+    lasting: float = 0.0
+    """Time from the event to the end of a run [s]."""
 
     def end(self, touch: float) -> float:
         """Returns the end of a run [s] that touches at an instant, infinite for not yet."""
+        if self.event is not None:
+            return self.event + self.lasting
         return self.latest if np.isinf(touch) else touch + self.after
 
     def moved(self, since: float) -> np.ndarray:
@@ -192,7 +198,8 @@ def step_seconds(controller: framework.System, own: framework.Context) -> np.nda
     return np.array(out)
 
 
-def measure(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, Any]:
+def measure(scenario: Scenario, model: ContactModel, trace: Trace, event: float | None = None
+            ) -> dict[str, Any]:
     """Returns the figures of merit of a run; None where there is none, as of a run without touch.
 
     `force_rms` and `lateral` are of the last `LAST` seconds of a run, which ends a given time after
@@ -202,7 +209,10 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, 
     largest excess, in the limit's unit, and `force`, that of the declared contact. `saturated` is
     the part of the time in which a limit cuts the command. `chatter` is the total variation of a
     command per second over the largest |τᵢ| of its axis, of the worst axis [1/s]. `energy` is
-    ∫Σ|τᵢζᵢ|dt. `step_ms` and `worst_step_ms` are processor times.
+    ∫Σ|τᵢζᵢ|dt. `step_ms` and `worst_step_ms` are processor times. `above` is the time with more
+    than the declared force [s], `off` the largest distance of the vehicle from the way straight
+    back, as long as that of a stop, from where it is at the event, or else the touch [m]; `beyond`
+    that of a joint from its range [rad].
     """
     # Force and contact along the declared direction, from the true signals.
     contact, n = sensed_contact(scenario), sensed_contact(scenario).direction
@@ -216,6 +226,9 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, 
     last, pressed = now >= now[-1] - LAST, touch is not None and not trace.ended
     way = signals["chi"][:, :3] - signals["place"]
     lateral = np.linalg.norm(way - np.outer(way @ n, n), axis=1)
+    joints = signals["state"][:, 6: model.size]
+    beyond = np.max(np.maximum(joints - model.q_upper, model.q_lower - joints))
+    begun = touch if event is None else event
     limits = broken_limits(limits_of(scenario, model), model, signals["state"])
     if np.max(force) > contact.force:
         limits["force"] = float(np.max(force) - contact.force)
@@ -232,6 +245,9 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace) -> dict[str, 
         "lateral": float(np.mean(lateral[last])) if pressed else None,
         "lost": int(np.count_nonzero(np.diff(touching[first:].astype(int)) < 0)),
         "limits": limits,
+        "above": float(np.mean(force > contact.force) * (now[-1] - now[0])),
+        "off": None if begun is None else way_off(signals["state"][now >= begun, :3], n),
+        "beyond": float(max(beyond, 0.0)),
         "saturated": float(np.mean(_saturated(signals, len(now)))),
         "chatter": _chatter(now, signals["tau"], read_gains(scenario.model).largest),
         "energy": float(np.trapezoid(np.sum(np.abs(exerted * zeta), axis=1), now)),
@@ -248,6 +264,19 @@ def broken_limits(limits: Mapping[str, Limit], model: ContactModel, state: np.nd
     excess = {name: float(np.max(limit.excess(at))) for name, limit in limits.items()
               if limit.about != "input"}
     return {name: value for name, value in excess.items() if value > 0.0}
+
+
+def way_off(positions: np.ndarray, n: np.ndarray, back: float = BACK) -> float:
+    """Returns the largest distance of positions (T, 3) [m] from the way back from the first.
+
+    Args:
+        positions: Positions of the vehicle.
+        n: Direction into the wall (3,).
+        back: Length of the way along −n [m].
+    """
+    way = positions - positions[0]
+    along = np.clip(way @ n, -back, 0.0)
+    return float(np.max(np.linalg.norm(way - np.outer(along, n), axis=1)))
 
 
 def _saturated(signals: Mapping[str, np.ndarray], samples: int) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Medians and worst of the benchmark's runs, as data and as tables in Markdown."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,8 +10,8 @@ from uvms_drake.benchmark.cases import AFTER, CASES, ROBOTS
 from uvms_drake.benchmark.controllers import TUBE, declared_to
 
 Result = dict[str, Any]
-METRICS = ("force_rms", "peak", "impact", "settling", "touch", "lateral", "lost", "saturated",
-           "chatter", "energy", "step_ms", "worst_step_ms", "exits")
+METRICS = ("force_rms", "peak", "above", "off", "beyond", "impact", "settling", "touch", "lateral",
+           "lost", "saturated", "chatter", "energy", "step_ms", "worst_step_ms", "exits")
 """Metrics with a median and a worst."""
 OVERALL = (
     ("time to the touch [s]", "touch", 1.0), ("lateral error [mm]", "lateral", 1e3),
@@ -25,6 +25,9 @@ OVERALL = (
 """Rows of the table over all cases: text, metric and factor of the unit."""
 JUDGED = {"force_rms": "rms of the force's error", "peak": "peak", "settling": "settling time"}
 """Metrics by which a row is lost."""
+OUTSIDE = {"peak": "peak", "above": "time above the declared force",
+           "off": "distance off the way back", "beyond": "joints beyond their range"}
+"""Metrics of the cases outside of the declared class, in which no force is held."""
 CLOSE = 1.1
 """Factor within which two medians count as equal."""
 NEVER = "–"
@@ -84,14 +87,16 @@ def _worst(limits: Sequence[dict[str, float]]) -> dict[str, float]:
 def _better(robot: str, case: str, cells: dict[str, Result]) -> list[Result]:
     """Returns the metrics of a case by which the best other controller beats the tube MPC.
 
-    A controller whose force never settles does not count.
+    A controller whose force never settles does not count, where there is a force to hold.
     """
     out: list[Result] = []
     if not cells.get(TUBE, {}).get("runs"):
         return out
-    for metric in JUDGED:
+    outside = CASES[case].outside
+    for metric in OUTSIDE if outside else JUDGED:
         others = {name: cell[metric]["median"] for name, cell in cells.items()
-                  if name != TUBE and cell["runs"] and np.isfinite(cell["settling"]["median"])}
+                  if name != TUBE and cell["runs"] and cell[metric] is not None
+                  and (outside or np.isfinite(cell["settling"]["median"]))}
         own = cells[TUBE][metric]
         if not others or own is None:
             continue
@@ -118,7 +123,7 @@ def format_benchmark(summary: dict[str, Any]) -> str:
     lines += ["## Better than the tube MPC", "",
               f"Medians that another controller beats by more than {close:.0f} %.", "",
               *_table(["robot", "case", "metric", "best other", "its median", "tube MPC"], [
-                  [row["robot"], row["case"], JUDGED[row["metric"]], row["by"],
+                  [row["robot"], row["case"], (JUDGED | OUTSIDE)[row["metric"]], row["by"],
                    _number(row["other"]), _number(row["own"])]
                   for row in summary["better_than_tube"]]), ""]
     if summary["errors"]:
@@ -136,22 +141,33 @@ def _of_robot(robot: str, cells: dict[str, Any], controllers: Sequence[str]) -> 
         return [row([cells[case][name] for case in among if cells[case][name]["runs"]])
                 for name in controllers]
 
+    lines, inside = [f"## {robot}", ""], [case for case in cases if not CASES[case].outside]
+    # The force where one is to be held, and safety where there is none.
+    if inside:
+        lines += [
+            "Force: rms of the error over the last 3 s [N] / peak [N] / time from the touch until "
+            f"it stays within the tolerance [s]; {NEVER} for not within {AFTER:g} s of the touch "
+            f"(soft {AFTER + CASES['soft'].further:g} s, slide {AFTER + CASES['slide'].further:g} "
+            "s), at which a run ends, or a run that failed or never touched.", "",
+            *_table(["case", *controllers], [
+                [f"{case}: {CASES[case].text}", *(_force(cells[case][name], JUDGED)
+                                                  for name in controllers)] for case in inside])]
+    if len(inside) < len(cases):
+        lines += [
+            "Outside of the class: peak of the force [N] / time above the declared largest "
+            "one [s] / distance of the vehicle off the way straight back, from the event or the "
+            "touch on [m] / joints beyond their range [rad].", "",
+            *_table(["case", *controllers], [
+                [f"{case}: {CASES[case].text}", *(_force(cells[case][name], OUTSIDE)
+                                                  for name in controllers)]
+                for case in cases if case not in inside])]
     return [
-        f"## {robot}", "",
-        "Force: rms of the error over the last 3 s [N] / peak [N] / time from the touch until it "
-        f"stays within the tolerance [s]; {NEVER} for not within {AFTER:g} s of the touch (soft "
-        f"{AFTER + CASES['soft'].further:g} s, slide {AFTER + CASES['slide'].further:g} s), at "
-        "which a run ends, or a run that failed or never touched.", "",
-        *_table(["case", *controllers], [
-            [f"{case}: {CASES[case].text}", *(_force(cells[case][name]) for name in controllers)]
-            for case in cases]),
-        "Over each controller's own cases: the median, and the worst in brackets.", "",
+        *lines, "Over each controller's own cases: the median, and the worst in brackets.", "",
         *_table(["", *controllers], [
             *([text, *over(partial(_over, metric, scale))] for text, metric, scale in OVERALL),
             ["runs that ended early", *over(lambda own: str(sum(cell["failed"] for cell in own)))],
             ["runs that broke a limit", *over(_broken)],
-            ["of those on walls of the declared class", *over(_broken, [
-                case for case in cases if not CASES[case].outside])],
+            ["of those within the declared class", *over(_broken, inside)],
             ["limits broken, worst excess", *over(_limits)]])]
 
 
@@ -170,8 +186,8 @@ def _pair(numbers: dict[str, float] | None) -> str:
     return median if median == worst else f"{median} ({worst})"
 
 
-def _force(cell: Result) -> str:
-    return " / ".join(_pair(cell[name]) for name in JUDGED) if cell["runs"] else ""
+def _force(cell: Result, metrics: Iterable[str]) -> str:
+    return " / ".join(_pair(cell[name]) for name in metrics) if cell["runs"] else ""
 
 
 def _over(metric: str, scale: float, own: Sequence[Result]) -> str:

@@ -13,7 +13,7 @@ from uvms_drake.actuation.ideal import IdealWrench
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.description.thruster_file import AXES
-from uvms_drake.model.propulsion.allocation import largest_wrench
+from uvms_drake.model.propulsion.allocation import weaker_wrench
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.command_path import CommandPath
 from uvms_drake.model.signals.sensor_actuator import Actuator
@@ -150,8 +150,7 @@ def _lacking(scenario: Scenario, model: ContactModel) -> str:
     if model.thrusters is None:
         return ""
     thrusters, asked = ThrusterModel.of(model.thrusters), _asked(scenario, model)
-    given = {i: min(largest_wrench(thrusters, i, sign) for sign in (1.0, -1.0))
-             for i in thrusters.driven}
+    given = {i: weaker_wrench(thrusters, i) for i in thrusters.driven}
     worst = min(given, key=lambda i: given[i] / asked[i])
     unit = "N" if worst < 3 else "N m"
     return (f"give {given[worst]:.3g} {unit} of the {asked[worst]:.3g} {unit} that the limits may "

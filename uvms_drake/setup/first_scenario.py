@@ -23,7 +23,7 @@ from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.limits import HoldRadii, TubeRadii
 from uvms_drake.control.limits.input_in_contact import ForceCone
 from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.model.propulsion.allocation import largest_wrench
+from uvms_drake.model.propulsion.allocation import weaker_wrench
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms import Uvms
@@ -311,7 +311,7 @@ def strength_of(uvms: Uvms) -> Strength:
     if uvms.thrusters is not None:
         thrusters = ThrusterModel.of(uvms.thrusters)
         for axis in (axis for axis in range(6) if axis not in thrusters.undriven):
-            force[axis] = min(largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0))
+            force[axis] = weaker_wrench(thrusters, axis)
             names[axis] = "thrusters.yaml"
     for i, motor in enumerate(map(uvms.motor, uvms.joints)):
         if motor is not None:

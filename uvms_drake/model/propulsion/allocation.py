@@ -98,6 +98,11 @@ def largest_wrench(thrusters: ThrusterModel, axis: int, sign: float) -> float:
     return float(Solve(program).GetSolution(size)[0])
 
 
+def weaker_wrench(thrusters: ThrusterModel, axis: int) -> float:
+    """Returns the largest force or moment about an axis the weaker way; zero if none drives it."""
+    return min(largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0))
+
+
 @dataclass(frozen=True)
 class Allocation:
     """Allocation (1) to the thrusters of a robot."""
