@@ -1,4 +1,4 @@
-"""Parameters by Gauss and Newton's method on windows, and their intervals by windows.
+"""Parameters by Gauss and Newton's method on windows, and their intervals by logs or windows.
 
 With residual r of the outputs over their noise, A = ∂x/∂θ and B = ∂x/∂(own parameters) of window w,
 the own parameters, of known spread Λ⁻¹, are eliminated:
@@ -10,10 +10,16 @@ measures and the forces along them would have several minima in a window; they k
 are errors of the outputs with covariance BΛ⁻¹Bᵀ in (1).
 
 A step solves min ½δᵀHδ − gᵀδ with factors and added masses that a body can have. Errors within a
-window are correlated, those of different windows are taken as independent: with R windows, and the
-correction CR2 of Bell and McCaffrey (2002) for the part of a residual that its own fit takes away,
+cluster, a log or a window, are correlated, those of different ones are taken as independent. With
+H_c and g_c the sums over a cluster, and the correction CR2 of Bell and McCaffrey (2002) for the
+part of a residual that its own fit takes away,
 
-    cov θ = L (Σ s_w s_wᵀ) Lᵀ,   s_w = (I − LᵀH_wL)^(−½) Lᵀg_w,   LLᵀ = H⁻¹,   θ ± t_{R−1} σ.   (2)
+    cov θ = Σ s_c s_cᵀ,   s_c = A_c g_c,   A_c = L(I − LᵀH_cL)^(−½)Lᵀ,   LLᵀ = H⁻¹,             (2)
+
+and θᵢ ± t_ν σᵢ with their degrees of freedom ν = (tr Ω)²/tr Ω² after Satterthwaite, where Ω is the
+covariance of the clusters' parts aᵢᵀg_c, aᵢᵀ row i of A_c, were all errors independent:
+
+    Ω_cd = a_cᵀ(δ_cd H_c − H_c H⁻¹ H_d)a_d.                                                     (3)
 """
 
 from collections.abc import Sequence
@@ -35,8 +41,9 @@ from uvms_drake.model.frames.spatial import times
 NOISE = np.array([0.005, 0.005, 0.01, 0.02, 0.02, 0.02, 0.01, 0.01, 0.01])
 """Errors of x at first [rad, m, m/s, rad/s]; then those that are left, at least `LEAST_NOISE`."""
 LEAST_NOISE = 0.02 * NOISE
-UNSEEN = np.array([1.0, 1.0, 1e-6, 0.03, 0.03, 0.03, 0.05, 0.05, 0.05])
-"""Standard deviation of a part of x₀ about zero that was not measured [rad, m, m/s, rad/s]."""
+UNSEEN = np.array([1.0, 1.0, 1e-6, 0.03, 0.03, 0.1, 0.05, 0.05, 0.05])
+"""Standard deviation of a part of x₀ about zero that was not measured [rad, m, m/s, rad/s]; a
+vehicle that is not trimmed rises."""
 INDEPENDENT = 0.5
 """Time after which an error of the outputs is taken as another one [s]."""
 TILT, ACCELERATION, CLOCK = np.deg2rad(0.5), 0.01, 0.1
@@ -95,15 +102,31 @@ class Estimate:
     prior: np.ndarray
     """Inverse variances of θ before any log (P,)."""
 
-    def covariance(self, which: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Returns (2) of some of the windows (P, P)."""
-        g, H = self.quadratic.g[which], self.quadratic.H[which]
-        L = np.linalg.cholesky(np.linalg.inv(self._information(which)))
+    def deviations(self, cluster: np.ndarray, which: np.ndarray | slice = slice(None)
+                   ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns standard deviations by (2), and their degrees of freedom by (3) (P,).
+
+        Args:
+            cluster: Log or window that each window's errors are correlated in (W,), any numbers.
+            which: The windows to take.
+        """
+        # Sums over the clusters.
+        _, index = np.unique(cluster[which], return_inverse=True)
+        member = np.eye(index.max() + 1)[index].T
+        g = member @ self.quadratic.g[which]
+        H = np.tensordot(member, self.quadratic.H[which], 1)
+        inverse = np.linalg.inv(self._information(which))
+        L = np.linalg.cholesky(inverse)
         left, axes = np.linalg.eigh(np.eye(len(L)) - L.T @ H @ L)
-        alone = np.einsum("wij,wi->wj", axes, (g - np.mean(g, axis=0)) @ L)
-        s = L @ np.einsum("wij,wj->iw", axes, alone / np.sqrt(np.maximum(left, LEAST_LEFT)))
-        out: np.ndarray = s @ s.T
-        return out
+        half = axes / np.sqrt(np.maximum(left, LEAST_LEFT))[:, None] @ axes.swapaxes(1, 2)
+        A = L @ half @ L.T
+        s = times(A, g - np.mean(g, axis=0))
+        # Ω of each parameter (P, C, C).
+        AH = A @ H
+        omega = -np.einsum("cil,lm,dim->icd", AH, inverse, AH, optimize=True)
+        omega += np.einsum("cil,cil->ic", AH, A)[:, None] * np.eye(len(g))
+        freedom = np.trace(omega, axis1=1, axis2=2)**2 / np.sum(omega**2, axis=(1, 2))
+        return np.sqrt(np.sum(s**2, axis=0)), freedom
 
     def of(self, which: np.ndarray) -> np.ndarray:
         """Returns θ (P,) of some of the windows: one step from that of all."""
@@ -268,11 +291,13 @@ def estimated(windows: Windows, parameters: Sequence[Parameter], theta: np.ndarr
     raise RunFailed(f"identify: no convergence after {ITERATIONS} steps")
 
 
-def student(confidence: float, degrees: int) -> float:
+def student(confidence: float, degrees: np.ndarray) -> np.ndarray:
     """Returns the t of ±t that a variable of Student's distribution is within, with `confidence`.
 
-    By the expansion of Cornish and Fisher, right to 0.3 % from 5 degrees of freedom on.
+    By the expansion of Cornish and Fisher, right to 0.3 % from 5 degrees of freedom on, and to 4 %
+    from 2 on.
     """
-    z, v = NormalDist().inv_cdf(0.5 + 0.5 * confidence), float(degrees)
-    return z + (z**3 + z) / (4 * v) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * v**2) + (
+    z, v = NormalDist().inv_cdf(0.5 + 0.5 * confidence), np.asarray(degrees, dtype=float)
+    out: np.ndarray = z + (z**3 + z) / (4 * v) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * v**2) + (
         3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * v**3)
+    return out

@@ -30,6 +30,9 @@ from uvms_drake.plant.model_error import ModelError
 
 LEAST_WINDOWS = 12
 """Smallest number of windows."""
+LEAST_LOGS = 8
+"""Number of logs from which on their errors are taken as independent in place of those of windows:
+a constant moment of a run is in all of its windows."""
 UNINFORMED = 0.5
 """Ratio of a parameter's standard deviation to that before any log from which on it is unknown."""
 LARGEST_ERROR = 0.5
@@ -192,9 +195,9 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
         require(bool(used), "LOG", len(sound), "logs that identify a parameter")
         estimate = estimated(some, used, theta[kept], part_of(progress, begun, done), own)
         theta[kept], own = estimate.theta, estimate.own
-        half = np.hypot(
-            student(confidence, len(some.start) - 1) * np.sqrt(np.diag(estimate.covariance())),
-            NUMERICAL * np.array([each.scale for each in used]))
+        sigma, freedom = estimate.deviations(_clusters(some))
+        half = np.hypot(student(confidence, freedom) * sigma,
+                        NUMERICAL * np.array([each.scale for each in used]))
         reasons = _reasons(estimate, some, used, half, confidence)
         why |= {each.name: reason for each, reason in zip(used, reasons, strict=True) if reason}
         informed = np.array([not reason for reason in reasons])
@@ -226,6 +229,12 @@ def _informed(H: np.ndarray, parameters: list[Parameter]) -> np.ndarray:
     return out
 
 
+def _clusters(windows: Windows) -> np.ndarray:
+    """Returns the log of each window if there are enough, else its own number (W,)."""
+    enough = len(np.unique(windows.log_of)) >= LEAST_LOGS
+    return windows.log_of if enough else np.arange(len(windows.start))
+
+
 def _half(windows: Windows) -> np.ndarray:
     """Returns whether a window is of the first half (W,): every other log, or half of one."""
     each = np.unique(windows.log_of, return_inverse=True)[1]
@@ -237,11 +246,9 @@ def _half(windows: Windows) -> np.ndarray:
 def _reasons(estimate: Estimate, windows: Windows, parameters: list[Parameter], half: np.ndarray,
              confidence: float) -> list[str]:
     """Returns why each parameter is not known well enough; empty if it is."""
-    first = _half(windows)
-    pair = [(estimate.of(which), np.sqrt(np.diag(estimate.covariance(which))), np.sum(which))
-            for which in (first, ~first)]
-    each = 1.0 - (1.0 - confidence) / len(parameters)
-    t = student(each, max(int(min(count for *_, count in pair)) - 1, 1))
+    first, cluster = _half(windows), _clusters(windows)
+    pair = [(estimate.of(which), *estimate.deviations(cluster, which)) for which in (first, ~first)]
+    t = student(1.0 - (1.0 - confidence) / len(parameters), np.minimum(pair[0][2], pair[1][2]))
     apart = np.abs(pair[0][0] - pair[1][0]) > t * np.hypot(pair[0][1], pair[1][1])
     shares, out = estimate.known_by_prior(), list[str]()
     for i, parameter in enumerate(parameters):
