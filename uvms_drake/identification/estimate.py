@@ -16,10 +16,7 @@ part of a residual that its own fit takes away,
 
     cov θ = Σ s_c s_cᵀ,   s_c = A_c g_c,   A_c = L(I − LᵀH_cL)^(−½)Lᵀ,   LLᵀ = H⁻¹,             (2)
 
-and θᵢ ± t_ν σᵢ with their degrees of freedom ν = (tr Ω)²/tr Ω² after Satterthwaite, where Ω is the
-covariance of the clusters' parts aᵢᵀg_c, aᵢᵀ row i of A_c, were all errors independent:
-
-    Ω_cd = a_cᵀ(δ_cd H_c − H_c H⁻¹ H_d)a_d.                                                     (3)
+and θ ± t_ν σ with their degrees of freedom after Satterthwaite.
 """
 
 from collections.abc import Sequence
@@ -104,7 +101,10 @@ class Estimate:
 
     def deviations(self, cluster: np.ndarray, which: np.ndarray | slice = slice(None)
                    ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns standard deviations by (2), and their degrees of freedom by (3) (P,).
+        """Returns standard deviations by (2), and their degrees of freedom ν (P,).
+
+        ν = (tr Ω)²/tr Ω² of parameter i, where Ω is the covariance of the clusters' parts aᵢᵀg_c of
+        it, aᵢᵀ row i of A_c, were all errors independent: Ω_cd = aᵢᵀ(δ_cd H_c − H_c H⁻¹ H_d)aᵢ.
 
         Args:
             cluster: Log or window that each window's errors are correlated in (W,), any numbers.
