@@ -187,9 +187,10 @@ def attacks(name: str, runs: int, duration: float, seed: int) -> list[Found]:
     scenario = replace(certificate.applied_to(scenario), mission=Mission())
     ocp = first_feasible(scenario, make_ocp(scenario))
     assert ocp is not None  # It is a condition of the certificate.
-    # A coefficient that the robot does not have is none of the certificate's unknowns.
+    # An error of a coefficient that the robot does not have takes nothing of the disturbance.
     having = [each for each in COEFFICIENTS if any(
-        each.replace("_", " ") in unknown.name for unknown in certificate.unknowns)]
+        each.replace("_", " ") in unknown.name and unknown.takes > 0.0
+        for unknown in certificate.unknowns)]
     found = []
     for index in range(min(runs, 6 * len(having)) if name in BY_AXIS else runs):
         rng = np.random.default_rng([seed, index])
