@@ -368,8 +368,7 @@ Where another controller is better:
   changes nothing (all tried, first draw).
 
 The runs are of the commit below. The BlueROV2's gains, filter, horizon, hover and tube have changed
-since, and a baseline stops at the declared force. Two panels of each figure have stiffer walls, on
-which the tube MPC had no supervisor.
+since.
 """
 """Reading of the page of the benchmark."""
 READING_OUTSIDE = """

@@ -192,7 +192,7 @@ def attacks(name: str, runs: int, duration: float, seed: int) -> list[Found]:
         each.replace("_", " ") in unknown.name and unknown.takes > 0.0
         for unknown in certificate.unknowns)]
     found = []
-    for index in range(min(runs, 6 * len(having)) if name in BY_AXIS else runs):
+    for index in range(min(runs // 6, len(having)) * 6 if name in BY_AXIS else runs):
         rng = np.random.default_rng([seed, index])
         unknown, of = drawn_unknowns(scenario.unknowns, rng, 1.0), ""
         if name in BY_AXIS:

@@ -9,6 +9,7 @@ from support.baseline_press import ROBOT, run, task
 
 import uvms_drake as uv
 from uvms_drake.baselines.baseline import (
+    BACK_SPEED,
     BASELINES,
     ApproachGains,
     Baseline,
@@ -57,11 +58,24 @@ def test_a_stopped_press_goes_back_from_the_tip_stands_and_never_presses_again()
     pressed = PressTask(X, np.zeros(3), np.zeros(3), task().posture, 20.0, 30.0)
     gains, tip = ApproachGains(wait=0.0, speed=0.05), np.array([0.2, 0.1, 0.0])
     state = next_approach(gains, pressed, AT_REST, tip, 31.0, np.zeros(3), 5.0)
-    assert state[:6] == pytest.approx([0.2 - 0.05 * PERIOD, 0.1, 0.0, -0.05, 0.0, 0.0])
+    assert state[:6] == pytest.approx([0.2 - BACK_SPEED * PERIOD, 0.1, 0.0, -BACK_SPEED, 0.0, 0.0])
     for _ in range(1000):
         state = next_approach(gains, pressed, state, tip, 25.0, np.zeros(3), 6.0)
-    assert state[:3] == pytest.approx([-0.1, 0.1, 0.0], abs=0.05 * PERIOD)
+    assert state[:3] == pytest.approx([-0.1, 0.1, 0.0], abs=BACK_SPEED * PERIOD)
     assert state[3:6] == pytest.approx(0.0) and state[7] == 0.0
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_every_baseline_can_stop_before_a_touch_is_seen(name):
+    gains = read_gains(ROBOT)
+    baseline, simulator, context = pressing(BASELINES[name](gains), gains, largest=30.0)
+    port = baseline.GetInputPort("force_measured")
+    port.FixValue(context, np.zeros(6))
+    simulator.AdvanceTo(3.0 * PERIOD)
+    port.FixValue(context, np.concatenate([31.0 * X, np.zeros(3)]))
+    simulator.AdvanceTo(9.0 * PERIOD)
+    assert np.isfinite(context.get_discrete_state_vector().value()[9])
+    assert baseline.GetOutputPort("reference").Eval(context)[7] == 0.0
 
 
 def test_a_stop_clears_what_the_law_remembers_and_no_other():

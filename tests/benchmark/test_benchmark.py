@@ -105,7 +105,7 @@ def result(controller: str, index: int, rms: float | None, **other) -> dict:
 def test_cases_outside_of_what_is_declared_have_a_table_of_their_own_and_no_overview():
     limits = {"limits": {}, "above": 0.0, "beyond": 0.0}
     summary = summarise([
-        result("tube_mpc", 0, None, case="wave", off=0.2, **limits),
+        result("tube_mpc", 0, 9.0, case="wave", off=0.2, **limits),
         result("impedance", 0, 9.0, case="wave", off=0.1, **limits),
         result("impedance", 0, 0.5, off=0.1, **limits)])
     text = format_benchmark(summary)
@@ -115,6 +115,17 @@ def test_cases_outside_of_what_is_declared_have_a_table_of_their_own_and_no_over
     assert [row["metric"] for row in summary["better_than_tube"]] == ["off"]
     assert relative_errors(summary | {"desired": {ROBOT: 10.0}}, ROBOT, ["impedance"]) == (
         pytest.approx(np.array([[5.0]])))
+
+
+@pytest.mark.parametrize("change", [
+    {"error": "ValueError: bad"}, {"ended": "force beyond 500 N"}, {"touch": None},
+    {"event": 20.0, "touch": 21.0}])
+def test_a_run_that_failed_or_did_not_press_beats_nobody_outside_of_the_class(change):
+    tried = {"case": "wave", "limits": {}, "above": 1.0, "beyond": 0.1, "off": 0.2, "event": 20.0}
+    summary = summarise([result("tube_mpc", 0, 0.5, **tried), result(
+        "impedance", 0, 0.5, **{**tried, "peak": 0.0, "above": 0.0, "off": 0.0, **change})])
+    assert summary["better_than_tube"] == []
+    assert "| – / – / – / – |" in format_benchmark(summary)
 
 
 def test_a_law_of_ones_own_has_a_line_and_a_name_of_its_own_in_the_figure():

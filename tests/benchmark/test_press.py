@@ -94,11 +94,14 @@ def test_what_is_asked_outside_of_the_class_is_that_of_the_trace(scenario, model
     state[:, :3] -= np.outer(np.clip(0.1 * (time - 4.0), 0.0, 0.5), n)  # 0.2 m beyond the way back.
     state[time < 3.0, 1] += 7.0  # Before the event.
     state[:, 6] = np.where(time > 9.0, model.q_upper[0] + 0.02, 0.0)
+    trace.signals["force"][time < 3.0, :3] = 2.0 * limit * n  # Before the event, too.
     found = measure(scenario, model, trace, 3.5)
+    assert found["peak"] == pytest.approx(limit + 1.0)
     assert found["above"] == pytest.approx(2.0, abs=0.05)
     assert found["off"] == pytest.approx(0.2)
     assert found["beyond"] == pytest.approx(0.02)
     assert measure(scenario, model, trace)["off"] > 6.9  # From the touch, at zero.
+    assert measure(scenario, model, trace, 11.0)["off"] is None  # It ended before its event.
     across = np.linalg.norm(np.cross(n, [0.0, 0.3, 0.4]))
     assert way_off(np.outer([0.0, 1.0], np.array([0.0, 0.3, 0.4])), n) >= across - 1e-12
 

@@ -27,8 +27,9 @@ RELEASE = 0.3
 """Part of the force of a touch below which the contact is lost."""
 SMOOTHING = 0.05
 """Time constant of the force for that decision [s]."""
-STRAY, BACK = 0.15, 0.3
-"""Distance of the tip across n from x_d that stops a press, and that of the way back [m]."""
+STRAY, BACK, BACK_SPEED = 0.15, 0.3, 0.1
+"""Distance of the tip across n from x_d that stops a press, that of the way back [m], and the speed
+on it [m/s], the supervisor's."""
 APPROACH = 10
 """Number of states of the approach."""
 
@@ -168,7 +169,7 @@ def next_approach(gains: ApproachGains, task: PressTask, old: np.ndarray, tip: n
     if np.isinf(end):
         x, v = moved_reference(gains, n, x, tip, place, touched, time)
     else:
-        v = -gains.speed * n * (n @ x > end)
+        v = -BACK_SPEED * n * (n @ x > end)
         x = x + PERIOD * v
     since = time if touched != bool(old[7]) else old[8]
     return np.concatenate([x, v, [force, float(touched), since, end]])
@@ -210,7 +211,7 @@ class Baseline(WiredSystem):
 
     The discrete state is that of the approach (10) and the memories of the laws. The first
     initialisation sets x_d to the measured tip; it is NaN before. A stop clears the memory of the
-    law named "law".
+    law named "law", as that defines it.
 
     Args:
         model: The controller's model; its contact is not used.
@@ -292,5 +293,6 @@ class Baseline(WiredSystem):
         memories = [law.updated(now, memory, limited) for law, memory in zip(
             self._laws, self._memories(context), strict=True)]
         if np.isinf(old[-1]) and np.isfinite(approach[-1]):
-            memories[self._names.index("law")] *= 0.0
+            main = self._names.index("law")
+            memories[main] = self._laws[main].stopped(memories[main])
         state.set_value(np.concatenate([approach, *memories]))

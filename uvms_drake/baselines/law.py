@@ -167,6 +167,10 @@ class Law(ABC):
         """Returns the next memory (m,); `limited` is whether a limit cuts the sum of all laws."""
         return memory
 
+    def stopped(self, memory: np.ndarray) -> np.ndarray:
+        """Returns the memory (m,) that is left by a stop: no integral of the force."""
+        return np.zeros_like(memory)
+
 
 def integrated(integral: np.ndarray, rate: np.ndarray, clamp: np.ndarray | float, limited: bool
                ) -> np.ndarray:

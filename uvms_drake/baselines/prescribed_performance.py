@@ -114,6 +114,10 @@ class PrescribedPerformance(Law):
         left = np.count_nonzero(outside & (memory[1:] == 0.0))
         return np.append(memory[0] + left, outside)
 
+    def stopped(self, memory: np.ndarray) -> np.ndarray:
+        """Returns the number of exits, and which funnels are left: a stop integrates nothing."""
+        return memory
+
 
 def tangents(n: np.ndarray) -> np.ndarray:
     """Returns two unit vectors across n as rows (2, 3)."""

@@ -130,4 +130,4 @@ def declared_to(name: str, gains_of: str) -> list[str]:
     if name not in BASELINES:
         return ["not known"]
     laws = BASELINES[name](read_gains(gains_of)).values()
-    return list(dict.fromkeys(fact for law in laws for fact in law.declared))
+    return [*dict.fromkeys(fact for law in laws for fact in law.declared), "largest force"]

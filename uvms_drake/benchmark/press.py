@@ -203,16 +203,16 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace, event: float 
     """Returns the figures of merit of a run; None where there is none, as of a run without touch.
 
     `force_rms` and `lateral` are of the last `LAST` seconds of a run, which ends a given time after
-    the touch; of motion during a slide. `peak` is the largest force of the run, `impact` that of
-    the first `IMPACT` seconds from the touch. `settling` is the time from the touch until the force
-    stays within the task's tolerance. `limits` are the broken limits of pose and speed with the
-    largest excess, in the limit's unit, and `force`, that of the declared contact. `saturated` is
-    the part of the time in which a limit cuts the command. `chatter` is the total variation of a
-    command per second over the largest |τᵢ| of its axis, of the worst axis [1/s]. `energy` is
-    ∫Σ|τᵢζᵢ|dt. `step_ms` and `worst_step_ms` are processor times. `above` is the time with more
-    than the declared force [s], `off` the largest distance of the vehicle from the way straight
-    back, as long as that of a stop, from where it is at the event, or else the touch [m]; `beyond`
-    that of a joint from its range [rad].
+    the touch; of motion during a slide. `peak` is the largest force of the run, or from the event
+    on, `impact` that of the first `IMPACT` seconds from the touch. `settling` is the time from the
+    touch until the force stays within the task's tolerance. `limits` are the broken limits of pose
+    and speed with the largest excess, in the limit's unit, and `force`, that of the declared
+    contact. `saturated` is the part of the time in which a limit cuts the command. `chatter` is the
+    total variation of a command per second over the largest |τᵢ| of its axis, of the worst axis
+    [1/s]. `energy` is ∫Σ|τᵢζᵢ|dt. `step_ms` and `worst_step_ms` are processor times. `above` is the
+    time with more than the declared force [s], `off` the largest distance of the vehicle from the
+    way straight back, as long as that of a stop, from where it is at the event, or else the touch
+    [m]; `beyond` that of a joint from its range [rad], both of the run or from the event on.
     """
     # Force and contact along the declared direction, from the true signals.
     contact, n = sensed_contact(scenario), sensed_contact(scenario).direction
@@ -226,9 +226,11 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace, event: float 
     last, pressed = now >= now[-1] - LAST, touch is not None and not trace.ended
     way = signals["chi"][:, :3] - signals["place"]
     lateral = np.linalg.norm(way - np.outer(way @ n, n), axis=1)
-    joints = signals["state"][:, 6: model.size]
-    beyond = np.max(np.maximum(joints - model.q_upper, model.q_lower - joints))
     begun = touch if event is None else event
+    since = now >= (now[0] if event is None else min(event, now[-1]))
+    joints = signals["state"][since, 6: model.size]
+    beyond = np.max(np.maximum(joints - model.q_upper, model.q_lower - joints))
+    after = signals["state"][now >= (np.inf if begun is None else begun), :3]
     limits = broken_limits(limits_of(scenario, model), model, signals["state"])
     if np.max(force) > contact.force:
         limits["force"] = float(np.max(force) - contact.force)
@@ -236,7 +238,7 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace, event: float 
     return {
         "ended": trace.ended or None,
         "force_rms": float(np.sqrt(np.mean(off[last]**2))) if pressed else None,
-        "peak": float(np.max(force)),
+        "peak": float(np.max(force[since])),
         "impact": None if touch is None else float(
             np.max(force[(now >= touch) & (now <= touch + IMPACT)])),
         "touch": touch,
@@ -245,8 +247,8 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace, event: float 
         "lateral": float(np.mean(lateral[last])) if pressed else None,
         "lost": int(np.count_nonzero(np.diff(touching[first:].astype(int)) < 0)),
         "limits": limits,
-        "above": float(np.mean(force > contact.force) * (now[-1] - now[0])),
-        "off": None if begun is None else way_off(signals["state"][now >= begun, :3], n),
+        "above": float(np.sum((force > contact.force)[since]) * (now[-1] - now[0]) / len(now)),
+        "off": way_off(after, n) if len(after) else None,
         "beyond": float(max(beyond, 0.0)),
         "saturated": float(np.mean(_saturated(signals, len(now)))),
         "chatter": _chatter(now, signals["tau"], read_gains(scenario.model).largest),

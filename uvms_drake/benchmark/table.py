@@ -38,6 +38,8 @@ def summarise(results: Sequence[Result]) -> dict[str, Any]:
 
     A cell has the median and the worst of each metric over its runs; a run that failed, ended early
     or never settled has an infinite force error and settling time, so that the median has it too.
+    Outside of the class, one that failed or did not press before its event is infinite in all of
+    `OUTSIDE`.
     """
     controllers, robots, cases = (list(dict.fromkeys(result[key] for result in results))
                                   for key in ("controller", "robot", "case"))
@@ -64,13 +66,22 @@ def _cell(runs: Sequence[Result]) -> Result:
         return {"runs": 0}
     out: Result = {"runs": len(runs), "failed": sum(
         run["error"] is not None or run.get("ended") is not None for run in runs)}
+    outside = CASES[runs[0]["case"]].outside
     for name in METRICS:
-        none = np.inf if name in ("force_rms", "settling") else None
-        values = [none if run.get(name) is None else run[name] for run in runs]
+        none = np.inf if name in (OUTSIDE if outside else ("force_rms", "settling")) else None
+        values = [none if run.get(name) is None or (outside and _never_tried(run)) else run[name]
+                  for run in runs]
         known = [value for value in values if value is not None]
         out[name] = _numbers(known, known) if known else None
     return out | {"limits": _worst([run.get("limits", {}) for run in runs]),
                   "broken": sum(bool(run.get("limits")) for run in runs)}
+
+
+def _never_tried(run: Result) -> bool:
+    """Returns whether a run outside of the class failed, or did not press before its event."""
+    event, touch = run.get("event"), run.get("touch")
+    return bool(run["error"] or run.get("ended") or touch is None
+                or (event is not None and touch > event))
 
 
 def _numbers(medians: Sequence[float], worst: Sequence[float], scale: float = 1.0
@@ -167,7 +178,7 @@ def _of_robot(robot: str, cells: dict[str, Any], controllers: Sequence[str]) -> 
             *([text, *over(partial(_over, metric, scale))] for text, metric, scale in OVERALL),
             ["runs that ended early", *over(lambda own: str(sum(cell["failed"] for cell in own)))],
             ["runs that broke a limit", *over(_broken)],
-            ["of those within the declared class", *over(_broken, inside)],
+            *[["of those within the declared class", *over(_broken, inside)]] * bool(inside),
             ["limits broken, worst excess", *over(_limits)]])]
 
 

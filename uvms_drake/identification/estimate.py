@@ -21,7 +21,6 @@ and θ ± t_ν σ with their degrees of freedom after Satterthwaite.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -38,14 +37,16 @@ from uvms_drake.model.frames.spatial import times
 NOISE = np.array([0.005, 0.005, 0.01, 0.02, 0.02, 0.02, 0.01, 0.01, 0.01])
 """Errors of x at first [rad, m, m/s, rad/s]; then those that are left, at least `LEAST_NOISE`."""
 LEAST_NOISE = 0.02 * NOISE
-UNSEEN = np.array([1.0, 1.0, 1e-6, 0.03, 0.03, 0.05, 0.05, 0.05, 0.05])
-"""Standard deviation of a part of x₀ about zero that was not measured [rad, m, m/s, rad/s]; a
-vehicle that is not trimmed rises, with 0.1 m/s in the pool."""
+UNSEEN = np.array([1.0, 1.0, 1e-6, 0.03, 0.03, 0.03, 0.05, 0.05, 0.05])
+"""Standard deviation of a part of x₀ that was not measured [rad, m, m/s, rad/s], about zero or the
+expected velocity."""
 INDEPENDENT = 0.5
 """Time after which an error of the outputs is taken as another one [s]."""
 TILT, ACCELERATION, CLOCK = np.deg2rad(0.5), 0.01, 0.1
 """Spread of a window's constant wrench: moments that tilt the vehicle so [rad], forces that
 accelerate it so [m/s²]; and of its clock [s]."""
+SAMPLES = 20_001
+"""Samples by which Student's distribution is integrated."""
 LEAST_LEFT = 1e-6
 """Smallest share of the information about a direction that is taken as left without a window."""
 ITERATIONS, CONVERGED, LARGEST_STEP = 25, 0.01, 0.5
@@ -104,31 +105,34 @@ class Estimate:
         """Returns standard deviations by (2), and their degrees of freedom ν (P,).
 
         ν = (tr Ω)²/tr Ω² of parameter i, where Ω is the covariance of the clusters' parts aᵢᵀg_c of
-        it, aᵢᵀ row i of A_c, were all errors independent: Ω_cd = aᵢᵀ(δ_cd H_c − H_c H⁻¹ H_d)aᵢ.
+        it, aᵢᵀ row i of A_c, were all errors independent: Ω_cd = v_cᵀ(δ_cd aᵢ − H⁻¹v_d) with
+        v_c = H_c aᵢ. It is zero for a parameter that no cluster says anything about. The error of
+        the prior is in neither.
 
         Args:
             cluster: Log or window that each window's errors are correlated in (W,), any numbers.
             which: The windows to take.
         """
-        # Sums over the clusters.
+        # Sums over the clusters, at the estimate of these windows alone.
         _, index = np.unique(cluster[which], return_inverse=True)
         member = np.eye(index.max() + 1)[index].T
-        g = member @ self.quadratic.g[which]
         H = np.tensordot(member, self.quadratic.H[which], 1)
+        g = member @ self.quadratic.g[which] - times(H, self.of(which) - self.theta)
         inverse = np.linalg.inv(self._information(which))
         L = np.linalg.cholesky(inverse)
         left, axes = np.linalg.eigh(np.eye(len(L)) - L.T @ H @ L)
         half = axes / np.sqrt(np.maximum(left, LEAST_LEFT))[:, None] @ axes.swapaxes(1, 2)
         A = L @ half @ L.T
-        s = times(A, g - np.mean(g, axis=0))
-        # Ω of each parameter (P, C, C).
-        AH = A @ H
-        omega = -np.einsum("cil,lm,dim->icd", AH, inverse, AH, optimize=True)
-        omega += np.einsum("cil,cil->ic", AH, A)[:, None] * np.eye(len(g))
-        freedom = np.trace(omega, axis1=1, axis2=2)**2 / np.sum(omega**2, axis=(1, 2))
-        return np.sqrt(np.sum(s**2, axis=0)), freedom
+        # Both traces without Ω itself (C, P).
+        v = A @ H
+        own, mixed = np.sum(v * A, axis=2), np.sum(v @ inverse * v, axis=2)
+        joint = inverse @ np.einsum("cil,cim->ilm", v, v, optimize=True)
+        square = np.sum(own**2 - 2.0 * own * mixed, axis=0) + np.einsum("ilm,iml->i", joint, joint)
+        trace = np.sum(own - mixed, axis=0)
+        freedom = np.divide(trace**2, square, out=np.zeros(len(L)), where=square > 0.0)
+        return np.sqrt(np.sum(times(A, g)**2, axis=0)), freedom
 
-    def of(self, which: np.ndarray) -> np.ndarray:
+    def of(self, which: np.ndarray | slice) -> np.ndarray:
         """Returns θ (P,) of some of the windows: one step from that of all."""
         step = np.linalg.solve(self._information(which), np.sum(self.quadratic.g[which], axis=0)
                                - self.prior * self.theta)
@@ -176,7 +180,7 @@ def own_of(windows: Windows, noise: np.ndarray) -> Own:
     """Returns mean and spread of the windows' own parameters before they are simulated."""
     first = windows.state[windows.start]
     mean, known = np.zeros((len(first), OWN)), np.isfinite(first)
-    mean[:, :len(STATE)] = np.where(known, first, 0.0)
+    mean[:, :len(STATE)] = windows.first_state()
     inertia = np.mean(windows.dynamics.composite.inertia, axis=0)
     force, moment = ACCELERATION * np.mean(np.diag(inertia)[:3]), TILT * _stiffness(windows)
     spread = np.tile(np.concatenate(
@@ -294,10 +298,16 @@ def estimated(windows: Windows, parameters: Sequence[Parameter], theta: np.ndarr
 def student(confidence: float, degrees: np.ndarray) -> np.ndarray:
     """Returns the t of ±t that a variable of Student's distribution is within, with `confidence`.
 
-    By the expansion of Cornish and Fisher, right to 0.3 % from 5 degrees of freedom on, and to 4 %
-    from 2 on.
+    With t = √ν tan φ its density is proportional to cos^(ν−1) φ, which is integrated.
+
+    Args:
+        confidence: The probability.
+        degrees: Degrees of freedom ν, at least 1 (...).
     """
-    z, v = NormalDist().inv_cdf(0.5 + 0.5 * confidence), np.asarray(degrees, dtype=float)
-    out: np.ndarray = z + (z**3 + z) / (4 * v) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * v**2) + (
-        3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * v**3)
-    return out
+    phi = np.linspace(0.0, 0.5 * np.pi, SAMPLES)
+    out = []
+    for v in np.ravel(np.asarray(degrees, dtype=float)):
+        density = np.cos(phi) ** (v - 1.0)
+        within = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+        out.append(np.sqrt(v) * np.tan(np.interp(confidence * within[-1], within, phi)))
+    return np.reshape(out, np.shape(degrees))

@@ -30,6 +30,8 @@ from uvms_drake.plant.model_error import ModelError
 
 LEAST_WINDOWS = 12
 """Smallest number of windows."""
+LEAST_FREEDOM = 2.0
+"""Degrees of freedom of an interval below which a parameter is known by one log or window alone."""
 LEAST_LOGS = 8
 """Number of logs from which on their errors are taken as independent in place of those of windows:
 a constant moment of a run is in all of its windows."""
@@ -168,7 +170,8 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
     refused += [f"{log.name}: clock: its attitude is {shift:.2g} s later than arm and wrench ask "
                 f"for, and must be within {LATEST:g} s"
                 for log, shift in zip(sound, shifts, strict=True) if abs(shift) > LATEST]
-    windows = _enough(windows.of(np.abs(shifts[windows.log_of]) <= LATEST), refused)
+    windows = with_velocities(
+        _enough(windows.of(np.abs(shifts[windows.log_of]) <= LATEST), refused), theta)
 
     # All parameters that the windows say something about; then those that prove to be known.
     why, kept = dict[str, str](), np.arange(len(parameters))
@@ -196,9 +199,9 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
         estimate = estimated(some, used, theta[kept], part_of(progress, begun, done), own)
         theta[kept], own = estimate.theta, estimate.own
         sigma, freedom = estimate.deviations(_clusters(some))
-        half = np.hypot(student(confidence, freedom) * sigma,
+        half = np.hypot(student(confidence, np.maximum(freedom, 1.0)) * sigma,
                         NUMERICAL * np.array([each.scale for each in used]))
-        reasons = _reasons(estimate, some, used, half, confidence)
+        reasons = _reasons(estimate, some, used, half, freedom, confidence)
         why |= {each.name: reason for each, reason in zip(used, reasons, strict=True) if reason}
         informed = np.array([not reason for reason in reasons])
         if np.all(informed):
@@ -244,12 +247,17 @@ def _half(windows: Windows) -> np.ndarray:
 
 
 def _reasons(estimate: Estimate, windows: Windows, parameters: list[Parameter], half: np.ndarray,
-             confidence: float) -> list[str]:
+             freedom: np.ndarray, confidence: float) -> list[str]:
     """Returns why each parameter is not known well enough; empty if it is."""
     first, cluster = _half(windows), _clusters(windows)
     pair = [(estimate.of(which), *estimate.deviations(cluster, which)) for which in (first, ~first)]
-    t = student(1.0 - (1.0 - confidence) / len(parameters), np.minimum(pair[0][2], pair[1][2]))
-    apart = np.abs(pair[0][0] - pair[1][0]) > t * np.hypot(pair[0][1], pair[1][1])
+    # Welch's test of the two halves, of all parameters at once.
+    (one, s, v), (other, s_other, v_other) = pair
+    both = s**2 + s_other**2
+    degrees = both**2 / np.maximum(s**4 / np.maximum(v, 1.0)
+                                   + s_other**4 / np.maximum(v_other, 1.0), 1e-300)
+    t = student(1.0 - (1.0 - confidence) / len(parameters), np.maximum(degrees, 1.0))
+    apart = np.abs(one - other) > t * np.sqrt(both)
     shares, out = estimate.known_by_prior(), list[str]()
     for i, parameter in enumerate(parameters):
         size = 1.0 + estimate.theta[i] if parameter.relative and parameter.scale == 1.0 else (
@@ -257,6 +265,7 @@ def _reasons(estimate: Estimate, windows: Windows, parameters: list[Parameter], 
         halves = " and ".join(f"{parameter.value_at(float(p[0][i])):.3g}" for p in pair)
         out.append(
             "the logs do not excite it" if shares[i] > UNINFORMED else
+            "one log or window alone excites it" if freedom[i] < LEAST_FREEDOM else
             f"known to {half[i] / size:.0%} only" if half[i] > LARGEST_ERROR * size else
             f"the halves of the logs disagree: {halves} {parameter.unit}" if apart[i] else "")
     return out
@@ -281,9 +290,22 @@ def _clocks(windows: Windows, theta: np.ndarray) -> np.ndarray:
 def _predicted(windows: Windows, theta: np.ndarray) -> np.ndarray:
     """Returns x (W, K, 9) from its measured value at the beginning of each window."""
     own = np.zeros((len(windows.start), OWN))
-    own[:, :len(STATE)] = np.nan_to_num(windows.state[windows.start])
+    own[:, :len(STATE)] = windows.first_state()
     return simulated(windows.dynamics.with_parameters(theta), windows.wrench, windows.start,
                      INSTANTS, own, sensitive=False).state
+
+
+def with_velocities(windows: Windows, theta: np.ndarray) -> Windows:
+    """Returns windows that begin with the predicted ν₁ of those before them; logs begin at rest.
+
+    A vehicle that is not trimmed rises, which without a measured velocity no window shows.
+    """
+    place, velocity = windows.place_in_run(), windows.velocity.copy()
+    for k in range(1, int(np.max(place, initial=0)) + 1):
+        at = np.flatnonzero(place == k)
+        before = windows._replace(velocity=velocity).of(at - 1)
+        velocity[at] = _predicted(before, theta)[:, -1, 3:6]
+    return windows._replace(velocity=velocity)
 
 
 def _validation(windows: Windows, estimate: Estimate) -> np.ndarray:

@@ -16,6 +16,8 @@ WINDOW = 8.0
 """Duration of a window [s]."""
 INSTANTS = round(WINDOW / (STEP * GRID)) + 1
 """Instants of a window that are compared."""
+LENGTH = STEP * (INSTANTS - 1) + 1
+"""Samples of a window."""
 STILL, TURNING = 0.01, 0.01
 """Largest rate of a joint and of the vehicle at rest [rad/s]."""
 REST = 1.0
@@ -39,6 +41,8 @@ class Windows(NamedTuple):
     """First sample of each window (W,)."""
     log_of: np.ndarray
     """Index of the log of each window (W,)."""
+    velocity: np.ndarray
+    """Expected ν₁ at the beginning of each window (W, 3) [m/s], used where none was measured."""
 
     def measured(self) -> np.ndarray:
         """Returns the measured x at the instants of the windows (W, K, 9)."""
@@ -46,7 +50,22 @@ class Windows(NamedTuple):
 
     def of(self, which: np.ndarray) -> "Windows":
         """Returns some of the windows."""
-        return self._replace(start=self.start[which], log_of=self.log_of[which])
+        return self._replace(start=self.start[which], log_of=self.log_of[which],
+                             velocity=self.velocity[which])
+
+    def first_state(self) -> np.ndarray:
+        """Returns x at the beginning of each window (W, 9), zero where nothing is known."""
+        first = self.state[self.start].copy()
+        first[:, 3:6] = np.where(np.isfinite(first[:, 3:6]), first[:, 3:6], self.velocity)
+        return np.nan_to_num(first)
+
+    def place_in_run(self) -> np.ndarray:
+        """Returns the number of windows without a gap before each (W,)."""
+        out = np.zeros(len(self.start), dtype=int)
+        follows = (np.diff(self.start) == LENGTH) & (np.diff(self.log_of) == 0)
+        for i in np.flatnonzero(follows):
+            out[i + 1] = out[i] + 1
+        return out
 
 
 def windows_of(logs: Sequence[Log], model: UvmsModel, base: Links,
@@ -65,15 +84,15 @@ def windows_of(logs: Sequence[Log], model: UvmsModel, base: Links,
     filled = {name: _filled(joined[name], known) for name in ("q", "q_dot", "q_ddot", "wrench")}
     motion = arm_motion(model, filled["q"], filled["q_dot"], filled["q_ddot"])
     dynamics = vehicle_dynamics(base, [each.links for each in parameters], UNIT, motion)
-    length, first, starts, log_of = STEP * (INSTANTS - 1) + 1, 0, list[int](), list[int]()
+    first, starts, log_of = 0, list[int](), list[int]()
     for index, log in enumerate(logs):
         at = first
         for run in _runs(log.known):
             at = first + run.start
-            while at + length <= first + run.stop:
+            while at + LENGTH <= first + run.stop:
                 starts.append(at)
                 log_of.append(index)
-                at += length
+                at += LENGTH
         first += len(log.time)
     resting = known & (np.max(np.abs(joined["q_dot"]), axis=1, initial=0.0) < STILL) & (
         np.max(np.abs(np.nan_to_num(joined["state"][:, 3:])), axis=1) < TURNING)
@@ -85,7 +104,8 @@ def windows_of(logs: Sequence[Log], model: UvmsModel, base: Links,
             lasting[run] = (run.stop - run.start) * GRID >= REST
         resting[part], first = lasting, part.stop
     return Windows(tuple(logs), dynamics, filled["wrench"], joined["state"], resting,
-                   np.array(starts, dtype=int), np.array(log_of, dtype=int))
+                   np.array(starts, dtype=int), np.array(log_of, dtype=int),
+                   np.zeros((len(starts), 3)))
 
 
 def _filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:
