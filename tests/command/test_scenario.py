@@ -48,6 +48,15 @@ def test_the_check_says_it_before_the_refusal_that_it_explains(tmp_path, capsys)
     assert "surface.creep = 0.01 m/s" in err
 
 
+@pytest.mark.parametrize(("base", "command"), [
+    ("girona500_real_loop", "calibrate"), ("girona500_contact", "certify")])
+def test_the_check_of_a_scenario_names_the_command_that_decides_on_it(
+        base, command, tmp_path, capsys):
+    file = written(tmp_path, f"base: {base}")
+    assert main(["scenario", "--check", file]) == 0
+    assert f"a valid scenario; 'uvms-drake {command} {file}' " in capsys.readouterr().out
+
+
 def test_a_sound_scenario_is_compared_with_its_base(tmp_path, capsys):
     file = written(tmp_path, "base: girona500_ideal\ndisturbance: {bound: 0.05}")
     assert main(["scenario", "--check", file]) == 0
