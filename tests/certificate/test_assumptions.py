@@ -1,5 +1,6 @@
 """What a certificate assumes, and declared unknowns against Drake's plant."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from uvms_drake.certificate.certify import basis_of
 from uvms_drake.certificate.text import help_for
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.waves import water_motion
 from uvms_drake.station.contact.tube_in_contact import force_bounds
@@ -353,3 +355,24 @@ def test_a_supervisor_is_an_input_of_the_certificate():
     given, none = (fingerprint(uv.load_scenario("girona500_stiff", changes))["inputs"]
                    for changes in ([], ["supervisor=null"]))
     assert given != none
+
+
+def test_the_scope_has_the_least_of_the_wrench_that_thrusters_lack():
+    """The sway of a Girona 500 is that of one thruster across, with what the others balance."""
+    scenario = uv.load_scenario("girona500_contact")
+    model = uv.load_model(scenario)
+    text = assumed.scope_of(assumed.assumptions_of(scenario, model))["actuation"]
+    given, asked = (float(each) for each in re.search(
+        r"give (\S+) N of the (\S+) N that the limits may ask for in sway", text).groups())
+    thrusters = ThrusterModel.of(model.thrusters)
+    B, (y,) = thrusters.B, np.flatnonzero(np.abs(thrusters.B[1]) > 0.5)
+    ways = []
+    for f in (thrusters.lower[y], thrusters.upper[y]):
+        # The pair in surge holds the yaw of the one across.
+        surge = np.flatnonzero(np.abs(B[0]) > 0.5)
+        pair = np.linalg.solve(B[np.ix_([0, 5], surge)], -B[[0, 5], y] * f)
+        assert np.all((thrusters.lower[surge] <= pair) & (pair <= thrusters.upper[surge]))
+        ways.append(abs(f))
+    assert given == pytest.approx(min(ways), rel=1e-2)
+    M = model.mass_matrix(model.kinematics(scenario.start.config))
+    assert asked == pytest.approx(np.abs(M[1]) @ scenario.limits.u, rel=1e-2)
