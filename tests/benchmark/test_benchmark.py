@@ -270,6 +270,17 @@ def test_the_published_page_has_the_tables_and_the_counts_of_its_runs(monkeypatc
         product(make_all.COMPARED, make_all.TRIED, range(make_all.DRAWS)))
 
 
+def test_the_published_page_outside_of_the_class_has_the_tables_of_its_runs(monkeypatch):
+    monkeypatch.syspath_prepend(RESULTS)
+    import make_all
+    found = read_record(RESULTS / "benchmark_outside.csv")
+    page = (RESULTS / "benchmark_outside.md").read_text(encoding="utf-8")
+    assert format_benchmark(summarise(found)).strip() in page
+    assert make_all.READING_OUTSIDE.strip() in page
+    assert {(run["controller"], run["case"]) for run in found} == set(
+        product(make_all.COMPARED, make_all.OUTSIDE))
+
+
 def test_an_error_another_version_and_a_changed_file_are_computed_again(
         own, tmp_path, monkeypatch):
     def wanted():
