@@ -52,6 +52,9 @@ LEAST_LEFT = 1e-6
 ITERATIONS, CONVERGED, LARGEST_STEP = 25, 0.01, 0.5
 """Most steps; step over the standard deviation at which it ends; and largest step over a
 parameter's scale."""
+STEADY, NEARLY = 15, 0.15
+"""Number of steps after which it ends at such a step, since (1) leaves out how B changes: a nearly
+undetermined parameter goes on to and fro by it."""
 NOISES = 5
 """Number of times that the noise is estimated anew before a step."""
 HALVINGS, WORSE = 4, 1.01
@@ -280,7 +283,8 @@ def estimated(windows: Windows, parameters: Sequence[Parameter], theta: np.ndarr
             found = quadratic_of(products, own, about, noise)
         H, g = np.sum(found.H, axis=0) + np.diag(prior), np.sum(found.g, axis=0) - prior * theta
         step = constrained_step(H, g, theta, parameters)
-        if np.all(np.abs(step) < CONVERGED * np.sqrt(np.diag(np.linalg.inv(H)))):
+        least = CONVERGED if iteration < STEADY else NEARLY
+        if np.all(np.abs(step) < least * np.sqrt(np.diag(np.linalg.inv(H)))):
             return Estimate(theta, own, noise, found, prior)
         own_step = about.seen * (found.step + times(found.gain, step))
         total = np.sum(found.cost) + 0.5 * np.sum(prior * theta**2)

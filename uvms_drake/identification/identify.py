@@ -201,11 +201,12 @@ def identify(model: str | Robot, logs: Sequence[Log], confidence: float = 0.95,
         sigma, freedom = estimate.deviations(_clusters(some))
         half = np.hypot(student(confidence, np.maximum(freedom, 1.0)) * sigma,
                         NUMERICAL * np.array([each.scale for each in used]))
-        reasons = _reasons(estimate, some, used, half, freedom, confidence)
+        reasons = _unknown(estimate, used, half, freedom)
         why |= {each.name: reason for each, reason in zip(used, reasons, strict=True) if reason}
         informed = np.array([not reason for reason in reasons])
         if np.all(informed):
             break
+    why |= _disagreements(estimate, some, used, confidence)
     halves = dict(zip([each.name for each in used], half, strict=True))
     results = tuple(Result(each, float(theta[i]), float(halves[each.name]), "")
                     if each.name not in why else Result(each, 0.0, np.inf, why[each.name])
@@ -246,29 +247,37 @@ def _half(windows: Windows) -> np.ndarray:
     return out
 
 
-def _reasons(estimate: Estimate, windows: Windows, parameters: list[Parameter], half: np.ndarray,
-             freedom: np.ndarray, confidence: float) -> list[str]:
+def _unknown(estimate: Estimate, parameters: list[Parameter], half: np.ndarray,
+             freedom: np.ndarray) -> list[str]:
     """Returns why each parameter is not known well enough; empty if it is."""
+    shares, out = estimate.known_by_prior(), list[str]()
+    for i, parameter in enumerate(parameters):
+        size = 1.0 + estimate.theta[i] if parameter.relative and parameter.scale == 1.0 else (
+            parameter.scale)
+        out.append(
+            "the logs do not excite it" if shares[i] > UNINFORMED else
+            "one log or window alone excites it" if freedom[i] < LEAST_FREEDOM else
+            f"known to {half[i] / size:.0%} only" if half[i] > LARGEST_ERROR * size else "")
+    return out
+
+
+def _disagreements(estimate: Estimate, windows: Windows, parameters: list[Parameter],
+                   confidence: float) -> dict[str, str]:
+    """Returns a line for each parameter of which the halves of the logs have different values.
+
+    It is Welch's test, of all parameters at once. They stay in the fit, as excited as they are.
+    """
     first, cluster = _half(windows), _clusters(windows)
-    pair = [(estimate.of(which), *estimate.deviations(cluster, which)) for which in (first, ~first)]
-    # Welch's test of the two halves, of all parameters at once.
-    (one, s, v), (other, s_other, v_other) = pair
+    (one, s, v), (other, s_other, v_other) = (
+        (estimate.of(which), *estimate.deviations(cluster, which)) for which in (first, ~first))
     both = s**2 + s_other**2
     degrees = both**2 / np.maximum(s**4 / np.maximum(v, 1.0)
                                    + s_other**4 / np.maximum(v_other, 1.0), 1e-300)
     t = student(1.0 - (1.0 - confidence) / len(parameters), np.maximum(degrees, 1.0))
     apart = np.abs(one - other) > t * np.sqrt(both)
-    shares, out = estimate.known_by_prior(), list[str]()
-    for i, parameter in enumerate(parameters):
-        size = 1.0 + estimate.theta[i] if parameter.relative and parameter.scale == 1.0 else (
-            parameter.scale)
-        halves = " and ".join(f"{parameter.value_at(float(p[0][i])):.3g}" for p in pair)
-        out.append(
-            "the logs do not excite it" if shares[i] > UNINFORMED else
-            "one log or window alone excites it" if freedom[i] < LEAST_FREEDOM else
-            f"known to {half[i] / size:.0%} only" if half[i] > LARGEST_ERROR * size else
-            f"the halves of the logs disagree: {halves} {parameter.unit}" if apart[i] else "")
-    return out
+    return {each.name: f"the halves of the logs disagree: {each.value_at(float(one[i])):.3g} and "
+                       f"{each.value_at(float(other[i])):.3g} {each.unit}"
+            for i, each in enumerate(parameters) if apart[i]}
 
 
 def _clocks(windows: Windows, theta: np.ndarray) -> np.ndarray:
