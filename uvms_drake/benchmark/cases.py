@@ -80,7 +80,7 @@ class Case:
     ideal: bool = False
     """Whether the scenario is the robot's `ideal` one."""
     outside: bool = False
-    """Whether wall, water or robot are outside of the declared class to the MPCs."""
+    """Whether wall, water or robot are outside of the class that is declared to the MPCs."""
     lasting: float = 0.0
     """Time of a run after its event [s]; zero without one."""
     further: float = 0.0

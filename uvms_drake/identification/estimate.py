@@ -306,7 +306,7 @@ def student(confidence: float, degrees: np.ndarray) -> np.ndarray:
 
     Args:
         confidence: The probability.
-        degrees: Degrees of freedom ν, at least 1 (...).
+        degrees: Degrees of freedom ν, at least 1, of any shape.
     """
     phi = np.linspace(0.0, 0.5 * np.pi, SAMPLES)
     out = []
