@@ -9,6 +9,7 @@ from support.baseline_press import ROBOT, run, task
 
 import uvms_drake as uv
 from uvms_drake.baselines.baseline import (
+    BACK,
     BACK_SPEED,
     BASELINES,
     ApproachGains,
@@ -63,6 +64,12 @@ def test_a_stopped_press_goes_back_from_the_tip_stands_and_never_presses_again()
         state = next_approach(gains, pressed, state, tip, 25.0, np.zeros(3), 6.0)
     assert state[:3] == pytest.approx([-0.1, 0.1, 0.0], abs=BACK_SPEED * PERIOD)
     assert state[3:6] == pytest.approx(0.0) and state[7] == 0.0
+
+
+@pytest.mark.parametrize("scenario", ["girona500_real_loop", "bluerov2_real_loop"])
+def test_a_stop_goes_as_far_and_as_fast_as_the_retreat_of_the_supervisor(scenario):
+    supervisor = uv.load_scenario(scenario).supervisor
+    assert (supervisor.distance, supervisor.speed) == (BACK, BACK_SPEED)
 
 
 @pytest.mark.parametrize("name", BASELINES)

@@ -266,6 +266,7 @@ def test_the_published_page_has_the_tables_and_the_counts_of_its_runs(monkeypatc
     page = (RESULTS / "benchmark.md").read_text(encoding="utf-8")
     assert format_benchmark(summarise(found)) in page
     assert make_all.reading(found) in page
+    assert make_all.own_controller() in page
     assert {(run["controller"], run["case"], run["index"]) for run in found} == set(
         product(make_all.COMPARED, make_all.TRIED, range(make_all.DRAWS)))
 

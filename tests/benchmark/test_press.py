@@ -15,7 +15,7 @@ from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.station.contact.bounds import sensed_contact
 from uvms_drake.station.problem import true_surface
-from uvms_drake.station.scenario.scenario import dump_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 
 GIRONA = "girona500_arm5e"
 
@@ -160,6 +160,9 @@ def test_every_case_can_be_drawn(robot, case):
     starts = [fault.start for fault in scenario.faults if case.outside]
     assert starts == ([] if course.event is None else [course.event])
     assert case.outside or course.event is None
+    if case.name == "hard":
+        own = load_scenario(ROBOTS[robot].scenario).surface.law.stiffness
+        assert scenario.surface.law.stiffness == pytest.approx(100.0 * own)
     assert (scenario.disturbance.label == "impulse") == (case.name == "impulse")
 
 

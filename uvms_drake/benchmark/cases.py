@@ -30,7 +30,7 @@ LAG = (0.05, 0.15)
 INTEGRATOR = ("simulator.integration_scheme=runge_kutta2", "simulator.max_step_size=0.005")
 """Step of the integrator [s]: the clocks of sensors and thrusters stop it there anyhow. Against the
 third order in steps of 1 ms, force and peak on a wall 20 times stiffer are within 0.2 %."""
-FILLED = ("payload", "impulse", "event", "thruster", "hard")
+FILLED = ("payload", "impulse", "latest", "thruster", "hard")
 """Fields of a robot that stand in overrides."""
 AFTER = 8.0
 """Time from the touch to the end of a run [s]."""
@@ -47,9 +47,8 @@ class BenchRobot:
     start: Sequence[float]
     """x of the vehicle at the start of either [m], at which the wall is near."""
     latest: float
-    """Instant at which a run without a touch ends [s]."""
-    event: float
-    """Instant of an event outside of the class, at which all controllers press [s]."""
+    """Instant at which a run without a touch ends, and of an event outside of the class [s]: all
+    controllers press there."""
     impulse: float
     """Acceleration in sway of the impulse [m/s²]."""
     spread: float
@@ -75,7 +74,7 @@ class Case:
     text: str
     """Description of the difficulty, in a table."""
     overrides: Sequence[str] = ()
-    """Overrides of the robot's scenario, `key.path=value`; `{payload}`, `{impulse}`, `{event}`,
+    """Overrides of the robot's scenario, `key.path=value`; `{payload}`, `{impulse}`, `{latest}`,
     `{thruster}` and `{hard}` are the robot's."""
     ideal: bool = False
     """Whether the scenario is the robot's `ideal` one."""
@@ -124,5 +123,5 @@ def drawn_case(robot: str, case: Case, seed: int, index: int) -> tuple[Scenario,
     scenario = replace(
         scenario, start=replace(scenario.start, eta=eta, q=q),
         surface_error=replace(error, stiffness=error.stiffness * (1.0 + STIFFNESS * stiffness)))
-    event = bench.event if case.lasting else None
+    event = bench.latest if case.lasting else None
     return scenario, Course(bench.latest, after, np.array(case.slide), event, case.lasting)
