@@ -13,7 +13,7 @@ FOLDER = ROOT / "examples" / "tutorials"
 TUTORIALS = sorted(FOLDER.glob("*.ipynb"))
 LARGEST_FIGURE = 300_000  # Bytes.
 
-LONG = ("6_inspection", "7_real_loop", "8_from_logs")
+LONG = ("4_own_robot", "5_certificate", "6_inspection", "7_real_loop", "8_from_logs")
 """Tutorials of some minutes of a core, which CI does not run."""
 
 each = pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)

@@ -10,6 +10,7 @@ import json
 import shutil
 import tempfile
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -61,12 +62,18 @@ BUMPER = 0.02
 """Way of a joint into its stop that counts as the stop's own give [rad]."""
 
 
+@cache
+def thrusters_of(scenario: str) -> list[str]:
+    """Returns the names of the thrusters of a scenario's robot."""
+    thrusters = uv.Robot.load(model_dir(uv.load_scenario(scenario).model)).uvms.thrusters
+    return list(thrusters.thrusters) if thrusters is not None else []
+
+
 def drawn(index: int) -> tuple[str, list[tuple[str, float, str]], bool]:
     """Returns the scenario of a run, its events (kind, instant, override), and if power is cut."""
     draw = generator_of(1, (STREAM, index))
     robot = list(ROBOTS)[index % 2]
-    thrusters = uv.Robot.load(model_dir(uv.load_scenario(robot).model)).uvms.thrusters
-    names = list(thrusters.thrusters) if thrusters is not None else []
+    names = thrusters_of(robot)
     cut, events = bool(draw.integers(2)), []
     instant = float(draw.uniform(EARLIEST, LATEST))
     for number in range(1 + int(draw.integers(2))):

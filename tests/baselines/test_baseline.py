@@ -234,8 +234,8 @@ def test_the_tip_yields_as_the_stiffness_says_and_as_damped_as_stated():
     assert moved[:, 0] == pytest.approx(due_step[: len(moved), 0], abs=0.05 * due)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["impedance", pytest.param("admittance", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["impedance", "admittance"])
 def test_the_force_has_no_steady_error(name):
     gains = read_gains(ROBOT)
     press = run(BASELINES[name](gains), gains, seconds=6.0, depth=0.005)

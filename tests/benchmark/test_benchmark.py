@@ -141,7 +141,7 @@ def test_a_law_of_ones_own_has_a_line_and_a_name_of_its_own_in_the_figure():
     assert len(styles) == len(curves) == len(names) <= len(LINES) + 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_law_of_ones_own_enters_by_one_file_and_one_flag(own, tmp_path, capsys):
     out, name = tmp_path / "out", f"{own}:make_controller"
     command = ["benchmark", "--controllers", name, "--robots", ROBOT, "--cases", "ideal",

@@ -43,6 +43,7 @@ def test_all_files_are_there(reference):
     assert 0.1 < timing["step_ms"]["median"] <= timing["worst_step_ms"]["max"]
 
 
+@pytest.mark.long
 def test_it_can_be_made_longer_by_other_workers_and_gives_the_same_bytes(
         reference, tmp_path, capsys):
     for number in (1, RUNS):

@@ -193,9 +193,8 @@ def condition_of(scenario, basis, effects):
         scenario.disturbance, scenario.unknowns, bounds_in(scenario, basis), effects)
 
 
-@pytest.mark.parametrize("name", ["mass", *(pytest.param(
-    name, marks=pytest.mark.slow if name == "by axis" else pytest.mark.long)
-    for name in CASES if name != "mass")])
+@pytest.mark.parametrize("name", ["mass", *(
+    pytest.param(name, marks=pytest.mark.long) for name in CASES if name != "mass")])
 def test_no_motion_of_the_plant_is_off_by_more_than_the_sum(name, basis):
     """ζ̇ of the simulated robot in its water, less ζ̇_c, at random motions and rates."""
     scenario = uv.load_scenario(NAME, [*FEW, FAR, *CASES[name]])

@@ -85,7 +85,7 @@ def test_a_joint_of_a_file_has_its_efforts_speeds_and_stops():
     np.testing.assert_allclose(limits.inertia, 1.0 / np.diag(np.linalg.inv(M))[6:], rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_robot_in_a_run_with_a_wave_keeps_its_joints():
     """Before stops and motors a wave turned them radians past their stops at 30 rad/s."""
     run = uv.simulate(uv.load_scenario("girona500_real_loop", [

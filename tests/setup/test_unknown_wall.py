@@ -98,6 +98,7 @@ def test_a_real_loop_is_what_calibrate_takes(made):
         "Navigation", "ForceSensor", "SampledCommand", "Thrusters"]
 
 
+@pytest.mark.long
 def test_objects_make_the_same_as_the_command(made, rov):
     scenario = uv.make_scenario(str(rov), force=FORCE, real_loop=True)
     for key in ("contact", "limits", "tube", "ancillary", "draws"):

@@ -142,8 +142,10 @@ START, END = 1.5, 2.0
 
 
 @pytest.mark.parametrize(("fault", "expected"), [
-    (LostForce(START), "held"), (FrozenForce(START), "held"),
-    (SaturatedForce(START, largest=4.0), "cut"), (JumpedForce(START), "jumped")])
+    (LostForce(START), "held"),
+    pytest.param(FrozenForce(START), "held", marks=pytest.mark.long),
+    pytest.param(SaturatedForce(START, largest=4.0), "cut", marks=pytest.mark.long),
+    (JumpedForce(START), "jumped")])
 def test_a_fault_of_the_sensor_changes_what_is_felt_while_it_lasts(fault, expected):
     record = uv.simulate(scenario_of(2.5, "log_period=0.01", faults=[fault]))
     felt, measured = (record.signals[name] for name in ("force_last_valid", "force_measured"))

@@ -63,8 +63,8 @@ def run_of(duration, deepest=np.inf, **noise):
     return make_record(scenario, model, uv.read_logs(station, context), 1.0, certified=True)
 
 
-@pytest.mark.parametrize(("wave", "share"), [
-    (0.4, 0.4), pytest.param(2.0 * MEAN, 0.2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize(("wave", "share"), [(0.4, 0.4), (2.0 * MEAN, 0.2)])
 def test_noise_within_its_bound_cannot_keep_the_plan_in_motion(wave, share):
     """A square wave of the period to which the MPC answers most, and to which the mean does."""
     bands = summarise_bands(run_of(10.0, wave=wave))["force_bands"]

@@ -40,7 +40,8 @@ def scenario_of(path, name):
     return uv.load_scenario(str(path))
 
 
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("name", [
+    "hull", "bumpy", *(pytest.param(name, marks=pytest.mark.long) for name in ("plane", "pipe"))])
 def test_a_run_touches_a_surface_of_any_kind(tmp_path, name):
     scenario = scenario_of(tmp_path / "mine.yaml", name)
     assert main(["run", str(tmp_path / "mine.yaml"), "--uncertified", "--no-figures",

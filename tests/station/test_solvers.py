@@ -168,7 +168,8 @@ def test_fifty_states_of_two_runs_have_the_same_optimum(name, overrides, monkeyp
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "solver", "seconds", "overrides"), [
     ("girona500_ideal", "clarabel", 4.0, ()),
-    ("girona500_ideal", "snopt", 2.6, ("mpc.horizon=5", "mpc.iterations=20")),
+    pytest.param("girona500_ideal", "snopt", 2.6, ("mpc.horizon=5", "mpc.iterations=20"),
+                 marks=pytest.mark.long),
     pytest.param("girona500_contact", "clarabel", 3.6, NEAR, marks=pytest.mark.long),
     pytest.param("girona500_ideal", "snopt", 6.0, (), marks=pytest.mark.long),
     pytest.param("girona500_contact", "snopt", 3.6, NEAR, marks=pytest.mark.long)])

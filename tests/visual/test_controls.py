@@ -29,7 +29,7 @@ FORCE_DES = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 @pytest.mark.parametrize(("name", "overrides"), [
     ("girona500_ideal", ["visual.rate=30", "visual.magnification=7"]),
-    ("girona500_bilateral", []),
+    pytest.param("girona500_bilateral", [], marks=pytest.mark.long),
     ("girona500_real_loop", ["duration=0.25"])])
 def test_to_watch_a_run_does_not_change_it(name, overrides, meshcat):
     scenario = load_scenario(name, ["duration=0.5", *overrides])
