@@ -17,6 +17,7 @@ from uvms_drake.actuation.thruster_faults import (
     StuckThruster,
 )
 from uvms_drake.actuation.thruster_systems import ThrusterDynamics
+from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.sensing.faults import JumpedPosition, MiscalibratedForce
 
@@ -90,6 +91,17 @@ def test_beyond_the_largest_current_all_forces_are_reduced_by_one_factor():
     assert np.sum(each) == pytest.approx(8.0)
     np.testing.assert_array_equal(limited.forces_of(free.commands_of(0.2 * FORCES)),
                                   free.forces_of(free.commands_of(0.2 * FORCES)))
+    # A dead one takes none; the rest of a wrench is what the current does not give.
+    dead = limited.off_by(np.append(-1.0, np.zeros(7)))
+    kept = dead.forces_of(commands)
+    assert kept[0] == 0.0 and ratio[0] < kept[1] / forces[1] < 1.0
+    wrench = free.B @ Allocation.to(free).forces(free.B @ FORCES)
+    np.testing.assert_allclose(Allocation.to(free).shortfall(wrench), 0.0, atol=1e-9)
+    short = Allocation.to(limited).shortfall(wrench)
+    share = np.linalg.norm(short) / np.linalg.norm(wrench)
+    np.testing.assert_allclose(short, share * wrench, atol=1e-6)
+    used = 24.0 * ((1.0 - share) * np.abs(Allocation.to(free).forces(wrench)) / free.upper) ** 1.5
+    assert np.sum(used) == pytest.approx(8.0)
 
 
 def test_a_force_sensor_of_other_gains_with_cross_talk():

@@ -128,6 +128,20 @@ def test_zeros_during_the_tare_are_readings_and_later_ones_are_not(start):
     np.testing.assert_array_equal(np.isnan(found[:, 0]), times - start > 2.0 + 2.5 * T)
 
 
+def test_a_tare_that_a_lost_state_prolongs_is_longer_for_the_detector_too():
+    """The sensor takes no sample in the meantime, and reads zero for as much longer."""
+    def tared(time):
+        return np.zeros(6) if time < 1.4 else noisy(time)
+
+    def lost(time):
+        return turning(time) + np.where(0.5 < time < 0.9, np.nan, 0.0)
+
+    _, _, reason = passed(tared, lost, tare=1.0)
+    assert not np.any(reason == detector.ForceStatus.FROZEN)
+    _, _, reason = passed(tared, tare=1.0)
+    assert np.any(reason == detector.ForceStatus.FROZEN)
+
+
 def test_a_clone_goes_on_as_the_run_does():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=frozen_in("world"), state=turning))

@@ -16,6 +16,7 @@ from uvms_drake.sensing.navigation import (
     Channel,
     Drift,
     Dvl,
+    LostFixes,
     Navigation,
     channel_rows,
     triangle,
@@ -114,6 +115,25 @@ def test_fixes_are_lost_as_often_as_is_said_and_never_for_longer_than_the_gap(lo
     assert np.max(gaps) == pytest.approx({0.0: 1.0, 0.3: 4.0, 1.0: 4.0}[lost] / dvl.rate)
     assert np.max(gaps) <= dvl.gap
     assert len(fixes) / 2000 == pytest.approx(0.25 + 0.75 * (1.0 - lost), abs=0.03)
+
+
+def test_in_an_outage_and_after_it_the_last_fix_is_none_inside_of_it():
+    """Of two outages that overlap and one apart; each begins at a fix, and a fix ends it."""
+    dvl, outages = Dvl(rate=10.0, lost=0.3, gap=0.5), ((1.0, 2.0), (2.5, 1.5), (6.0, 1.0))
+    lost = dvl
+    for start, duration in outages:
+        lost = LostFixes(start, duration).of(lost)
+    for seed in range(20):
+        for time in np.arange(0.0, 9.0, 0.05) + 1e-6:
+            last = lost.last_fix(time, seed) / dvl.rate
+            assert not any(start + 1e-9 < last < start + duration - 1e-9
+                           for start, duration in outages)
+            before = min((start for start, duration in outages if start < dvl.last_fix(
+                time, seed) / dvl.rate < start + duration - 1e-9), default=time)
+            if before == time:
+                assert last == dvl.last_fix(time, seed) / dvl.rate
+            else:
+                assert last <= before + 1e-9
 
 
 def test_the_velocity_goes_on_from_the_last_fix_with_the_accelerometers_bias(model):

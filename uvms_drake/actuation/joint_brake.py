@@ -40,7 +40,8 @@ def braked(model: UvmsModel, joint: int, tau: np.ndarray, closed: np.ndarray, no
 class StuckJoint(Fault, Part):
     """Brake, a stiff spring with a damper, on a joint at its angle at `start`.
 
-    In a simulation that begins after that, at its angle at the beginning.
+    In a simulation that begins after that, at its angle at the beginning. It is as strong as the
+    joint's motor, behind which it acts.
     """
 
     place = "actuation"

@@ -177,12 +177,12 @@ class ForceFaultDetector(WiredSystem):
         return RepeatCount(state[:12].reshape(2, 6), state[12:])
 
     def _look(self, context: Context, state: DiscreteValues) -> EventStatus:
+        config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
+        if not (is_finite(config) and is_finite(force)):  # Nor does the sensor count it for a tare.
+            return EventStatus.Succeeded()
         turns = context.get_discrete_state(1).value()
         state.set_value(1, turns + 1.0)
         if turns[0] < self._passed:
-            return EventStatus.Succeeded()
-        config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
-        if not (is_finite(config) and is_finite(force)):
             return EventStatus.Succeeded()
         # A frozen reading is constant in its own axes, and moves with the attitude in others.
         in_tip = force_in_tip(self._model.task_pose(config)[:6], force @ self._from_task)

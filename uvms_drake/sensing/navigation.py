@@ -144,20 +144,25 @@ class LostFixes(Fault):
     """Duration [s]."""
 
     def of(self, dvl: Dvl) -> "LostDvl":
-        """Returns a log with the fault."""
-        return LostDvl(**vars(dvl), outage=self)
+        """Returns a log with the fault, in addition to those that it has."""
+        return LostDvl(**vars(dvl) | {"outages": (*getattr(dvl, "outages", ()), self)})
 
 
 @dataclass
 class LostDvl(Dvl):
-    """Doppler log of a scenario with its fault."""
+    """Doppler log of a scenario with its faults."""
 
-    outage: LostFixes = field(default_factory=LostFixes)
-    """The fault."""
+    outages: tuple[LostFixes, ...] = ()
+    """The faults."""
 
     def last_fix(self, time: float, seed: int) -> int:
-        """Returns the index j of the last fix that is neither lost nor in the outage."""
-        return super().last_fix(self.outage.start if self.outage.is_active(time) else time, seed)
+        """Returns the index j of the last fix that is neither lost nor inside of an outage."""
+        j = super().last_fix(time, seed)
+        # From the last to begin on: an earlier one takes it back to before all later ones.
+        for outage in sorted(self.outages, key=lambda each: each.start, reverse=True):
+            if 1e-9 < j / self.rate - outage.start < outage.duration - 1e-9:
+                j = super().last_fix(outage.start, seed)
+        return j
 
 
 class NavigationError(NamedTuple):

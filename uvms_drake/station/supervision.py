@@ -1,5 +1,6 @@
 """Supervisor of a scenario: its thresholds, derived from the declared data."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,8 @@ from uvms_drake.control.supervisor.supervisor import Safety
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.plant.model_error import add_simulated_uvms
+from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
+from uvms_drake.plant.waves import Wave
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.contact.bounds import (
     fastest_advance,
@@ -33,6 +35,7 @@ from uvms_drake.station.scenario.contact import SensedContact
 from uvms_drake.station.scenario.parts import command_path_of
 from uvms_drake.station.scenario.scenario import Scenario, Supervision
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.unmodelled_dynamics import Motions, by_water, family
 
 MONITOR_SLACK = 0.01
 """Relative excess that is not an exit: a constant d takes the deviation to its bound exactly, and
@@ -48,6 +51,10 @@ STATE_LOST = 0.5
 """Time without a state after which it is lost, where no navigation declares a gap [s]."""
 LOST = 1.0
 """Time without a force after which the planned retreat is not waited for any longer [s]."""
+LOADS = ("mass", "buoyancy_lever", "buoyancy", "payload")
+"""Unknowns of a `ModelError` that load a robot at rest, beside `buoyancy_shift`."""
+PHASES = 8
+"""Number of headings, and of phases, of which the worst is that of a wave."""
 
 
 def safety_of(scenario: Scenario, model: ContactModel) -> Safety | None:
@@ -211,35 +218,45 @@ def spacing_of(scenario: Scenario, period: float) -> float:
 def declared_drift(scenario: Scenario, model: ContactModel, error: float) -> np.ndarray:
     """Returns the linear and angular acceleration (2,) of the vehicle by all that is declared.
 
-    Of the robot at rest at the start: twice those by the flow, by weight, buoyancy and payload of
-    the declared model error, and by joint friction; those by an error of the force at the tip and
-    of the thrusters' own; and the bound of the disturbance, its largest semi-axes [m/s², rad/s²].
+    Of the robot at rest at the start: twice those by the current, by each wave, by each unknown of
+    weight, buoyancy and payload alone, for they are of either sign, and by joint friction; those by
+    an error of the force at the tip and of the thrusters' own; and the bound of the disturbance,
+    its largest semi-axes [m/s², rad/s²].
 
     Args:
         scenario: The scenario.
         model: The controller's model.
         error: ν [N].
     """
-    config, still = np.asarray(scenario.start.config, dtype=float), np.zeros(model.size)
-    flow = float(np.linalg.norm(scenario.current)) + sum(wave.speed for wave in scenario.waves)
+    config, unknown = np.asarray(scenario.start.config, dtype=float), scenario.model_error
     M = model.mass_matrix(model.kinematics(config))
     lever = float(np.linalg.norm(model.task_pose(config)[:3] - config[:3]))
-    effects, unknown = [drag_accelerations(model, config, flow)], scenario.model_error
-    if unknown.size > 0.0:
-        plant = MultibodyPlant(time_step=0.0)
-        uvms = add_simulated_uvms(plant, scenario.model, unknown)
-        plant.Finalize()
-        loads = [each.inverse_dynamics(each.kinematics(config), still, still, np.zeros(6))
-                 for each in (UvmsModel(uvms), model)]
-        friction = np.append(np.zeros(6), unknown.joint_friction.torques(model.num_joints)[1])
-        for load in (loads[0] - loads[1], friction):
-            effects.append(norms(np.linalg.solve(M, load)))
+    effects = [drag_accelerations(model, config, float(np.linalg.norm(scenario.current)))]
+    effects += [wave_accelerations(model, config, wave) for wave in scenario.waves]
+    friction = np.append(np.zeros(6), unknown.joint_friction.torques(model.num_joints)[1])
+    effects += [norms(np.linalg.solve(M, load))
+                for load in (friction, *unknown_loads(scenario, model, config))]
     force = error + largest_error(scenario.actuation) * sensed_contact(scenario).force
     axes = scenario.disturbance.axes(model.size)
     out: np.ndarray = TIMES * np.sum(effects, axis=0) + force * np.array(
         [1.0 / np.min(np.diag(M)[:3]), lever / np.min(np.diag(M)[3:6])]) + [
         np.max(axes[:3]), np.max(axes[3:6])]
     return out
+
+
+def unknown_loads(scenario: Scenario, model: ContactModel, config: np.ndarray
+                  ) -> Iterator[np.ndarray]:
+    """Yields the generalised force (6+n,) on the robot at rest by each declared unknown alone."""
+    still, unknown = np.zeros(model.size), scenario.model_error
+    for error in (*(ModelError(**{name: getattr(unknown, name)}) for name in LOADS),
+                  *(ModelError(buoyancy_shift=part) for part in np.diag(unknown.buoyancy_shift))):
+        if error.size > 0.0:
+            plant = MultibodyPlant(time_step=0.0)
+            uvms = add_simulated_uvms(plant, scenario.model, error)
+            plant.Finalize()
+            true, known = (each.inverse_dynamics(each.kinematics(config), still, still, np.zeros(6))
+                           for each in (UvmsModel(uvms), model))
+            yield true - known
 
 
 def supervisor_of(scenario: Scenario, model: ContactModel) -> Supervision | None:
@@ -271,3 +288,20 @@ def drag_accelerations(model: ContactModel, config: np.ndarray, flow: float) -> 
             found = np.maximum(found, norms(
                 model.drift(config, through) - model.drift(config, still)))
     return found
+
+
+def wave_accelerations(model: ContactModel, config: np.ndarray, wave: Wave) -> np.ndarray:
+    """Returns the largest linear and angular acceleration of the vehicle (2,) by a wave.
+
+    Of a robot at rest, by drag, added mass and the pressure of the water that accelerates, (2) of
+    `tube.unmodelled_dynamics`, over `PHASES` headings and phases.
+    """
+    heading, phase = (each.ravel() for each in np.meshgrid(*2 * [2.0 * np.pi / PHASES * np.arange(
+        PHASES)]))
+    configs = np.tile(config, (len(phase), 1))
+    at = Motions(configs, np.zeros_like(configs), heading, phase, np.zeros((len(phase), 0)),
+                 model.kinematics(configs))
+    effect, _ = by_water(family(model, []), (0.0, 0.0),
+                         [(wave.speed, wave.speed, wave.frequency)])(at)
+    largest: np.ndarray = np.max([norms(each) for each in effect], axis=0)
+    return largest

@@ -73,20 +73,37 @@ def test_mu_bounds_how_fast_the_preimage_grows_by_the_turning_of_j(model, pair):
     assert mu == pytest.approx(eigenvalue, rel=1e-6)
 
 
-def scripted(model, law=LAW, radii=None, state=None, nominal=None, disturbance=None, **options):
+def scripted(model, law=LAW, radii=None, state=None, nominal=None, disturbance=None, safety=None,
+             **options):
     """Returns a Simulator of a monitor fed by a `Script`, and the monitor."""
     builder = DiagramBuilder()
     signals = {"state": state, "nominal": nominal}
     if disturbance is not None:
         signals["disturbance"] = disturbance
+    if safety is not None:
+        signals["safety"] = safety
     script = builder.AddSystem(Script(**signals))
     monitor = TubeMonitor.AddToBuilder(
         builder, model, law, D_BOUND, radii or {}, **options, state=script.GetOutputPort("state"),
         nominal_state=script.GetOutputPort("nominal"),
-        disturbance=script.GetOutputPort("disturbance") if disturbance is not None else None)
+        disturbance=script.GetOutputPort("disturbance") if disturbance is not None else None,
+        safety=script.GetOutputPort("safety") if safety is not None else None)
     simulator = Simulator(builder.Build())
     use_fixed_steps(simulator)
     return simulator, monitor, monitor.GetMyContextFromRoot(simulator.get_context())
+
+
+def test_after_a_trip_neither_deviations_nor_disturbances_count(model, states):
+    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    simulator, monitor, context = scripted(
+        model, radii={"position": 0.001}, nominal=lambda t: at_rest,
+        state=lambda t: at_rest + 0.01 * np.eye(20)[0] * (t > 0.5),
+        disturbance=lambda t: 0.2 * np.eye(10)[0] * (t > 0.5),
+        safety=lambda t: np.array([float(t > 0.4), 1.0, 0.4, np.nan, 0.0]))
+    simulator.AdvanceTo(1.0)
+    report = report_of(monitor, context)
+    assert report["set_exits"] == report["disturbance_exits"] == 0.0
+    assert report["worst_disturbance"] == 0.0
 
 
 @pytest.mark.parametrize("weights", [np.ones(10), WEIGHTS], ids=["ball", "weighted"])

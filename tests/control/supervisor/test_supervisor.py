@@ -54,10 +54,16 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.signals.sensor_actuator import CAUSES
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import configuration_rate_matrix
+from uvms_drake.plant.waves import Wave
 from uvms_drake.station.contact.bounds import fastest_advance, sensed_contact
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import dump_scenario, typed_scenario
-from uvms_drake.station.supervision import supervisor_of, thresholds_of
+from uvms_drake.station.supervision import (
+    norms,
+    supervisor_of,
+    thresholds_of,
+    wave_accelerations,
+)
 
 LIMITS = Thresholds(
     force=40.0, error=1.5, constant=0.5, share=0.0, delay=0.0, walls=SurfaceClass(stiffness=1000.0),
@@ -707,12 +713,13 @@ def test_a_thruster_is_isolated_after_a_drift_or_a_deviation_if_it_is_the_same_f
 def test_a_thruster_that_explained_the_drift_before_the_trip_is_isolated_with_it(
         model, settings, thrusters):
     """A ratio of 0.9 for 0.1 s, then one above one; none for a current with that drift."""
-    def safety(wrench):
+    def safety(wrench, before=None):
         zeta = np.linalg.solve(model.mass_matrix(model.kinematics(START)),
                                np.append(wrench, np.zeros(4)))
         drift = (configuration_rate_matrix(START) @ zeta)[:6]
         drift *= 0.9 * LIMITS.drift[0] / np.linalg.norm(drift[:3])
         now = initial_watch(10)
+        now = now if before is None else now._replace(safety=before)
         for k in range(8):
             now = updated(now, QUIET._replace(time=9.0 + 0.02 * k, drift=(1.0 + 0.4 * (k == 7)) * (
                 drift)), START, LIMITS, settings._replace(thrusters=thrusters), model)
@@ -721,6 +728,9 @@ def test_a_thruster_that_explained_the_drift_before_the_trip_is_isolated_with_it
 
     assert list(CAUSES)[int(safety(thrusters.B[:, 0])[1]) - 1] == "drift"
     assert safety(thrusters.B[:, 0])[4] == 1 and safety(np.eye(6)[0])[4] == 0
+    # It watches again after a trip at 1 s, of which cause and instant are kept.
+    resumed = np.array([WATCHING, 2.0, 1.0, np.nan, 0.0])
+    assert safety(thrusters.B[:, 0], resumed)[4] == 1
 
 
 def test_without_a_thruster_the_others_give_the_wrench_but_for_an_axis_that_they_do_not_drive(
@@ -754,8 +764,56 @@ def test_what_is_declared_counts_for_the_threshold_of_drift(model):
                           ("actuation.1.error=[0.1]", 0)):
         assert thresholds_of(uv.load_scenario(REAL, [change]), model).drift[index] > 1.05 * base[
             index]
+    # Unknowns are of either sign: one does not take from what another one adds.
+    heavy = "model_error.payload.mass=1.0"
+    alone, both = (thresholds_of(uv.load_scenario(REAL, [heavy, *more]), model).drift
+                   for more in ([], ["model_error.buoyancy_shift=[0.005, 0, 0]"]))
+    assert both[1] > 1.5 * alone[1]
     known = thresholds_of(uv.load_scenario(REAL, ["supervisor.drift=[0.5, 0.6]"]), model)
     np.testing.assert_array_equal(known.drift, [0.5, 0.6])
+
+
+@pytest.mark.parametrize("period", [3.0, 6.0])
+def test_a_wave_accelerates_the_robot_by_no_more_than_its_part_of_the_drift(period, model):
+    """The simulated one, at rest in the wave; most of it is the pressure of accelerating water."""
+    wave = Wave(amplitude=0.2, period=period, direction=0.7)
+    largest = wave_accelerations(model, START, wave)
+    plant = uv.make_uvms_plant(
+        "girona500_arm5e", surface=uv.UnilateralPlane(point=np.array([99.0, 0.0, 0.0])),
+        disturbance=uv.disturbances.ConstantDisturbance(bound=0.0))
+    context = plant.CreateDefaultContext()
+    uv.set_state(plant, context, np.append(START, np.zeros(10)))
+    found = []
+    for motion in [2 * (np.zeros(3),), *map(wave.motion, np.linspace(0.0, period, 25))]:
+        for name, value in zip(("current", "current_acceleration"), motion, strict=True):
+            plant.GetInputPort(name).FixValue(context, value)
+        found.append(plant.GetOutputPort("acceleration").Eval(context).copy())
+    linear, angular = np.max([norms(each - found[0]) for each in found], axis=0)
+    assert 0.9 * largest[0] < linear < 1.05 * largest[0]
+    assert 0.5 * largest[1] < angular < 1.05 * largest[1]
+    assert linear > 0.9 * wave.speed * wave.frequency
+
+
+def test_a_command_that_a_limit_cuts_is_cut_to_the_thrusters_as_any_other(
+        model, settings, thrusters):
+    """After a trip far off the reference, and with a limit of one joint that cuts, too."""
+    far = np.concatenate([[RETREATING, 0.0], START + np.append(5.0, np.zeros(9)), np.zeros(10)])
+    allocation, forces = Allocation.to(thrusters), []
+    for limits in (None, uv.limits.Limits(u=np.append(np.full(9, 1e3), 1e-6))):
+        system = AncillaryFeedback(model, uv.load_scenario(REAL).ancillary, limits, settings,
+                                   allocation)
+        context, rest = system.CreateDefaultContext(), np.append(START, np.zeros(10))
+        for name, value in (
+                ("state", rest), ("nominal_state", rest), ("nominal_acceleration", np.zeros(10)),
+                ("nominal_input", np.zeros(10)), ("force_measured", np.zeros(6)),
+                ("vehicle_wrench", np.zeros(6)), ("retreat", far)):
+            system.GetInputPort(name).FixValue(context, value)
+        forces.append(system.GetOutputPort("tau").Eval(context)[:6].copy())
+        assert system.GetOutputPort("limited").Eval(context)
+    for force in forces:
+        short = np.abs(allocation.shortfall(force)[thrusters.driven])
+        assert np.all(short < 0.02 * allocation.largest)
+    assert forces[0][0] > 100.0
 
 
 @pytest.mark.long

@@ -292,7 +292,7 @@ class AncillaryFeedback(WiredSystem):
             safety, wanted.M, model.inverse_dynamics(
                 measured, zeta, np.zeros_like(zeta), now.contact), tau,
             tau[:6] if now.wrench is None else now.wrench, config[6:], zeta[6:])
-        if not (filtered or limited != wanted.limited):
+        if not filtered and tau is wanted.tau:
             return wanted
         tau = np.append(tau[:6], torque)
         return replace(wanted, tau=tau, u=np.linalg.solve(wanted.M, tau), limited=limited,

@@ -223,13 +223,14 @@ class TubeMonitor(WiredSystem):
                 ) -> framework.EventStatus:
         old = self._samples(context)
         # Bounds that are exceeded now; before `begin` deviations do not count.
-        counts = context.get_time() >= self._begin and not (
-            self._safety_port.HasValue(context) and self._safety_port.Eval(context)[0] > 0.0)
+        retreats = (self._safety_port.HasValue(context)
+                    and self._safety_port.Eval(context)[0] > 0.0)
+        counts = context.get_time() >= self._begin and not retreats
         norms = self._deviation.Eval(context).norms if counts else np.zeros(len(FIELDS))
         bounds = np.array([self._radii, self._bounds(context)])
         set_wise, along = np.any(beyond(norms, bounds, self._slack, self._floor), axis=1)
         d = 0.0
-        if self._disturbance_port.HasValue(context):
+        if self._disturbance_port.HasValue(context) and not retreats:
             relative = self._disturbance_port.Eval(context) / self._weights
             d = math.sqrt(relative @ relative)
         is_outside = np.array([set_wise, along, beyond(d, self._d_bound, self._slack, FLOOR)])

@@ -151,7 +151,8 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     clocks[6] = clocks[6] + since if driven else 0.0
     now = before._replace(readings=rows.ravel(), clocks=clocks, flow=flow)
     found = ratios(seen, np.vstack([recent, present]), limits)
-    safety, suspect, trip = before.safety.copy(), np.zeros(2), before.safety[2]
+    safety, suspect = before.safety.copy(), np.zeros(2)
+    trip = np.nan if safety[0] == WATCHING else safety[2]
     if (settings.thrusters is not None and not safety[4] and found[DRIFT] > SUSPICION
             and not seen.time - trip > ISOLATION and is_finite(seen.tip) and np.isfinite(seen.force)
             and not seen.saturated and seen.lost_time == 0.0):

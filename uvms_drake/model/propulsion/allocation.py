@@ -181,4 +181,4 @@ class Allocation:
 
     def shortfall(self, wrench: np.ndarray) -> np.ndarray:
         """Returns the part (6,) of a wrench that the thrusters cannot exert, at rest."""
-        return wrench - self.thrusters.B @ self.forces(wrench)
+        return wrench - self.thrusters.B @ self.thrusters.within_current(self.forces(wrench))

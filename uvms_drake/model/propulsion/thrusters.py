@@ -130,15 +130,20 @@ class ThrusterModel:
         return np.array([curve.force[-1] for curve in self.curves])
 
     def forces_of(self, commands: np.ndarray) -> np.ndarray:
-        """Returns the steady forces (m,) [N] for commands (m,), within the largest current.
+        """Returns the steady forces (m,) [N] for commands (m,), within the largest current."""
+        return self.within_current(np.array([
+            curve.force_of(command) for curve, command in zip(self.curves, commands, strict=True)]))
 
-        By momentum theory the power at a constant voltage is I ∝ |f|^{3/2}; where Σ I would be
-        above the largest current, all forces are reduced by one factor until it is not.
+    def within_current(self, forces: np.ndarray) -> np.ndarray:
+        """Returns forces (m,) [N] reduced by one factor until Σ I is the largest current at most.
+
+        By momentum theory the power at a constant voltage is I ∝ |f|^{3/2}.
         """
-        forces = np.array([curve.force_of(command) for curve, command
-                           in zip(self.curves, commands, strict=True)])
-        total = float(np.sum(self.current * (np.abs(forces) / np.maximum(
-            -self.lower, self.upper)) ** 1.5)) if self.largest_current < np.inf else 0.0
+        if self.largest_current == np.inf:
+            return forces
+        largest = np.maximum(-self.lower, self.upper)
+        share = np.divide(np.abs(forces), largest, out=np.zeros(self.size), where=largest > 0.0)
+        total = float(self.current @ share**1.5)
         return forces if total <= self.largest_current else forces * (
             self.largest_current / total) ** (2.0 / 3.0)
 
