@@ -53,7 +53,7 @@ def test_it_can_be_made_longer_by_other_workers_and_gives_the_same_bytes(
     out, err = capsys.readouterr()
     assert f"1 of {RUNS} runs are there already" in err
     assert out.splitlines()[-1] == (
-        f"all guarantees kept; the force never settled in {RUNS} of {RUNS} runs")
+        f"all limits kept, without a certificate; the force never settled in {RUNS} of {RUNS} runs")
     assert result_bytes(tmp_path) == result_bytes(reference)
 
 

@@ -171,6 +171,7 @@ def test_what_is_drawn_is_accepted_by_the_test_of_the_draws(drawn, ocp):
 @pytest.mark.parametrize(("changes", "said"), [
     ({"force": 60.0}, "force: 60 N, drawn from 5 to"), ({"stiffness": 3000.0}, "not of the class"),
     ({"stiffness": 30.0}, "not of the class"), ({"near": 0.05}, "nearer than the clearance"),
+    ({"near": 0.1}, "drawn from"),
     ({"near": 0.488, "force": 5.0, "stiffness": 150.0}, "wall: 0.4")])
 def test_values_in_the_box_of_the_ranges_that_no_draw_has_are_named(base, ocp, changes, said):
     """As 5 N on a soft wall half a metre off: each is in its range, and never touched in time."""

@@ -43,7 +43,8 @@ def test_the_distribution_tells_whose_the_worst_is():
 @pytest.mark.parametrize("broken", [
     {"exits_set": 1}, {"exits_trajectory": 2}, {"limited": True}, {"violations": 1},
     {"finite": False}, {"error": "ValueError: x"}, {"wall": {"static": 1.02}},
-    {"wall": {"peak": 1.02}}, {"wall": {}, "mpc_failures": 2}, {"retreated_s": 5.0}], ids=str)
+    {"wall": {"peak": 1.02}}, {"wall": {}, "mpc_failures": 2}, {"retreated_s": 5.0},
+    {"left": ["depth"]}, {"exits_bands": 1}], ids=str)
 def test_a_promise_that_is_not_kept_is_told(campaign, result, broken):
     fine = result | {"wall": result["wall"] | FINE}
     worse = fine | broken | {"wall": fine["wall"] | broken.get("wall", {})}
@@ -52,6 +53,22 @@ def test_a_promise_that_is_not_kept_is_told(campaign, result, broken):
     summary = summarise_campaign(campaign, [*others, worse])
     assert not all_well(summary)
     assert summary["worst"][0]["index"] == fine["index"]
+
+
+@pytest.mark.parametrize("certified", [False, True])
+def test_a_run_of_a_certified_campaign_is_watched_as_a_certified_one(
+        campaign, certified, monkeypatch):
+    seen = []
+    monkeypatch.setattr("uvms_drake.campaign.run.simulate", lambda scenario, certified: seen.append(
+        certified))
+    run_one(replace(campaign, certified=certified), 0)
+    assert seen == [certified]
+
+
+def test_runs_of_another_numpy_are_refused(campaign):
+    other = replace(campaign, versions=campaign.versions | {"numpy": "1.0"})
+    with pytest.raises(uv.RunFailed, match="a version is not as it was"):
+        run_one(other, 0)
 
 
 def test_a_promise_is_of_walls_of_the_class_alone(campaign, result):
@@ -92,7 +109,7 @@ def test_figures_and_table_of_runs_that_all_end_alike(campaign, result, tmp_path
 
 
 def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
-    def breaks(scenario):
+    def breaks(scenario, certified):
         raise ZeroDivisionError("of\nno use")
 
     monkeypatch.setattr("uvms_drake.campaign.run.simulate", breaks)

@@ -99,7 +99,7 @@ def files(tmp_path_factory) -> Path:
 def test_the_tube_and_its_constants_are_found_by_the_exact_type(files):
     scenario = uv.load_scenario(str(files / "own.yaml"), FEW)
     assert scenario.ancillary.name == "cascade"
-    assert "cascade_law.py" in fingerprint(scenario)["files"]
+    assert "modules[0]/cascade_law.py" in fingerprint(scenario)["files"]
     law = type(scenario.ancillary)
     assert law in TUBES and type("Derived", (law,), {}) not in TUBES
 

@@ -113,7 +113,7 @@ def test_a_run_says_on_stderr_and_in_its_summary_what_is_alarming(tmp_path, caps
 
 
 def test_a_worker_of_a_campaign_is_silent(monkeypatch, caplog):
-    def alarmed(scenario):
+    def alarmed(scenario, certified):
         warn(0.1, "left the tube")
         raise RuntimeError("enough")
 

@@ -186,7 +186,9 @@ def test_a_contact_is_lost_only_in_a_step_that_needs_one():
     """The hold from 1 to 2 s and the slide from 2 to 4 s do, approach and retreat do not."""
     run = mission_record()
     for apart, losses in (((0.4, 0.5), 0), ((1.4, 1.5), 1), ((1.9, 2.1), 1), ((4.4, 4.5), 0),
-                          ((3.9, 4.2), 1), ((4.1, 6.1), 0)):
+                          ((3.9, 4.2), 1), ((4.1, 6.1), 0),
+                          # From the first sample of the hold, or of the slide, on.
+                          ((0.99, 1.1), 1), ((1.99, 2.1), 1), ((0.9, 1.1), 0)):
         off = (run.time > apart[0]) & (run.time < apart[1])
         left = replace(run, penetration=np.where(off, -1e-3, 1e-3))
         assert losses_of(left) == summarise_contact(left)["losses"] == losses, apart

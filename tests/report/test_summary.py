@@ -13,9 +13,11 @@ from support.synthetic import desiring, synthetic_record, synthetic_sensed_recor
 
 import uvms_drake as uv
 from uvms_drake.actuation import Thrusters
+from uvms_drake.certificate.run_verdict import broken
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.limits.pose import Joints
-from uvms_drake.control.mpc.planner import KEPT
+from uvms_drake.control.mpc.planner import FAILED, KEPT
+from uvms_drake.control.mpc.solver_faults import SolverFailure
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.surface import SurfaceError
@@ -52,6 +54,40 @@ def test_the_keys_are_the_stored_ones_and_valid_json():
     text = json.dumps(summary, allow_nan=False, indent=1)
     assert json.loads(text) == summary
     check_snapshot("summary_keys", "\n".join(re.findall(r'^ *"\w+":', text, re.MULTILINE)))
+
+
+def test_a_certified_run_fails_by_a_cut_a_missing_plan_and_any_certified_row():
+    """Of the rows that the monitor does not watch; a fault that was declared is none."""
+    record = synthetic_record(4.0, certified=np.array(True))
+    kept = uv.summarise(record)
+    assert not {"the command, cut", "the MPC, without a plan"} & set(broken(kept))
+    cut = uv.summarise(replace(record, input_limited=np.ones_like(record.input_limited)))
+    assert set(broken(cut)) - set(broken(kept)) == {"the command, cut"}
+    status = record.mpc_status.copy()
+    status[3] = FAILED
+    failed = uv.summarise(replace(record, mpc_status=status))
+    assert set(broken(failed)) - set(broken(kept)) == {"the MPC, without a plan"}
+    declared = replace(record.scenario, faults=[SolverFailure(
+        start=3.0 * record.scenario.mpc.time_step, duration=0.05)])
+    known = uv.summarise(replace(record, mpc_status=status, scenario=declared))
+    assert "the MPC, without a plan" not in broken(known)
+    speed = record.zeta.copy()
+    speed[-1, 0] += 10.0
+    fast = uv.summarise(replace(record, state=np.hstack([record.config, speed])))
+    assert "the tube, nu1" in broken(fast) and "the tube, nu1" not in broken(kept)
+    assert not uv.summarise(replace(record, certified=np.array(False)))["tube"]["left"]
+
+
+@pytest.mark.parametrize("ahead", [0, 1])
+def test_a_plan_in_advance_is_compared_with_the_fault_of_the_sample_before(ahead):
+    record = synthetic_record(4.0)
+    status = record.mpc_status.copy()
+    status[[3 + ahead, 8]] = FAILED
+    scenario = replace(record.scenario, mpc=replace(record.scenario.mpc, in_advance=bool(ahead)),
+                       faults=[SolverFailure(
+                           start=3.0 * record.scenario.mpc.time_step, duration=0.05)])
+    found = uv.summarise(replace(record, mpc_status=status, scenario=scenario))["mpc"]
+    assert (found["failures"], found["own_failures"]) == (2, 1)
 
 
 def test_a_joint_without_limits_has_no_constraint(monkeypatch):

@@ -170,6 +170,8 @@ test_what_is_no_real_loop_or_lacks_a_number_is_refused = refusals(REAL, {
     "draws.force=null": r"draws\.force.*declared",
     "contact.tangential_lag=0": r"contact\.tangential_lag.*positive",
     "draws.force=[5, 500]": r"draws\.force = 500\.0.*along surge .* more than there is",
+    "mission.steps=[!Approach {}, !Hold {force: 500}, !Retreat {}]":
+        r"mission\.steps\[1\]\.force = 500\.0.*along surge",
 }, check_real)
 
 

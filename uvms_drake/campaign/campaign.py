@@ -11,6 +11,7 @@ import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_load_data
@@ -21,6 +22,8 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed, require
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 
 SETUP_FILE = "setup.json"
+DRAWING = {"numpy": version("numpy")}
+"""Version of the random generator, beside those of a certificate."""
 NO_OTHER = "a folder without another campaign in it (of another scenario, seed, option or program)"
 
 
@@ -78,12 +81,13 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
     return Campaign(
         scenario=dump_scenario(applied), declared=_digest(dump_scenario(scenario)),
         certified=certificate is not None, seed=seed, files=prints["files"],
-        versions=prints["versions"], source=run_source(), runs=runs)
+        versions=prints["versions"] | DRAWING, source=run_source(), runs=runs)
 
 
 def require_same_code(campaign: Campaign) -> None:
     """Raises `RunFailed` unless program and robot are those that a campaign was made with."""
     now = fingerprint(campaign.base) | {"source": run_source()}
+    now["versions"] |= DRAWING
     for key, what in (("source", "this package"), ("versions", "a version"),
                       ("files", "a file of the robot")):
         if now[key] != getattr(campaign, key):

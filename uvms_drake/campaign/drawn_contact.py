@@ -150,10 +150,11 @@ def never_pressed(scenario: Scenario, ocp: Ocp) -> list[str]:
     if misplaced(scenario, ocp, wall, force):
         return ["wall: nearer than the clearance, or beyond the mission's search"]
     gap = -float(wall.geometry.depth(start + 0.5 * across(contact.direction, goal - start)))
-    hold = float(scenario.draws.hold[0])
-    most = max(time_of(scenario, ocp, wall, force, hold)[2], contact.clearance + SPARE)
-    return [] if gap <= most else [
-        f"wall: {gap:.3g} m off, with its stiffness and this force drawn up to {most:.3g} m"]
+    hold, least = float(scenario.draws.hold[0]), contact.clearance + SPARE
+    most = max(time_of(scenario, ocp, wall, force, hold)[2], least)
+    return [] if least <= gap <= most else [
+        f"wall: {gap:.3g} m off, with its stiffness and this force drawn from {least:.3g} to "
+        f"{most:.3g} m"]
 
 
 def drawn_forces(scenario: Scenario) -> tuple[float, float]:
@@ -169,10 +170,12 @@ def drawn_forces(scenario: Scenario) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def force_to_admit(scenario: Scenario) -> float:
-    """Returns the largest desired force of a run [N]: of a mission's steps, or that is drawn."""
-    return max((step.strongest for step in scenario.mission.steps),
-               default=drawn_forces(scenario)[1])
+def force_to_admit(scenario: Scenario) -> tuple[str, float]:
+    """Returns key and size of the largest desired force [N] of a mission's steps, or drawn."""
+    steps = {f"mission.steps[{i}].force": step.strongest
+             for i, step in enumerate(scenario.mission.steps)}
+    return max(steps.items(), key=lambda item: item[1],
+               default=("draws.force", drawn_forces(scenario)[1]))
 
 
 def about_drawn(scenario: Scenario) -> Iterator[str]:
@@ -223,7 +226,8 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
     distance = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH_DEPTH
     fastest = scenario.draws.speed or contact.speed - (scenario.tube.depth_speed or 0.0)
     if scenario.draws.speed is not None:
-        distance += safe_depth_margin(scenario) - largest_margin(scenario, force_to_admit(scenario))
+        distance += safe_depth_margin(scenario) - largest_margin(
+            scenario, force_to_admit(scenario)[1])
     speed = min(distance / lag, fastest, search_speed(force, contact.stiffness, touch_to_plan(
         ocp.time_step, committed, sensing_of(scenario))))
     slope, stiffest = wall.law.slopes[0], contact.walls.share * contact.stiffness

@@ -12,8 +12,7 @@ from uvms_drake.campaign.draws import draw
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
-from uvms_drake.control.mpc.solver_faults import solver_fault
+from uvms_drake.control.mpc.planner import KEPT, SOLVED
 from uvms_drake.mission.law import DONE
 from uvms_drake.mission.steps import Hold
 from uvms_drake.plant.model_error import BODIES, COEFFICIENTS, FACTORS
@@ -25,7 +24,6 @@ from uvms_drake.report.tube_use import tube_use
 from uvms_drake.station.contact.bounds import force_line
 from uvms_drake.station.record import Record
 from uvms_drake.station.safety import summarise_safety
-from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 
@@ -50,7 +48,7 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     try:
         scenario, how = draw(campaign, index)
         result |= how | drawn(scenario)
-        record = simulate(scenario)
+        record = simulate(scenario, certified=campaign.certified)
         if record.failure:
             raise RunFailed(str(record.failure))
         result |= outcome(record)
@@ -86,7 +84,8 @@ def outcome(record: Record) -> dict[str, Any]:
     """Returns the figures of merit of a run, of `metrics`.
 
     `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of the effective disturbance, and `inside` is
-    whether that was at most 1, or d̃ is zero. `margin` is the smallest of `margins`, and
+    whether that was at most 1, or d̃ is zero. `left` are the certified rows that were left, and
+    `exits_bands` counts exits of the force bands. `margin` is the smallest of `margins`, and
     `constraint` its name. `limited` is whether the command saturated, `finite` whether all logged
     signals are. With an unknown wall force error and settling are those along n: its tilt and its
     friction exert a force normal to n, where none is desired.
@@ -108,6 +107,8 @@ def outcome(record: Record) -> dict[str, Any]:
         "ratio_trajectory": tube["worst_ratio"]["trajectory"],
         "use": tube_use(record), "off_line": off_line(record),
         "exits_set": tube["exits"], "exits_trajectory": tube["exits_along_the_run"],
+        "left": tube["left"], "exits_bands": sum(
+            row["exits"] for row in found["contact"].get("force_bands", {}).values() if row),
         "margin": margins[name], "constraint": name, "margins": margins,
         "violations": sum(margin < 0.0 for margin in margins.values()),
         "force_error": wall["final_error"] if wall else force["final_error_norm"],
@@ -115,7 +116,7 @@ def outcome(record: Record) -> dict[str, Any]:
         "losses": found["contact"]["losses"],
         "touched": (found["contact"]["first_touch_s"] is not None
                     or not np.any(record.desired_force)),
-        "mpc_failures": own_failures(record),
+        "mpc_failures": found["mpc"]["own_failures"],
         "terminal_slack": found["mpc"]["worst_terminal_slack"],
         "limited": any(event["kind"] == "input_limited" for event in found["events"]),
         "finite": is_finite(record),
@@ -155,16 +156,6 @@ def mission_outcome(mission: dict[str, Any]) -> dict[str, Any]:
             "over_s": mission["over_s"],
             "failures": [f"{row['kind']} {row['step']}: {row['ended']}"
                          for row in mission["steps"] if row["ended"] != "done"]}
-
-
-def own_failures(record: Record) -> int:
-    """Returns the number of failed solves without a fault of the scenario."""
-    scenario = record.scenario
-    faults = list(faults_at("solver", scenario.faults).values())
-    period = scenario.mpc.time_step
-    declared = [solver_fault(faults, scenario.seed, round(time / period), period)
-                for time in record.mpc_time]
-    return int(np.count_nonzero((record.mpc_status == FAILED) & (np.array(declared) != FAILED)))
 
 
 def is_finite(record: Record) -> bool:

@@ -36,8 +36,9 @@ WALL_MEASURES = {
 """Labels of the metrics of unknown walls."""
 SMALL_IS_BAD = "margin"
 COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
-PROMISED = ("exits_set", "exits_trajectory", "violations", "limited")
-"""Counts of a run that must be zero."""
+PROMISED = ("exits_set", "exits_trajectory", "left", "exits_bands", "violations", "limited",
+            "mpc_failures")
+"""Counts of a run that must be zero, and lists that must be empty."""
 BROKEN = ("static", "peak", "no_plan")
 """Guarantees for a wall of the class that a run may break: the largest force at rest and in motion,
 and a plan at every sample."""
@@ -74,6 +75,8 @@ def summarise_campaign(campaign: Campaign, results: Results) -> dict[str, Any]:
             "not_finite": sum(not result["finite"] for result in carried),
             "counted": len(done), "not_covered": len(carried) - len(done),
             "limited": sum(result["limited"] for result in done),
+            "rows_left": sum(bool(result["left"]) for result in done),
+            "exits_bands": sum(result["exits_bands"] for result in done),
             "retreated": sum(result["retreated_s"] is not None for result in done),
             "never_settled": sum(result["settling_time_s"] is None for result in done),
             **{name: sum(result[name] for result in done) for name in COUNTS}},
@@ -265,7 +268,8 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
     counts = summary["counts"]
     slack = _number(summary["worst_terminal_slack"])
     lines = [f"counted {counts['counted']} of {summary['runs']} runs",
-             f"exits: {counts['exits_set']} set-wise, {counts['exits_trajectory']} along the run; "
+             f"exits: {counts['exits_set']} set-wise, {counts['exits_trajectory']} along the run, "
+             f"{counts['exits_bands']} of force bands; radii left in {counts['rows_left']} runs; "
              f"constraint violations: {counts['violations']}; command cut in {counts['limited']} "
              f"runs; exceptions: {counts['exceptions']}; not finite: {counts['not_finite']}",
              f"failed solves: {counts['mpc_failures']}; force never settled: "

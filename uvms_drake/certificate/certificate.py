@@ -7,6 +7,7 @@ have changed, is recognised; see `stale_reason`.
 
 import hashlib
 import json
+import os
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -21,9 +22,9 @@ from uvms_drake.certificate.text import format_certificate, verdict
 from uvms_drake.common.cache import source_digest
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import from_jsonable, jsonable, write_json
-from uvms_drake.common.program import FOLDER, VERSION
-from uvms_drake.model.description.robot_files import model_dir
-from uvms_drake.station.scenario.modules import module_file
+from uvms_drake.common.program import VERSION
+from uvms_drake.model.description.robot_files import model_dir, read_robot_files
+from uvms_drake.station.scenario.modules import module_files
 from uvms_drake.station.scenario.parts import uncovered
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
@@ -85,11 +86,13 @@ KINDS: dict[str, type[AnyCertificate]] = {
 
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Returns the inputs of a certificate: hashes of files and scenario, and versions."""
-    own_modules = [path for path in map(module_file, scenario.modules)
-                   if FOLDER not in path.parents]  # Those of the package count by its version.
-    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest()
-             for path in (*sorted(model_dir(scenario.model).iterdir()), *own_modules)
-             if path.is_file()}
+    folder = model_dir(scenario.model)
+    read = {path.name if path.parent == folder else os.path.relpath(path, folder): path
+            for path in (*sorted(folder.iterdir()), *read_robot_files(folder).read)
+            if path.is_file()}
+    for i, name in enumerate(scenario.modules):  # Those of the package count by its version.
+        read |= {f"modules[{i}]/{key}": path for key, path in module_files(name).items()}
+    files = {key: hashlib.sha256(path.read_bytes()).hexdigest() for key, path in read.items()}
     relevant = yaml_load_data(dump_scenario(scenario))
     for key in IRRELEVANT:
         relevant.pop(key, None)

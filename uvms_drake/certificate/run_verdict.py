@@ -62,14 +62,19 @@ def verdict_of(summary: dict[str, Any], also: Sequence[str] = ()) -> dict[str, A
 def broken(summary: dict[str, Any]) -> list[str]:
     """Returns the limits that a run has violated, its tube if it left it, and its force bands.
 
-    With a certificate it is the certified tube, along the run, too, and with one in probability
-    also a lost contact.
+    With a certificate it is the certified tube, along the run, too, a command that was cut and a
+    sample without a plan, and with one in probability also a lost contact.
     """
     names, tube = violated_limits(summary), summary["tube"]
     names += [f"the force band {BANDS[name]}" for name, row in
               summary["contact"].get("force_bands", {}).items() if row and row["exits"]]
     counted = summary["in_probability"] is not None
     names += ["the contact, lost"] * bool(counted and summary["contact"]["losses"])
+    if tube["certified"]:
+        names += [f"the tube, {row}" for row in tube["left"]]
+        names += ["the command, cut"] * any(
+            event["kind"] == "input_limited" for event in summary["events"])
+        names += ["the MPC, without a plan"] * bool(summary["mpc"]["own_failures"])
     if tube["certified"] or counted:
         return names + [f"the tube, {what}" for key, what in (
             ("exits", "set-wise"), ("exits_along_the_run", "along the run")) if tube[key]]

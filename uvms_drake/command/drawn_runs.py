@@ -1,6 +1,7 @@
 """Drawn runs of a scenario: a campaign, a calibration, and the certificate of `certify --runs`."""
 
 import argparse
+import shlex
 import sys
 from dataclasses import replace
 from functools import partial
@@ -113,8 +114,12 @@ def run_campaign(args: argparse.Namespace) -> int:
     print(f"{text}\n\nwritten to {output}: "
           f"{', '.join(sorted((SETUP_FILE, RUNS_FILE, *written)))}")
     well, never = all_well(summary), summary["counts"]["never_settled"]
-    print(("all guarantees kept" if well else "GUARANTEES BROKEN, or too many runs do not count")
-          + (f"; the force never settled in {never} of {args.runs} runs" if never else ""))
+    words = ("all guarantees kept", "GUARANTEES BROKEN, or too many runs do not count")
+    if not campaign.certified:
+        words = ("all limits kept, without a certificate",
+                 "LIMITS VIOLATED, or too many runs do not count, without a certificate")
+    settled = f"; the force never settled in {never} of {args.runs} runs" if never else ""
+    print(f"{words[not well]}{settled}")
     return 0 if well else BROKEN
 
 
@@ -141,7 +146,7 @@ def certify_by_runs(args: argparse.Namespace, replaced: list[str]) -> int:
         campaign = make_campaign(drawn, attempt.seed, None, args.runs)
         check_folder(folder, campaign)
         note(scenario)
-        vary(campaign, 0)
+        vary(replace(campaign, seed=0), 0)  # Whether it can be drawn; no run of this attempt.
     attempts = begun(attempt)
     best = failure_bound(args.runs, 0, spent(args.confidence, len(attempts)))
     print(f"attempt {len(attempts)} at: {attempt.task}; in {ledger_path()}\n"
@@ -166,7 +171,8 @@ def calibrate_scenario(args: argparse.Namespace) -> int:
     scenario, path = load_scenario(args.scenario), scenario_path(args.scenario)
     file = args.output or Path(f"{scenario.name}_calibrated.yaml")
     pool = make_pool(args.workers, args.scheduler)
-    command = " ".join([PROGRAM, "calibrate", args.scenario, *(["--gains"] if args.gains else [])])
+    command = shlex.join([PROGRAM, "calibrate", args.scenario, *["--gains"] * args.gains,
+                          "--runs", str(args.runs)])
     text = path.read_text(encoding="utf-8")
     with new_file(file, "--output"):
         # Whether its layout takes the numbers, before the runs that find them.
@@ -210,7 +216,8 @@ def check_declared(scenario: Scenario) -> None:
             require(asked is not None, f"draws.{key}", asked, "declared: the distribution of a "
                     "certificate in probability must not depend on the tube")
         most = largest_force(scenario)
-        require(force_to_admit(scenario) < most, "draws.force", scenario.draws.force,
+        key, force = force_to_admit(scenario)
+        require(force < most, key, force,
                 f"below {most:.3g} N, the largest that the safe region admits with the tube")
     for key in (*RADII, *(WALL_RADII if of_wall else ()),
                 *(("tau",) if scenario.limits.tau is not None else ())):

@@ -12,6 +12,7 @@ import numpy as np
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT
+from uvms_drake.control.mpc.solver_faults import solver_fault
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface import ShapedSurface
@@ -21,12 +22,14 @@ from uvms_drake.report import signals
 from uvms_drake.report.contact_check import departures, has_stood, summarise_bands
 from uvms_drake.report.events import events
 from uvms_drake.report.mission import summarise_mission
+from uvms_drake.report.tube_use import rows_left
 from uvms_drake.station.contact.bounds import mean_time
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.parts import faults_at
 from uvms_drake.tube.contact.sensor_error import ripple
 
 LAST_SECONDS = 5.0
@@ -64,9 +67,10 @@ def metrics(record: Record) -> dict[str, Any]:
 def summarise_mpc(record: Record) -> dict[str, object]:
     """Returns how often the MPC was solved and failed, how well, and how long a step took.
 
-    `fallbacks` are the samples at which the last plan was continued: `failures` of the solver, and
-    `late` plans; where it was `kept` because it was sounder than the new one, nothing failed. At
-    `dropped` samples there was no solve, and none while the robot hovered.
+    `fallbacks` are the samples at which the last plan was continued: `failures` of the solver, of
+    which `own_failures` are those that no fault of the scenario declares, and `late` plans; where
+    it was `kept` because it was sounder than the new one, nothing failed. At `dropped` samples
+    there was no solve, and none while the robot hovered.
     `worst_violation` is that of the plans, in the unit of the limit that they violate.
     """
     planned = record.mpc_status != HOVERED
@@ -76,6 +80,7 @@ def summarise_mpc(record: Record) -> dict[str, object]:
     return {
         "solves": np.count_nonzero(status != DROPPED),
         "failures": np.count_nonzero(status == FAILED),
+        "own_failures": own_failures(record),
         "late": np.count_nonzero(status == TIMED_OUT),
         "dropped": np.count_nonzero(status == DROPPED),
         "fallbacks": np.count_nonzero((status == FAILED) | (status == TIMED_OUT)),
@@ -85,6 +90,18 @@ def summarise_mpc(record: Record) -> dict[str, object]:
         "worst_terminal_slack": np.max(record.mpc_terminal_slack) if len(step_ms) else None,
         "worst_violation": np.max(record.mpc_violation) if len(step_ms) else None,
     }
+
+
+def own_failures(record: Record) -> int:
+    """Returns the number of failed solves without a fault of the scenario.
+
+    A plan that is computed in advance is reported when it comes, a sample after its own.
+    """
+    scenario, period = record.scenario, record.scenario.mpc.time_step
+    faults = list(faults_at("solver", scenario.faults).values())
+    declared = [solver_fault(faults, scenario.seed, round(
+        time / period) - scenario.mpc.in_advance, period) for time in record.mpc_time]
+    return int(np.count_nonzero((record.mpc_status == FAILED) & (np.array(declared) != FAILED)))
 
 
 def summarise_task_error(record: Record) -> dict[str, object]:
@@ -238,7 +255,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
     `e` is the error of the law, `error`: y − ȳ, or χ − χ̄ alone; see `FIELDS`. `exits` counts
     the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the
     whole task, position, orientation, joints and velocity, set-wise and along the run; see
-    `TubeMonitor`.
+    `TubeMonitor`. `left` are the certified rows that the monitor does not watch and that were left.
     """
     tube = record.scenario.tube
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
@@ -253,6 +270,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
         "exits": int(report["set_exits"]),
         "first_exit_s": report["set_first_exit"],
         "exits_along_the_run": int(report["trajectory_exits"]),
+        "left": rows_left(record) if record.certified else [],
         "worst_ratio": _worst_ratios(record, report),
         "disturbance_excesses": int(report["disturbance_exits"]),
     }

@@ -145,9 +145,10 @@ def progress_of(record: Record) -> dict[str, np.ndarray]:
 
 
 def losses_of(record: Record) -> int:
-    """Returns how often the tip left the wall during a step that needs a contact."""
+    """Returns how often the tip left the wall in a step that needs a contact, or at its begin."""
     steps, touching = record.scenario.mission.steps, (record.penetration > 0.0).astype(int)
-    return sum(int(np.count_nonzero(np.diff(touching[attempt.when]) < 0))
+    return sum(int(np.count_nonzero(np.diff(
+        touching[max(attempt.when.start - 1, 0):attempt.when.stop]) < 0))
                for attempt in attempts_of(record) if steps[attempt.step].touches)
 
 

@@ -11,6 +11,7 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.station.diagram import monitor_begin, set_wise_radii
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.supervision import MONITOR_FLOOR, MONITOR_SLACK
 
 ROUNDING = 1e-9
 """Least radius that a deviation is divided by."""
@@ -34,6 +35,18 @@ def tube_use(record: Record) -> dict[str, float]:
         norms[name], radii[name] = record.tube_deviation[:, FIELDS.index(field)], radius
     return {name: float(np.max(norms[name][watched])) / max(radius, ROUNDING)
             for name, radius in radii.items() if name in norms}
+
+
+def rows_left(record: Record) -> list[str]:
+    """Returns the rows of velocities, angles and depth whose radius a run has left, by name.
+
+    Rows of inputs are none of them: the force of the contact is in the law's command, too, and the
+    certificate has it beside their radii.
+    """
+    radii = radii_of(resolved_radii(record.scenario.tube))
+    return [name for name, use in tube_use(record).items() if name in radii
+            and not name.startswith(("u_", "tau_"))
+            and use * radii[name] > (1.0 + MONITOR_SLACK) * radii[name] + MONITOR_FLOOR]
 
 
 def radii_of(tube: TubeRadii) -> dict[str, float]:

@@ -226,7 +226,7 @@ def check_strength(scenario: Scenario, model: ContactModel) -> None:
 
     At rest at the task's posture, in the declared current from any of four headings.
     """
-    wanted = strongest(scenario)
+    key, wanted = strongest(scenario)
     y_des = np.concatenate([np.asarray(scenario.task.pose), np.asarray(scenario.task.posture)])
     config = model.configuration(y_des)
     at, rest = model.kinematics(config), np.zeros(model.size)
@@ -238,14 +238,15 @@ def check_strength(scenario: Scenario, model: ContactModel) -> None:
     needed = np.abs(still + pressing) + np.max(drag, axis=0)
     short = needed - strength_of(read_uvms(scenario.model)).force
     i = int(np.argmax(short))
-    require(short[i] < 0.0, "draws.force", wanted,
+    require(short[i] < 0.0, key, wanted,
             f"less: along {coordinate(i)} a press in the current takes {needed[i]:.3g} "
             f"{unit_of(i)} at rest, {short[i]:.3g} {unit_of(i)} more than there is")
 
 
-def strongest(scenario: Scenario) -> float:
-    """Returns the largest desired force of a drawn run, or of the scenario's own [N]."""
-    return max(force_to_admit(scenario), pressing_force(scenario))
+def strongest(scenario: Scenario) -> tuple[str, float]:
+    """Returns key and size of the largest desired force of a drawn run, or its own [N]."""
+    return max(force_to_admit(scenario), ("task.force", pressing_force(scenario)),
+               key=lambda item: item[1])
 
 
 def radii_by_row(tube: TubeRadii) -> dict[str, float]:
@@ -280,8 +281,9 @@ def available_radii(scenario: Scenario, model: ContactModel) -> dict[str, float]
         out[name] = min((half / radius for limit in limits.values()
                          for _, radius, half in limit.margins(unit) if 0.0 < radius < np.inf),
                         default=np.inf)
-    depth = largest_margin(scenario, strongest(scenario))
-    require(depth > 0.0, "draws.force", strongest(scenario),
+    key, wanted = strongest(scenario)
+    depth = largest_margin(scenario, wanted)
+    require(depth > 0.0, key, wanted,
             "less: contact.force and contact.force_error leave no room for a tube")
     tilt, speed = contact.walls.tilt, scenario.draws.speed
     assert speed is not None
@@ -328,8 +330,8 @@ def with_plan(scenario: Scenario, model: ContactModel) -> Scenario:
     Raises:
         InvalidParameter: There is none, no first plan, or no room for the largest force.
     """
-    wanted, most = strongest(scenario), largest_force(scenario)
-    require(wanted < most, "draws.force", wanted, f"below {most:.3g} N, which depth and position "
+    (key, wanted), most = strongest(scenario), largest_force(scenario)
+    require(wanted < most, key, wanted, f"below {most:.3g} N, which depth and position "
             "of the tube leave of contact.force")
     ocp = make_ocp(scenario, model)
     radius, check = largest_radius(ocp, scenario.certificate.terminal_samples)

@@ -51,7 +51,7 @@ STATE_LOST = 0.5
 """Time without a state after which it is lost, where no navigation declares a gap [s]."""
 LOST = 1.0
 """Time without a force after which the planned retreat is not waited for any longer [s]."""
-LOADS = ("mass", "buoyancy_lever", "buoyancy", "payload")
+STATIC = ("mass", "buoyancy_lever", "buoyancy", "payload")
 """Unknowns of a `ModelError` that load a robot at rest, beside `buoyancy_shift`."""
 PHASES = 8
 """Number of headings, and of phases, of which the worst is that of a wave."""
@@ -234,8 +234,8 @@ def declared_drift(scenario: Scenario, model: ContactModel, error: float) -> np.
     effects = [drag_accelerations(model, config, float(np.linalg.norm(scenario.current)))]
     effects += [wave_accelerations(model, config, wave) for wave in scenario.waves]
     friction = np.append(np.zeros(6), unknown.joint_friction.torques(model.num_joints)[1])
-    effects += [norms(np.linalg.solve(M, load))
-                for load in (friction, *unknown_loads(scenario, model, config))]
+    effects += [norms(np.linalg.solve(M, each))
+                for each in (friction, *unknown_forces(scenario, model, config))]
     force = error + largest_error(scenario.actuation) * sensed_contact(scenario).force
     axes = scenario.disturbance.axes(model.size)
     out: np.ndarray = TIMES * np.sum(effects, axis=0) + force * np.array(
@@ -244,11 +244,11 @@ def declared_drift(scenario: Scenario, model: ContactModel, error: float) -> np.
     return out
 
 
-def unknown_loads(scenario: Scenario, model: ContactModel, config: np.ndarray
+def unknown_forces(scenario: Scenario, model: ContactModel, config: np.ndarray
                   ) -> Iterator[np.ndarray]:
     """Yields the generalised force (6+n,) on the robot at rest by each declared unknown alone."""
     still, unknown = np.zeros(model.size), scenario.model_error
-    for error in (*(ModelError(**{name: getattr(unknown, name)}) for name in LOADS),
+    for error in (*(ModelError(**{name: getattr(unknown, name)}) for name in STATIC),
                   *(ModelError(buoyancy_shift=part) for part in np.diag(unknown.buoyancy_shift))):
         if error.size > 0.0:
             plant = MultibodyPlant(time_step=0.0)

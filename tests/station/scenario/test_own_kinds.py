@@ -1,5 +1,7 @@
 """Kinds of one's own, each one file that a scenario names, without an edit in the package."""
 
+import re
+import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,7 @@ from uvms_drake.common import kinds
 from uvms_drake.common.kinds import kinds_of
 from uvms_drake.common.schema import load_typed, parse_yaml
 from uvms_drake.mission.law import DONE, RUNNING, Measured, advance, begin, due_at
+from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.station.scenario.scenario import dump_scenario
 
 CLOSE = "start: {eta: [-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]}"
@@ -191,6 +194,45 @@ def test_a_changed_module_makes_a_certificate_stale(tmp_path):
     after = fingerprint(scenario)
     assert before["inputs"] == after["inputs"]
     assert before["files"] != after["files"]
+
+
+def test_files_that_a_module_imports_count_and_each_module_of_a_name(tmp_path, monkeypatch):
+    """Two files of the same name, one that imports its neighbour, and a package."""
+    monkeypatch.syspath_prepend(tmp_path / "a")
+    monkeypatch.syspath_prepend(tmp_path)
+    files = {"a/parts.py": "import helper_of_parts\nimport numpy\n",
+             "a/helper_of_parts.py": "", "b/parts.py": "", "laws_of_mine/__init__.py": "",
+             "laws_of_mine/law.py": ""}
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: girona500_ideal\nmodules: [a/parts.py, b/parts.py, laws_of_mine]\n",
+                    encoding="utf-8")
+    scenario = uv.load_scenario(str(path))
+    before = fingerprint(scenario)["files"]
+    for i, (name, text) in enumerate(files.items()):
+        (tmp_path / name).write_text(f"{text}# Changed.\n", encoding="utf-8")
+        after = fingerprint(scenario)["files"]
+        assert sum(after[key] != before[key] for key in before) == i + 1, name
+    assert sum(key.startswith("modules") for key in before) == len(files)
+
+
+def test_a_file_that_the_robots_includes_counts(tmp_path):
+    robot = shutil.copytree(model_dir("girona500_arm5e"), tmp_path / "girona500_arm5e")
+    file, parts = next(robot.glob("*.sdf")), robot / "parts"
+    parts.mkdir()
+    (parts / "whole.sdf").write_text(file.read_text("utf-8"), "utf-8")
+    name = re.search(r'<model name="([^"]+)"', file.read_text("utf-8"))[1]
+    file.write_text(f'<sdf version="1.7"><model name="{name}"><include merge="true">'
+                    "<uri>parts/whole.sdf</uri></include></model></sdf>", "utf-8")
+    scenario = uv.load_scenario("girona500_ideal", [f"model={robot}"])
+    before = fingerprint(scenario)["files"]
+    text = (parts / "whole.sdf").read_text("utf-8")
+    (parts / "whole.sdf").write_text(re.sub(
+        r"<mass>([\d.]+)</mass>", lambda found: f"<mass>{float(found[1]) + 1.0}</mass>", text,
+        count=1), "utf-8")
+    assert fingerprint(scenario)["files"] != before
 
 
 def test_the_modules_of_a_base_are_imported_too(tmp_path):

@@ -106,6 +106,8 @@ class RobotFiles:
     """Files that it includes, likewise, by a name in the package `INCLUDED`."""
     notes: list[str] = field(default_factory=list)
     """Notes: no mistakes, but worth knowing."""
+    read: list[Path] = field(default_factory=list)
+    """The file and those that it includes."""
 
 
 def read_robot_files(folder: Path) -> RobotFiles:
@@ -139,7 +141,8 @@ def read_robot_files(folder: Path) -> RobotFiles:
              *(f"hydrodynamics.yaml: {each}" for each in unequal_entries(hydrodynamics)),
              *(f"{path.name} is not read: the robot's file is {file.name}" for path in unread_files(
                  folder, reader.read_files))]
-    return RobotFiles(folder, file, hydrodynamics, thrusters, main, reader.included, notes)
+    return RobotFiles(folder, file, hydrodynamics, thrusters, main, reader.included, notes,
+                      reader.read_files)
 
 
 class _Reader:

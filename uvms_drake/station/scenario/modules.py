@@ -1,13 +1,15 @@
 """Python modules that a scenario names: they register kinds of their own when they are imported."""
 
+import ast
 import importlib
 import importlib.util
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 
 from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.program import FOLDER
 
 
 def import_modules(names: Sequence[str]) -> list[str]:
@@ -25,6 +27,41 @@ def import_modules(names: Sequence[str]) -> list[str]:
 def module_file(name: str) -> Path:
     """Returns the source file of an imported module of `import_modules`."""
     return Path(name) if _is_file(name) else Path(str(sys.modules[name].__file__))
+
+
+def module_files(name: str) -> dict[str, Path]:
+    """Returns the source files of an imported module by their paths from its folder.
+
+    Those of its package, or its own and all of its folder that it imports; none of this package.
+    """
+    top = name if _is_file(name) else name.partition(".")[0]
+    file = module_file(top if _is_file(top) or sys.modules[top].__file__ else name)
+    if FOLDER in file.parents:
+        return {}
+    if file.name == "__init__.py":
+        return {str(path.relative_to(file.parent)): path
+                for path in sorted(file.parent.rglob("*.py"))}
+    found, left = {file.name: file}, [file]
+    while left:
+        for each in _imports(left.pop()):
+            path = Path(str(getattr(sys.modules.get(each), "__file__", None)))
+            if file.parent in path.parents and FOLDER not in path.parents:
+                key = path.relative_to(file.parent)
+                if key.parts[0].removesuffix(".py") == each.partition(".")[0] and (
+                        str(key) not in found):
+                    found[str(key)] = path
+                    left.append(path)
+    return dict(sorted(found.items()))
+
+
+def _imports(file: Path) -> Iterator[str]:
+    """Yields the names of imported modules, and names from them, which may be modules, too."""
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from (each.name for each in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{each.name}" for each in node.names)
 
 
 def from_folder(name: str, folder: Path) -> str:
