@@ -72,11 +72,13 @@ def test_runs_of_another_numpy_are_refused(campaign):
 
 
 def test_a_promise_is_of_walls_of_the_class_alone(campaign, result):
-    outside = result | {"wall": result["wall"] | FINE | {"static": 1.5, "in_class": False}}
+    outside = result | {"wall": result["wall"] | FINE | {"static": 1.5, "in_class": False},
+                        "left": ["depth"], "exits_bands": 1, "mpc_failures": 1}
     summary = summarise_campaign(campaign, [outside])
     assert all_well(summary)
     assert summary["walls"]["not_in_class"] == [0]
-    inside = outside | {"index": 1, "wall": outside["wall"] | {"in_class": True}}
+    inside = outside | {"index": 1, "wall": outside["wall"] | {"in_class": True},
+                        "mpc_failures": 0}
     summary = summarise_campaign(campaign, [outside, inside])
     assert summary["walls"]["broken"] == {"static": [1], "peak": [], "no_plan": []}
     assert summary["walls"]["settled_soon"] == 2

@@ -36,9 +36,10 @@ WALL_MEASURES = {
 """Labels of the metrics of unknown walls."""
 SMALL_IS_BAD = "margin"
 COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
-PROMISED = ("exits_set", "exits_trajectory", "left", "exits_bands", "violations", "limited",
-            "mpc_failures")
-"""Counts of a run that must be zero, and lists that must be empty."""
+PROMISED = ("exits_set", "exits_trajectory", "violations", "limited")
+OF_CLASS = ("left", "exits_bands", "mpc_failures")
+"""Counts of a run that must be zero, or lists that must be empty: on any wall, and on one of the
+class."""
 BROKEN = ("static", "peak", "no_plan")
 """Guarantees for a wall of the class that a run may break: the largest force at rest and in motion,
 and a plan at every sample."""
@@ -168,8 +169,9 @@ def is_broken(result: Result) -> bool:
     """
     if result["error"] is not None or not result["finite"]:
         return True
+    promised = PROMISED + OF_CLASS * result.get("wall", {}).get("in_class", True)
     return bool(result["inside"]) and bool(
-        any(result[name] for name in PROMISED) or broken_promises(result)
+        any(result[name] for name in promised) or broken_promises(result)
         or result["retreated_s"] is not None)
 
 

@@ -7,7 +7,6 @@ have changed, is recognised; see `stale_reason`.
 
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -87,9 +86,9 @@ KINDS: dict[str, type[AnyCertificate]] = {
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Returns the inputs of a certificate: hashes of files and scenario, and versions."""
     folder = model_dir(scenario.model)
-    read = {path.name if path.parent == folder else os.path.relpath(path, folder): path
-            for path in (*sorted(folder.iterdir()), *read_robot_files(folder).read)
-            if path.is_file()}
+    read = {path.name: path for path in sorted(folder.iterdir()) if path.is_file()}
+    for i, path in enumerate(read_robot_files(folder).read[1:]):
+        read[f"included[{i}]/{path.name}"] = path
     for i, name in enumerate(scenario.modules):  # Those of the package count by its version.
         read |= {f"modules[{i}]/{key}": path for key, path in module_files(name).items()}
     files = {key: hashlib.sha256(path.read_bytes()).hexdigest() for key, path in read.items()}

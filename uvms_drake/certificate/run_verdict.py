@@ -5,8 +5,8 @@ from typing import Any
 
 BROKEN, FAILED = 3, 4
 """Exit status of a completed run that passed a limit, left its tube, pressed a wall that is not of
-its declared class, had a motor that cut a torque under a certificate, or retreated; and of a run
-that an exception ended."""
+its declared class, had a motor or a limit that cut, or no plan, under a certificate, or retreated;
+and of a run that an exception ended."""
 BANDS = {"motion": "at touch and in motion", "hold": "in a hold"}
 """Names of the bands of the force of a sensed contact."""
 NAMED = ("tube", "limit", "contact")
@@ -72,8 +72,9 @@ def broken(summary: dict[str, Any]) -> list[str]:
     names += ["the contact, lost"] * bool(counted and summary["contact"]["losses"])
     if tube["certified"]:
         names += [f"the tube, {row}" for row in tube["left"]]
-        names += ["the command, cut"] * any(
-            event["kind"] == "input_limited" for event in summary["events"])
+        trip = summary.get("safety", {}).get("retreated_s")
+        names += ["the command, cut"] * any(event["kind"] == "input_limited" and (
+            trip is None or event["time_s"] < trip) for event in summary["events"])
         names += ["the MPC, without a plan"] * bool(summary["mpc"]["own_failures"])
     if tube["certified"] or counted:
         return names + [f"the tube, {what}" for key, what in (

@@ -276,9 +276,9 @@ def replay_run(args: argparse.Namespace) -> int:
 def replayed(folder: Path, index: int) -> Record:
     """Returns the record of a repeated run of the campaign in a folder.
 
-    It has no certificate: that of the campaign is of another start, force and disturbance.
+    With the tube of the campaign's certificate, if that has one.
     """
     campaign, done = read_setup(folder), stored(folder)
     require(index in done, "--replay", index, f"one of the {len(done)} runs in {folder}")
     require_same_code(campaign)
-    return simulate(vary(campaign, index))
+    return simulate(vary(campaign, index), certified=campaign.certified)

@@ -38,8 +38,9 @@ keys that are changed most, of {files.MAIN_SCENARIO} ('uvms-drake keys' lists al
 A file of your own that begins with 'base: girona500_ideal' has only the differences.
 
 Exit status {BROKEN}: the run has passed a limit, of which contact.force is one, or left its tube,
-declared or certified, or pressed a wall that is not of its declared class; or it is not of the
-distribution of its certificate in probability. Exit status {FAILED}: an exception of a law, the
+declared or certified, or pressed a wall that is not of its declared class; a certified one also if
+a command was cut or the MPC had no plan; or it is not of the distribution of its certificate in
+probability. Exit status {FAILED}: an exception of a law, the
 MPC, a sensor or the plant ended it, and what was simulated until then is written.
 Ctrl-C ends a run: the data up to then are written, without figures ('uvms-drake plot'), status 130.
 """

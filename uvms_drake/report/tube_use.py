@@ -8,10 +8,10 @@ from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.station.diagram import monitor_begin, set_wise_radii
+from uvms_drake.station.diagram import monitor_begin, monitor_floor, set_wise_radii
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.station.supervision import MONITOR_FLOOR, MONITOR_SLACK
+from uvms_drake.station.supervision import MONITOR_SLACK
 
 ROUNDING = 1e-9
 """Least radius that a deviation is divided by."""
@@ -43,10 +43,11 @@ def rows_left(record: Record) -> list[str]:
     Rows of inputs are none of them: the force of the contact is in the law's command, too, and the
     certificate has it beside their radii.
     """
-    radii = radii_of(resolved_radii(record.scenario.tube))
+    tube = resolved_radii(record.scenario.tube)
+    radii, floor = radii_of(tube), monitor_floor(set_wise_radii(tube, record.scenario.ancillary))
     return [name for name, use in tube_use(record).items() if name in radii
             and not name.startswith(("u_", "tau_"))
-            and use * radii[name] > (1.0 + MONITOR_SLACK) * radii[name] + MONITOR_FLOOR]
+            and use * max(radii[name], ROUNDING) > (1.0 + MONITOR_SLACK) * radii[name] + floor]
 
 
 def radii_of(tube: TubeRadii) -> dict[str, float]:

@@ -147,8 +147,8 @@ class ForceFaultDetector(WiredSystem):
         model: The controller's model.
         period: T, between two samples [s].
         repeats: m; 0: no detection, of a sensor that is as quiet as a frozen one.
-        tare: Time after its first sample at which detection begins [s]: a sensor that is tared may
-            read zero all the time.
+        tare: Time with a state after which detection begins [s]: a sensor that is tared may read
+            zero all the time.
         largest: Norm of a force at the end of the range [N].
     """
 
@@ -178,11 +178,11 @@ class ForceFaultDetector(WiredSystem):
 
     def _look(self, context: Context, state: DiscreteValues) -> EventStatus:
         config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
-        if not (is_finite(config) and is_finite(force)):  # Nor does the sensor count it for a tare.
+        if not is_finite(config):  # Nor does the sensor take a sample for its tare.
             return EventStatus.Succeeded()
         turns = context.get_discrete_state(1).value()
         state.set_value(1, turns + 1.0)
-        if turns[0] < self._passed:
+        if turns[0] < self._passed or not is_finite(force):
             return EventStatus.Succeeded()
         # A frozen reading is constant in its own axes, and moves with the attitude in others.
         in_tip = force_in_tip(self._model.task_pose(config)[:6], force @ self._from_task)

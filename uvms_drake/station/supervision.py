@@ -23,7 +23,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
-from uvms_drake.plant.waves import Wave
+from uvms_drake.plant.waves import Wave, largest_speed
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.contact.bounds import (
     fastest_advance,
@@ -218,10 +218,10 @@ def spacing_of(scenario: Scenario, period: float) -> float:
 def declared_drift(scenario: Scenario, model: ContactModel, error: float) -> np.ndarray:
     """Returns the linear and angular acceleration (2,) of the vehicle by all that is declared.
 
-    Of the robot at rest at the start: twice those by the current, by each wave, by each unknown of
-    weight, buoyancy and payload alone, for they are of either sign, and by joint friction; those by
-    an error of the force at the tip and of the thrusters' own; and the bound of the disturbance,
-    its largest semi-axes [m/s², rad/s²].
+    Of the robot at rest at the start: twice those by the drag of all flows, by each wave, by each
+    unknown of weight, buoyancy and payload alone, for they are of either sign, and by joint
+    friction; those by an error of the force at the tip and of the thrusters' own; and the bound of
+    the disturbance, its largest semi-axes [m/s², rad/s²].
 
     Args:
         scenario: The scenario.
@@ -231,7 +231,8 @@ def declared_drift(scenario: Scenario, model: ContactModel, error: float) -> np.
     config, unknown = np.asarray(scenario.start.config, dtype=float), scenario.model_error
     M = model.mass_matrix(model.kinematics(config))
     lever = float(np.linalg.norm(model.task_pose(config)[:3] - config[:3]))
-    effects = [drag_accelerations(model, config, float(np.linalg.norm(scenario.current)))]
+    flow = float(np.linalg.norm(scenario.current)) + largest_speed(scenario.waves)
+    effects = [drag_accelerations(model, config, flow)]
     effects += [wave_accelerations(model, config, wave) for wave in scenario.waves]
     friction = np.append(np.zeros(6), unknown.joint_friction.torques(model.num_joints)[1])
     effects += [norms(np.linalg.solve(M, each))

@@ -1,5 +1,6 @@
 """Kinds of one's own, each one file that a scenario names, without an edit in the package."""
 
+import importlib
 import re
 import shutil
 import sys
@@ -197,20 +198,28 @@ def test_a_changed_module_makes_a_certificate_stale(tmp_path):
 
 
 def test_files_that_a_module_imports_count_and_each_module_of_a_name(tmp_path, monkeypatch):
-    """Two files of the same name, one that imports its neighbour, and a package."""
+    """Two files of the same name, one that imports its neighbour, and packages; not what is there.
+
+    Whether an import in a function has been done makes no difference.
+    """
     monkeypatch.syspath_prepend(tmp_path / "a")
     monkeypatch.syspath_prepend(tmp_path)
-    files = {"a/parts.py": "import helper_of_parts\nimport numpy\n",
+    files = {"a/parts.py": "def late():\n    import helper_of_parts\nimport numpy\n",
              "a/helper_of_parts.py": "", "b/parts.py": "", "laws_of_mine/__init__.py": "",
-             "laws_of_mine/law.py": ""}
-    for name, text in files.items():
+             "laws_of_mine/law.py": "", "loose/law.py": "from .gains import K\n",
+             "loose/gains.py": "K = 3\n"}
+    others = {"a/unused.py": "", "a/not_a_file.py/x": ""}
+    for name, text in (files | others).items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text, encoding="utf-8")
     path = tmp_path / "mine.yaml"
-    path.write_text("base: girona500_ideal\nmodules: [a/parts.py, b/parts.py, laws_of_mine]\n",
+    path.write_text("base: girona500_ideal\n"
+                    "modules: [a/parts.py, b/parts.py, laws_of_mine, loose.law]\n",
                     encoding="utf-8")
     scenario = uv.load_scenario(str(path))
     before = fingerprint(scenario)["files"]
+    importlib.import_module("helper_of_parts")
+    assert fingerprint(scenario)["files"] == before
     for i, (name, text) in enumerate(files.items()):
         (tmp_path / name).write_text(f"{text}# Changed.\n", encoding="utf-8")
         after = fingerprint(scenario)["files"]

@@ -3,6 +3,7 @@
 import ast
 import importlib
 import importlib.util
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,6 +11,9 @@ from types import ModuleType
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.program import FOLDER
+
+INSTALLED = {"site-packages", "dist-packages"}
+"""Folders of installed packages."""
 
 
 def import_modules(names: Sequence[str]) -> list[str]:
@@ -24,44 +28,48 @@ def import_modules(names: Sequence[str]) -> list[str]:
     return [_imported(f"modules[{i}]", name) for i, name in enumerate(names)]
 
 
-def module_file(name: str) -> Path:
-    """Returns the source file of an imported module of `import_modules`."""
-    return Path(name) if _is_file(name) else Path(str(sys.modules[name].__file__))
-
-
 def module_files(name: str) -> dict[str, Path]:
     """Returns the source files of an imported module by their paths from its folder.
 
-    Those of its package, or its own and all of its folder that it imports; none of this package.
+    All of its package, or its own and those of its folder that it imports; none of this package.
     """
-    top = name if _is_file(name) else name.partition(".")[0]
-    file = module_file(top if _is_file(top) or sys.modules[top].__file__ else name)
-    if FOLDER in file.parents:
+    if _is_file(name):
+        file, root, init = Path(name), Path(name).parent, None
+    else:
+        file, init = (Path(str(getattr(sys.modules[each], "__file__", None))).resolve()
+                      for each in (name, name.partition(".")[0]))
+        root = file.parents[name.count(".")]
+    found, left = {file}, [file]
+    if init is not None and init.name == "__init__.py":
+        root = init.parent
+        found |= set(root.rglob("*.py"))
+    else:
+        while left:
+            new = set(_imported_files(left.pop(), root)) - found
+            found, left = found | new, [*left, *new]
+    if FOLDER in (root, *root.parents):
         return {}
-    if file.name == "__init__.py":
-        return {str(path.relative_to(file.parent)): path
-                for path in sorted(file.parent.rglob("*.py"))}
-    found, left = {file.name: file}, [file]
-    while left:
-        for each in _imports(left.pop()):
-            path = Path(str(getattr(sys.modules.get(each), "__file__", None)))
-            if file.parent in path.parents and FOLDER not in path.parents:
-                key = path.relative_to(file.parent)
-                if key.parts[0].removesuffix(".py") == each.partition(".")[0] and (
-                        str(key) not in found):
-                    found[str(key)] = path
-                    left.append(path)
-    return dict(sorted(found.items()))
+    return {os.path.relpath(path, root): path for path in sorted(found) if path.is_file()}
 
 
-def _imports(file: Path) -> Iterator[str]:
-    """Yields the names of imported modules, and names from them, which may be modules, too."""
+def _imported_files(file: Path, root: Path) -> Iterator[Path]:
+    """Yields the files below a folder that a file of Python imports by their names.
+
+    None of a folder of installed packages, and none of this one: their versions count.
+    """
+    if file.suffix != ".py" or not file.is_file() or INSTALLED & set(root.parts):
+        return
     for node in ast.walk(ast.parse(file.read_bytes())):
+        folder, names = root, list[str]()
         if isinstance(node, ast.Import):
-            yield from (each.name for each in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-            yield from (f"{node.module}.{each.name}" for each in node.names)
+            names = [each.name for each in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            folder = file.parents[node.level - 1] if node.level else root
+            names = [".".join(filter(None, (node.module, each.name))) for each in node.names]
+            names += [node.module] if node.module else []
+        for path in (folder.joinpath(*each.split(".")) for each in names):
+            yield from (found for found in (path.with_name(f"{path.name}.py"), path / "__init__.py")
+                        if found.is_file() and FOLDER not in found.parents)
 
 
 def from_folder(name: str, folder: Path) -> str:
