@@ -19,7 +19,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.schema import load_file
 from uvms_drake.identification.identify import LEAST_WINDOWS
 from uvms_drake.identification.log import SIZES, gravity_in_body
-from uvms_drake.identification.readers import read_log
+from uvms_drake.identification.readers import digest, read_log
 from uvms_drake.identification.signals_file import LogSignals
 from uvms_drake.identification.windows import WINDOW
 from uvms_drake.model.description.robot_files import model_dir
@@ -116,6 +116,10 @@ def test_the_log_of_a_run_is_read_and_only_in_still_water(tmp_path):
         with pytest.raises(InvalidParameter, match=f"still water: {line}"):
             read_log(tmp_path / "moving", 4, None)
         assert read_log(tmp_path / "moving" / "log.npz", 4, None).q.shape == log.q.shape
+    # Beside other logs, whose signals are declared, too.
+    signals = load_file(signals_in(tmp_path, ENU), LogSignals)
+    file = tmp_path / "moving" / "log.npz"
+    assert digest(file, signals) == digest(file, None)
 
 
 @pytest.mark.parametrize(("log", "signals", "line"), [

@@ -24,7 +24,7 @@ from uvms_drake.identification.local_fit import local_quadratic
 from uvms_drake.identification.log import GRID, Log, on_grid
 from uvms_drake.identification.parameters import parameters_of
 from uvms_drake.identification.robot_file import with_numbers
-from uvms_drake.identification.windows import windows_of
+from uvms_drake.identification.windows import TURNING, windows_of
 from uvms_drake.identification.written import format_hydrodynamics, format_unknowns
 from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
 from uvms_drake.model.robot import Robot
@@ -104,6 +104,46 @@ def test_numbers_of_a_file_are_replaced_where_they_are():
     np.testing.assert_array_equal(read.added_mass[0].matrix, 2.0 * np.eye(6))
     assert (read.displaced_volume, read.center_of_buoyancy[2]) == (0.02, -0.1)
     assert "# why" in changed and "# m3" in changed
+
+
+def test_a_number_that_was_a_default_is_written_in_flow_style_too():
+    """In front of the other keys of the body."""
+    rows = "[" + ", ".join(str([float(i == j) for j in range(6)]) for i in range(6)) + "]"
+    text = ("bodies:\n  vehicle: {displaced_volume: 0.01, added_mass: [{matrix: " + rows + "}], "
+            "drag: [{linear: [1, 1, 1, 1, 1, 1]}]}\n")
+    before = load_typed(HydrodynamicParameters, parse_yaml(text))
+    new = replace(before.bodies["vehicle"], center_of_buoyancy=np.array([0.0, 0.0, -0.1]))
+    changed = with_numbers(text, before, replace(before, bodies={"vehicle": new}))
+    read = load_typed(HydrodynamicParameters, parse_yaml(changed)).bodies["vehicle"]
+    assert (read.displaced_volume, read.center_of_buoyancy[2]) == (0.01, -0.1)
+
+
+def test_a_missing_attitude_spoils_no_other_one():
+    time = np.arange(0.0, 20.0, 0.02)
+    rpy = np.column_stack([0.1 * np.sin(time), 0.1 * np.cos(time), 4.0 * np.pi * time / 20.0])
+    wrapped = np.column_stack([rpy[:, :2], np.angle(np.exp(1j * rpy[:, 2]))])
+    whole, gapped = ({"attitude": (time, attitude)} for attitude in (
+        wrapped, np.where(np.arange(len(time))[:, None] == 600, np.nan, wrapped)))
+    whole, gapped = (on_grid("log", signals, 0, 1.0) for signals in (whole, gapped))
+    np.testing.assert_allclose(gapped.state[:, :2], whole.state[:, :2], atol=1e-4)
+    np.testing.assert_allclose(gapped.attitude_rate, whole.attitude_rate, atol=1e-2)
+    with pytest.raises(InvalidParameter, match=r"attitude.*no numbers"):
+        on_grid("log", {"attitude": (time, np.full((len(time), 3), np.nan))}, 0, 1.0)
+
+
+def test_without_a_gyro_a_turning_vehicle_is_at_no_rest():
+    base, parameters = parameters_of("bluerov2_alpha5")
+    model, log = UvmsModel(Robot.load("bluerov2_alpha5").uvms), one_log()
+    still = replace(log, q_dot=np.zeros_like(log.q_dot))
+    state = still.state.copy()
+    state[:, 3:] = np.nan
+    fast = log.time > np.median(log.time)
+    for turning in (0.0, 2.0 * TURNING):
+        rate = np.zeros_like(log.attitude_rate)
+        rate[fast, 0] = turning
+        blind = replace(still, state=state, attitude_rate=rate)
+        resting = windows_of([blind], model, base, parameters).resting
+        assert np.any(resting[~fast]) and np.any(resting[fast]) == (turning == 0.0)
 
 
 def test_a_local_fit_has_the_derivatives_and_no_values_in_gaps():

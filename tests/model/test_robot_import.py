@@ -1,5 +1,6 @@
 """Robots' folders out of files as they are found, against plain NumPy."""
 
+import re
 import shutil
 import xml.etree.ElementTree as ET
 
@@ -9,9 +10,10 @@ from support.robot_files import FILES, FLIP, NAMES, PlainUrdf, turn
 
 import uvms_drake as uv
 from uvms_drake.command.robot import write_robot
+from uvms_drake.common.schema import load_typed, parse_yaml
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.description.meshes import bounding_box, format_obj, mesh_volume
-from uvms_drake.model.description.thruster_file import thrust_map
+from uvms_drake.model.description.thruster_file import ThrusterParameters, thrust_map
 from uvms_drake.model.robot_import.importer import import_robot
 from uvms_drake.model.robot_import.plugins import symmetric
 from uvms_drake.model.robot_import.tree import Notes
@@ -85,6 +87,37 @@ def test_the_tip_is_the_frame_of_the_file_with_x_along_the_tool(name, frame, R_F
         np.testing.assert_allclose(at.R_BL[-1][:, 0], R[:, 2], atol=1e-8)
     else:
         np.testing.assert_allclose(at.R_BL[-1], R @ R_FE, atol=1e-8)
+
+
+def test_a_thruster_of_uuv_simulator_pushes_along_the_axis_of_its_joint(tmp_path, robots):
+    """As its later versions have it; limits of which the least is not the smaller are none."""
+    shutil.copytree(FILES, tmp_path / "files")
+    file, text = tmp_path / "files" / "rounded.urdf", (FILES / "rounded.urdf").read_text("utf-8")
+    head, tail = text.split('<child link="rov/thruster_0"/>')
+    file.write_text(head + '<child link="rov/thruster_0"/>' + tail.replace(
+        '<axis xyz="1 0 0"/>', '<axis xyz="0 0 -1"/>', 1).replace(
+        "<clampMin>", "<thrustMin>0</thrustMin><thrustMax>0</thrustMax><clampMin>"), "utf-8")
+    found = import_robot(file, "rounded")
+    text = found.files["thrusters.yaml"].decode("utf-8")
+    thrusters = load_typed(ThrusterParameters, parse_yaml(text))
+    old = robots["rounded.urdf"].uvms.thrusters
+    np.testing.assert_allclose(thrusters.thrusters["thruster_0"].axis, [0.0, 0.0, 1.0], atol=1e-9)
+    for name in list(old.thrusters)[1:]:
+        np.testing.assert_allclose(thrusters.thrusters[name].axis, old.thrusters[name].axis)
+    assert [line for line in found.notes.changed if "thruster_0: pushes along" in line]
+    (kind,), (before,) = thrusters.kinds.values(), old.kinds.values()
+    np.testing.assert_array_equal(kind.curves[0].force, before.curves[0].force)
+
+
+def test_a_collision_in_the_frame_of_another_is_refused(tmp_path):
+    shutil.copytree(FILES, tmp_path / "files")
+    file = tmp_path / "files" / "plugins.sdf"
+    text = (FILES / "plugins.sdf").read_text("utf-8")
+    head, collision, tail = text.partition("<collision")
+    file.write_text(head + collision + re.sub(
+        "<pose>", '<pose relative_to="foam">', tail, count=1), "utf-8")
+    with pytest.raises(uv.InvalidParameter, match=r"collision.* pose relative_to = 'foam'"):
+        import_robot(file, "plugins")
 
 
 @pytest.mark.parametrize("name", ["light_rov.urdf", "rounded.urdf"])

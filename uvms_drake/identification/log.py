@@ -82,7 +82,9 @@ def on_grid(name: str, signals: Mapping[str, Samples], joints: int, contact: flo
 
     q, q_dot, q_ddot = fit("joints", joints)
     times, attitude = signals["attitude"]
-    rpy, rpy_rate, _ = local_quadratic(times, np.unwrap(attitude, axis=0), grid)
+    known = np.isfinite(attitude).all(axis=1)  # A missing one would spoil all turns after it.
+    require(bool(known.any()), f"{name}: attitude", "no numbers", "roll, pitch and yaw")
+    rpy, rpy_rate, _ = local_quadratic(times[known], np.unwrap(attitude[known], axis=0), grid)
     parts = [(rpy[:, :2], rpy_rate[:, :2]), *(fit(signal, size)[:2] for signal, size in (
         ("depth", 1), ("velocity", 3), ("angular_velocity", 3)))]
     wrench = fit("wrench", 6)[0] if "wrench" in signals else np.zeros((len(grid), 6))

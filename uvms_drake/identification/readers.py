@@ -132,7 +132,8 @@ def digest(path: Path, signals: LogSignals | None) -> str:
     """Returns the SHA-256 of a log's files."""
     found = hashlib.sha256()
     ends = [""] if signals is None else sorted({each.file for each in signals.signals}) or [""]
-    for file in ([path] if path.is_file() and is_recording(path) else sorted(path.glob("*.*"))
+    for file in ([path] if path.suffix == ".npz" or (
+            path.is_file() and is_recording(path)) else sorted(path.glob("*.*"))
                  if is_recording(path) else [path / OWN_FILE] if path.is_dir() else
                  [Path(f"{path}{end}") for end in ends]):
         found.update(file.read_bytes())

@@ -45,9 +45,10 @@ def _edits(node: Any, before: BodyHydrodynamics, after: BodyHydrodynamics
         if not np.array_equal(old, new):
             value = _entry(inside, name)
             number = _rounded(np.asarray(new, dtype=float))
-            if value is None:  # A default, zero: a line in front.
+            if value is None:  # A default, zero: in front, in flow style or in a line.
                 first = inside.value[0][0].start_mark
-                yield (first.index, first.index, f"{name}: {number}\n{' ' * first.column}")
+                end = ", " if inside.flow_style else f"\n{' ' * first.column}"
+                yield (first.index, first.index, f"{name}: {number}{end}")
             else:
                 yield value.start_mark.index, _end(value), str(number)
 

@@ -94,8 +94,12 @@ def windows_of(logs: Sequence[Log], model: UvmsModel, base: Links,
                 log_of.append(index)
                 at += LENGTH
         first += len(log.time)
+    # Without a gyro the attitude tells of turns; a velocity that nothing measures is unknown.
+    velocity, turning = joined["state"][:, 3:6], joined["state"][:, 6:]
+    rates = np.concatenate([log.attitude_rate for log in logs])
+    moving = np.nan_to_num(np.hstack([velocity, np.where(np.isnan(turning), rates, turning)]))
     resting = known & (np.max(np.abs(joined["q_dot"]), axis=1, initial=0.0) < STILL) & (
-        np.max(np.abs(np.nan_to_num(joined["state"][:, 3:])), axis=1) < TURNING)
+        np.max(np.abs(moving), axis=1) < TURNING)
     first = 0
     for log in logs:  # A rest lasts.
         part = slice(first, first + len(log.time))

@@ -10,14 +10,16 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
+import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
-from uvms_drake.control.mpc.planner import MpcMemory, Sample
+from uvms_drake.control.mpc.planner import HOVERED, SOLVED, MpcMemory, Sample
 from uvms_drake.station.controller import make_tube
 from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
@@ -42,6 +44,7 @@ class PlannerProcess:
     def __init__(self, scenario: Scenario, wait: float):
         # A poll has no infinity.
         self.trouble, self._at_work, self._is_overdue, self._wait = "", False, False, min(wait, 1e6)
+        self._from_rest: MpcMemory | None = None
         self._pipe, theirs = Pipe()
         with theirs:
             self._process = subprocess.Popen(
@@ -61,11 +64,15 @@ class PlannerProcess:
         self._process.wait()
 
     def start(self, sample: Sample, memory: MpcMemory) -> None:
-        """Begins to compute the plan of a sample, unless the last one is not finished."""
-        if self._at_work and self._pipe.poll():
-            self._receive()
+        """Begins to compute the plan of a sample, unless the last one is not finished.
+
+        One from rest that has come too late is that of this sample, if the robot still rests there:
+        it would take as long again.
+        """
+        first = self._receive() if self._at_work and self._pipe.poll() else None
+        self._from_rest = None if first is None else begun_again(first, sample, memory)
         self._is_overdue = self._at_work
-        if not self._at_work:
+        if not self._at_work and self._from_rest is None:
             self._send((sample, memory))
 
     def result(self) -> MpcMemory | None:
@@ -74,6 +81,8 @@ class PlannerProcess:
         Raises:
             RunFailed: There is no plan, and none to go on with.
         """
+        if self._from_rest is not None:
+            return self._from_rest
         self._is_overdue = self._is_overdue or not (self._at_work and self._pipe.poll(self._wait))
         return None if self._is_overdue else self._receive()
 
@@ -94,6 +103,24 @@ class PlannerProcess:
         if isinstance(answer, RunFailed):
             raise answer
         return answer if isinstance(answer, MpcMemory) else None
+
+
+def begun_again(first: MpcMemory, sample: Sample, memory: MpcMemory) -> MpcMemory | None:
+    """Returns the memory with a first plan from rest, begun at a later sample; None if it is none.
+
+    Args:
+        first: The memory with the plan.
+        sample: The sample.
+        memory: The memory at the sample, with the plan to keep a place.
+    """
+    if first.plan is None or memory.plan is None or first.report[1] != SOLVED or (
+            memory.report[1] != HOVERED):
+        return None
+    if not np.array_equal(first.plan.start, memory.plan.start):
+        return None
+    report = first.report.copy()
+    report[0] = sample.time
+    return replace(first, plan=replace(first.plan, start_time=sample.time), report=report)
 
 
 def serve(descriptor: int) -> None:

@@ -250,6 +250,8 @@ def test_a_mean_reading_is_of_the_touches_at_the_place_of_the_last_one():
     assert 0.5 * count < len(taken) < count
     assert known.mean_reading == pytest.approx(np.mean(taken, axis=0))
     assert known.mean_reading == pytest.approx([*near, 20.0], abs=0.2), "a tenth of the noise"
+    left = near - [0.0, 0.002, 0.0]
+    assert read(known, left, 0.3).mean_reading == pytest.approx([*left, 0.3])
     for _ in range(count):
         known = read(known, near, 12.0)
     assert known.mean_reading == pytest.approx([*near, 12.0])

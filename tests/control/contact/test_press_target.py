@@ -78,7 +78,7 @@ def test_a_small_force_searches_with_a_limited_lead():
     assert stiffness * speed * delay == pytest.approx(2.0 * 6.0)
     for force, search_lead, expected in (
             (6.0, lag * speed / 6.0, 0.2 + lag * speed), (6.0, 1.0, 0.25 + SEARCH_DEPTH),
-            (0.0, 1e-4, 0.25 + SEARCH_DEPTH)):
+            (0.0, 1e-4, 0.2), (np.nan, 1e-4, 0.2), (0.0, np.inf, 0.25 + SEARCH_DEPTH)):
         found = target_depth(
             force, np.array([0.2, 0.0]), False, stiffness, NOWHERE, 0.25, search_lead=search_lead)
         assert found == pytest.approx(expected)

@@ -58,4 +58,7 @@ def test_the_first_instant_of_an_excess_is_where_it_begins(name):
     first = first_violation(ocp, plan, middle)
     exceeded = np.max(excess, axis=1) > middle
     assert first.time <= times[np.argmax(exceeded)]
+    assert any(excess[list(times).index(first.time), first.part] > middle
+               and first.amount == np.max(excess[:, first.part])
+               for _, times, excess in ocp.excesses(plan) if first.time in times)
     assert first_violation(ocp, plan, np.inf) is None

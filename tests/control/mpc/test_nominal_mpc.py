@@ -21,11 +21,14 @@ from uvms_drake.control.mpc.planner import (
     MPC_REPORT,
     SOLVED,
     TIMED_OUT,
+    Planner,
+    Sample,
     Targets,
 )
 from uvms_drake.control.ocp.ocp import FEASIBLE
 from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
+from uvms_drake.loop.planner_process import PlannerProcess, begun_again
 
 H = 0.2  # s
 
@@ -422,6 +425,76 @@ def test_a_plan_from_before_a_retreat_is_not_taken_after_it(short_ocp, start):
     setup.go(4.01 * H)
     assert setup.report()["status"] == SOLVED  # The plan of 3 H has come.
     assert np.max(np.abs(setup.read("nominal_state") - before)[:10]) < 0.002
+
+
+def test_a_plan_begins_at_its_sample_however_often_it_was_continued(short_ocp, start):
+    """After half an hour the sum of as many intervals is off by more than a knot may be."""
+    planner = Planner(FailingSolver(short_ocp))
+    memory = planner.first(Sample(0.0, 0.0, {}, measured=start))
+    assert memory.plan.start_time == 0.0
+    drifted = replace(memory, plan=replace(memory.plan, start_time=4e-10))
+    now = Sample(H, 0.0, {})
+    for later in (planner.again(now, drifted), planner.between(now, drifted)):
+        assert later.plan.start_time == H
+        later.plan.at(H)
+
+
+def test_a_first_plan_that_is_late_is_begun_again_where_the_robot_still_rests(short_ocp, start):
+    """Computed once more it would be as late again."""
+    at_rest = start * np.repeat([1.0, 0.0], 10)
+    ocp = copy.copy(short_ocp)
+    ocp.hover, ocp.in_advance = H, True
+    planner = Planner(FailingSolver(ocp), committed=1)
+    rests = planner.first(Sample(0.0, 0.0, {}, measured=at_rest))
+    late = planner.again(Sample(H, 0.0, {}), rests)
+    assert (rests.report[1], late.report[1]) == (HOVERED, SOLVED)
+    now = Sample(3.0 * H, 0.0, {})
+    begun = begun_again(late, now, planner.between(now, rests))
+    np.testing.assert_array_equal(begun.plan.at(3.5 * H), late.plan.at(1.5 * H))
+    next_one = planner.between(now, rests)
+    taken = planner.taken(Sample(4.0 * H, 0.0, {}), replace(next_one, coming=begun))
+    assert taken.report[1] == SOLVED and taken.plan.start_time == 3.0 * H
+    elsewhere = planner.resting(now, rests, at_rest + 0.01)
+    assert begun_again(late, now, elsewhere) is None
+    assert begun_again(rests, now, rests) is None and begun_again(late, now, late) is None
+
+
+class Pipe:
+    """A pipe whose other end answers when it is told to."""
+
+    def __init__(self):
+        self.sent, self.answer = [], None
+
+    def send(self, message):
+        self.sent.append(message)
+
+    def poll(self, wait=0.0):
+        return self.answer is not None
+
+    def recv(self):
+        answer, self.answer = self.answer, None
+        return answer
+
+
+def test_a_process_that_is_late_with_the_first_plan_is_not_asked_for_it_again(short_ocp, start):
+    at_rest = start * np.repeat([1.0, 0.0], 10)
+    ocp = copy.copy(short_ocp)
+    ocp.hover, ocp.in_advance = H, True
+    planner = Planner(FailingSolver(ocp), committed=1)
+    rests = planner.first(Sample(0.0, 0.0, {}, measured=at_rest))
+    process = PlannerProcess.__new__(PlannerProcess)
+    process._pipe, process.trouble, process._at_work = Pipe(), "", False
+    process._is_overdue, process._wait, process._from_rest = False, 0.0, None
+    process.start(Sample(H, 0.0, {}), rests)
+    assert process.result() is None
+    process.start(Sample(2.0 * H, 0.0, {}), rests)
+    assert process.result() is None and len(process._pipe.sent) == 1
+    process._pipe.answer = planner.again(*process._pipe.sent[0])
+    process.start(Sample(3.0 * H, 0.0, {}), rests)
+    plan = process.result().plan
+    assert plan.start_time == 3.0 * H and len(process._pipe.sent) == 1
+    process.start(Sample(4.0 * H, 0.0, {}), process.result())
+    assert len(process._pipe.sent) == 2 and process.result() is None
 
 
 def test_after_hovering_a_problem_that_starts_where_it_is_measured_does_so(short_ocp, start):

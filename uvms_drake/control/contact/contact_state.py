@@ -88,6 +88,8 @@ class ContactState(NamedTuple):
 
         The last reading itself if that is no touch.
         """
+        if not self.reading[4]:
+            return self.reading[:4]
         rows = self.recent.reshape(-1, 4)
         off = rows[:, :3] - self.reading[:3]
         near = (off * off).sum(axis=1) <= APART**2
@@ -113,7 +115,7 @@ def updated_contact_state(surface: SurfaceClass, sensing: EstimatorSettings, ext
     """Returns the state after one more reading.
 
     A touch is a reading above ν in norm: there is no noise that large. If the tip was not measured
-    all the time W, the place of the reading is unknown, and the reading is not used.
+    all the time W, the place of the reading is unknown, and neither apex nor stiffness use it.
 
     Args:
         surface: The class of walls.

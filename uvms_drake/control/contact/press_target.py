@@ -29,8 +29,6 @@ SEARCH_DEPTH = 0.1
 """Depth beyond the safe region at which the search aims [m]."""
 CLEARANCE = 0.05
 """Distance of the retreat [m]."""
-TINY = 1e-9
-"""Smallest force that counts [N]."""
 OVER = 2.0
 """Largest force of a touch, over F_des, before a plan knows of it."""
 LATERAL_TOLERANCE = 0.05
@@ -52,12 +50,13 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray,
         safe_depth: x_safe [m].
         depth_offset: −𝔱·(𝔲 − 𝔭), depth of the wall at the place less that at the tip [m].
         lateral_error: Tangential distance of the tip from the place [m].
-        search_lead: Largest lead of the search over the tip per newton of desired force [m/N].
+        search_lead: Largest lead of the search over the tip per newton of desired force [m/N]; it
+            is zero without any.
     """
     depth = np.where(touched, reading[0], np.maximum(reading[0], contact_depth))
     force = np.where(touched, reading[1], 0.0)
     pressing = depth + (desired - force) / stiffness_used + depth_offset
-    lead = np.where(desired > 0.0, search_lead * np.maximum(desired, TINY), np.inf)
+    lead = np.inf if np.isinf(search_lead) else search_lead * np.fmax(desired, 0.0)
     search = np.where(
         lateral_error < LATERAL_TOLERANCE,
         np.minimum(safe_depth + SEARCH_DEPTH, reading[0] + lead), reading[0])
@@ -175,9 +174,13 @@ class PressTarget(WiredSystem):
         reading, off = np.array([depth, force]), tip - depth * self._direction - line
         if lost:
             return retreat_depth(reading, estimate["contact_depth"])
-        return target_depth(self._desired_port.Eval(context), reading, **estimate,
-                            depth_offset=tilt @ (tip - line), lateral_error=math.sqrt(off @ off),
-                            search_lead=self._search_lead)
+        # An approach that is to press with no force is limited by its largest depth.
+        desired, lead = self._desired_port.Eval(context), self._search_lead
+        if not desired[0] > 0.0 and self._deepest_port.HasValue(context) and is_finite(
+                self._deepest_port.Eval(context)):
+            lead = np.inf
+        return target_depth(desired, reading, **estimate, depth_offset=tilt @ (tip - line),
+                            lateral_error=math.sqrt(off @ off), search_lead=lead)
 
     def _line(self, context: Context) -> np.ndarray:
         """Returns the place's part across n (3,)."""

@@ -34,11 +34,12 @@ def first_violation(ocp: Ocp, plan: Plan, allowed: float) -> LimitViolation | No
     """Returns the limit that a plan exceeds first by more than `allowed`, or None."""
     found = []
     for limit, times, excess in ocp.excesses(plan):
-        beyond = np.argwhere(np.any(excess > allowed, axis=1))
-        if len(beyond):
-            index = int(np.argmax(np.max(excess, axis=0)))
-            found.append(LimitViolation(limit, index, float(times[beyond[0, 0]]),
-                                float(np.max(excess[:, index]))))
+        beyond = excess > allowed
+        if beyond.any():
+            first = int(np.argmax(beyond.any(axis=1)))
+            index = int(np.argmax(excess[first]))
+            found.append(LimitViolation(limit, index, float(times[first]),
+                                        float(np.max(excess[:, index]))))
     return min(found, key=lambda excess: excess.time, default=None)
 
 

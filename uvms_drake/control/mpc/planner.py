@@ -275,6 +275,7 @@ class Planner:
         guess = ocp.continued(plan)
         while guess.start_time < sample.time - 0.5 * plan.time_step:
             guess = ocp.continued(guess)  # Sampling instants were missed.
+        guess = replace(guess, start_time=sample.time)  # Else the sum of h would drift off k h.
         start = self._measured_start(sample)
         return guess if start is None else guess.redone(start, guess.decision)
 

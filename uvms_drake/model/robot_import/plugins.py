@@ -6,8 +6,8 @@ as derivatives, D = −(X_u + X_u|u| |u|). Both act at the link's origin, and so
 `fluid_added_mass`, which is M_A; their axes are in `sources`. Here they are turned into the link's
 axes, with the physical signs: M_A and D are positive.
 
-A thruster of gz-sim pushes its link along the joint's axis; that of uuv_simulator pushes it along
-the link's own x. A rotor that has no plugin is taken to push along its joint's axis.
+A thruster pushes its link along the joint's axis, and so does a rotor that has no plugin. Early
+versions of uuv_simulator's, for Gazebo before 8, pushed along the link's own x.
 """
 
 import re
@@ -318,8 +318,12 @@ def read_thrusters(tree: Tree, notes: Notes) -> tuple[list[Thruster], set[str]]:
             notes.changed.append(f"thruster plugin at line {plugin.line}: its joint or link is not "
                                  "there, left out")
             continue
-        gz = plugin.value("joint_name") is not None
-        axis = _axis(joint, link) if gz and joint is not None else np.array([1.0, 0.0, 0.0])
+        gz, x = plugin.value("joint_name") is not None, np.array([1.0, 0.0, 0.0])
+        axis = _axis(joint, link) if joint is not None else x
+        if not gz and np.linalg.norm(axis - x) > ROUNDED:
+            notes.changed.append(f"thruster {_short(link.name)}: pushes along the axis of its "
+                                 f"joint, {np.array2string(axis, precision=2)} in its link; before "
+                                 "Gazebo 8 uuv_simulator had x")
         thruster = Thruster(_short(link.name), link, axis,
                             lag=plugin.known("dynamics/timeConstant"))
         if gz:
@@ -417,6 +421,9 @@ def _uuv_curve(plugin: Node, thruster: Thruster) -> None:
     kind, gain = plugin.value("conversion/type"), plugin.number("gain", 1.0) or 1.0
     clamps, thrusts = (thruster.limit(plugin.known(f"{key}Min"), plugin.known(f"{key}Max"))
                        for key in ("clamp", "thrust"))
+    # A least one that is not the smaller is no limit there.
+    clamps, thrusts = (each if each is not None and each[0] < each[1] else None
+                       for each in (clamps, thrusts))
     share = plugin.number("thrust_efficiency", 1.0) or 1.0
     if kind == "LinearInterp" and plugin.value("conversion/inputValues"):
         thruster.command = plugin.numbers("conversion/inputValues") / gain
