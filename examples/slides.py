@@ -7,6 +7,8 @@ along the declared direction, from the desired force of that instant.
 
 import argparse
 
+import numpy as np
+
 import uvms_drake as uv
 
 PLACE = "!Approach {at: [-0.096, 0.065]}, !Hold {seconds: 3.0}"
@@ -48,7 +50,8 @@ def main() -> None:
         for row in uv.simulate(scenario).summary()["mission"]["steps"]:
             step = mission.steps[row["step"]]
             if isinstance(step, uv.mission.Slide):
-                print(f"{job:<15}{step.length:6.2f}{1e3 * step.speed:7.0f}{step.force:6.1f}"
+                length = np.linalg.norm(step.along)
+                print(f"{job:<15}{length:6.2f}{1e3 * step.speed:7.0f}{step.force:6.1f}"
                       f"{step.amplitude:6.1f}{step.frequency:6.2f}{row['force_rms']:8.2f}"
                       f"{row['force_worst']:7.2f}{100.0 * row['within']:10.1f}"
                       f"{1e3 * row['off_worst']:8.2f}{1e3 * row['behind']:11.1f}  {row['ended']}",

@@ -1,14 +1,17 @@
 """Certificates: their file, what has changed, their words, and the bound of a probability."""
 
 import json
+import shutil
 from dataclasses import fields, replace
 from fractions import Fraction
 from math import comb
+from pathlib import Path
 
 import numpy as np
 import pytest
 from support.probability import NAME, made
 from support.snapshot import check_snapshot
+from support.synthetic import synthetic_record
 
 import uvms_drake as uv
 from uvms_drake.certificate.assumptions import assumed_conditions, assumptions_of
@@ -36,6 +39,7 @@ from uvms_drake.certificate.text import (
 )
 from uvms_drake.command.certificates import sound
 from uvms_drake.control.limits import HoldRadii, TubeRadii
+from uvms_drake.model.description.robot_files import model_dir
 from uvms_drake.station.contact.mission_legs import Leg
 from uvms_drake.tube.conditions import Condition, assumption
 from uvms_drake.tube.constants import Constant
@@ -353,3 +357,21 @@ def test_a_hold_is_said_by_its_time_and_speeds(contact):
     assert full(contact).hold_condition == (
         "the plan at its target, not clipped by `deepest`, and for 1.3 s slower than 2 mm/s, "
         "2 mrad/s and joints 10 mrad/s")
+
+
+def test_how_a_robots_folder_is_named_is_no_input(tmp_path, monkeypatch):
+    """Its files count by their content; the path in the file of a run is absolute."""
+    robot = shutil.copytree(model_dir("girona500_arm5e"), tmp_path / "lab" / "girona500_arm5e")
+    (robot.parent / "mine.yaml").write_text(
+        "base: girona500_ideal\nmodel: girona500_arm5e/../girona500_arm5e\n", "utf-8")
+    monkeypatch.chdir(tmp_path)
+    near, far = (uv.load_scenario(str(path / "mine.yaml"))
+                 for path in (Path("lab"), tmp_path / "lab"))
+    assert near.model != far.model
+    assert fingerprint(near) == fingerprint(far)
+    assert probability_fingerprint(near) == probability_fingerprint(far)
+    record = replace(synthetic_record(2.0), scenario=near)
+    (tmp_path / "out").mkdir()
+    record.save(tmp_path / "out")
+    monkeypatch.chdir(tmp_path / "out")
+    assert uv.load_scenario("scenario.yaml").model == str(robot)

@@ -10,13 +10,13 @@ from support.synthetic import aimed_at, synthetic_record, synthetic_sensed_recor
 
 from uvms_drake.command.files import write_data
 from uvms_drake.control.limits import HoldRadii
-from uvms_drake.mission.law import FORCE_LOST, RUNNING, SKIPPED
+from uvms_drake.mission.law import FORCE_LOST, REASONS, RUNNING, SKIPPED, SUPERVISED
 from uvms_drake.report.contact_figures import mission_drawing
 from uvms_drake.report.drawing import draw
 from uvms_drake.report.figures import figures_of
 from uvms_drake.report.metrics import summarise_contact
 from uvms_drake.report.mission import COLUMNS, inspection_table, learned_normals
-from uvms_drake.report.signals import attempts_of, losses_of
+from uvms_drake.report.signals import DONE_STEP, attempts_of, losses_of, motor_torques
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.tube.ultimate_bounds import hold_band, tip_errors
 
@@ -192,3 +192,19 @@ def test_a_contact_is_lost_only_in_a_step_that_needs_one():
         off = (run.time > apart[0]) & (run.time < apart[1])
         left = replace(run, penetration=np.where(off, -1e-3, 1e-3))
         assert losses_of(left) == summarise_contact(left)["losses"] == losses, apart
+
+
+def test_a_step_that_is_begun_again_is_another_attempt():
+    """From the same step, as after a retreat of the supervisor: the first one has failed."""
+    time = mission_record().time
+    tries = (time >= 0.5).astype(float)
+    run = mission_record(failures=tries, tries=tries, reason=float(SUPERVISED) * tries)
+    ended = [(attempt.step, attempt.ended) for attempt in attempts_of(run)]
+    assert ended == [(0, REASONS[SUPERVISED]), (0, DONE_STEP), (1, DONE_STEP), (2, DONE_STEP),
+                     (3, DONE_STEP)]
+
+
+def test_torques_asked_of_motors_are_those_behind_all_parts(record):
+    assert np.array_equal(motor_torques(record), np.abs(record.tau[:, 6:]))
+    sent = replace(record, signals={**record.signals, "exerted": 0.5 * record.tau})
+    np.testing.assert_allclose(motor_torques(sent), 0.5 * np.abs(record.tau[:, 6:]))

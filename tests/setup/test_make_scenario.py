@@ -129,3 +129,11 @@ def test_the_readmes_problem_certifies_and_its_plant_and_controller_press():
     record = uv.simulate(press, certified=True)
     assert np.max(record.deviation_of("position")) < certificate.tube.position
     assert record.force[-1, 0] == pytest.approx(12.0, abs=certificate.bounds["force"])
+
+
+def test_a_place_of_ones_own_counts_without_a_surface_too():
+    place = [0.0, 0.5, 1.0]
+    press = uv.make_scenario("girona500_arm5e", force=12.0, place=place)
+    np.testing.assert_array_equal(press.task.pose[:3], place)
+    at_origin = uv.make_scenario("girona500_arm5e", force=12.0)
+    np.testing.assert_allclose(press.start.eta[:3] - at_origin.start.eta[:3], place, atol=1e-5)

@@ -32,11 +32,11 @@ FORMAT = 3
 """Format of the file; those before had no number."""
 IRRELEVANT = ("name", "description", "modules", "seed", "duration", "log_period", "simulator",
               "tube", "visual", "draws")
-"""Keys of a scenario that a certificate does not depend on: `tube` is for runs without one, and the
-files of `modules` count by their content. Other keys count in part, see `fingerprint`: bound and
-weights of `disturbance`, all of `task` but the tolerance of the force, those of `faults` that
-the proofs do not cover, of a declared wall the duration and `mpc.hover`, and of a supervisor the
-log's period and faults of the solver."""
+"""Keys of a scenario that a certificate does not depend on: `tube` is for runs without one, and
+files of `modules` and `model` count by their content. Other keys count in part, see `fingerprint`:
+bound and weights of `disturbance`, all of `task` but the tolerance of the force, those of `faults`
+that the proofs do not cover, of a declared wall the duration and `mpc.hover`, and of a supervisor
+the log's period and faults of the solver."""
 UNDRAWN = ("name", "description", "modules", "seed", "visual")
 """Keys of a scenario that two distributions may differ in."""
 SCHEME = ("integration_scheme", "accuracy", "use_error_control")
@@ -95,6 +95,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     relevant = yaml_load_data(dump_scenario(scenario))
     for key in IRRELEVANT:
         relevant.pop(key, None)
+    relevant["model"] = folder.name
     bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
     relevant["disturbance"] = bound if np.size(weights) == 0 else [bound, *weights]
     relevant["faults"] = uncovered(scenario.faults)
@@ -121,6 +122,7 @@ def probability_fingerprint(scenario: Scenario) -> dict[str, Any]:
     fixed = yaml_load_data(dump_scenario(scenario))
     for key in UNDRAWN:
         fixed.pop(key, None)
+    fixed["model"] = model_dir(scenario.model).name
     fixed["simulator"] = {key: fixed["simulator"][key] for key in SCHEME}
     return fingerprint(scenario) | {
         "inputs": _digest(jsonable(fixed, names=True)), "source": run_source()}

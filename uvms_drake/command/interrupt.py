@@ -52,7 +52,8 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
         loaded = True
         status = command()
         sys.stdout.flush()
-        return 128 + received[0] if received and status else status
+        # The status of a run that has ended tells of the run, whatever closed its page.
+        return 128 + received[0] if received and status in (1, 2) else status
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # The buffered output goes there.
         return CLOSED_PIPE

@@ -77,11 +77,14 @@ def show_robot(args: argparse.Namespace) -> int:
     # One of three: import a file, write the template, or show a robot.
     require(sum(item is not None for item in (args.model, args.new, args.source)) == 1, "ROBOT",
             args.model, "a robot's name or folder; or left out, with --new or --from")
+    for kind in ("new", "from"):
+        if (args.new if kind == "new" else args.source) is not None:
+            for option in ("output", "posture"):
+                require(getattr(args, option) is None, f"--{option}", getattr(args, option),
+                        f"left out, with --{kind}")
     if args.source is not None:
-        require(args.output is None, "--output", str(args.output), "left out, with --from")
         return write_robot(*args.source)
     if args.new is not None:
-        require(args.output is None, "--output", str(args.output), "left out, with --new")
         write_template(args.new)
         print(f"written to {args.new}; '{PROGRAM} robot {args.new}' shows it")
         return 0

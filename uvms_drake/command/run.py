@@ -95,6 +95,7 @@ def run_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.station.step_size import with_step
 
     require(args.meshcat or args.host is None, "--host", args.host, "left out without --meshcat")
+    require(args.meshcat or not args.no_wait, "--no-wait", True, "left out without --meshcat")
     scenario, source, path = files.asked(args)
     if scenario.simulation:
         return run_own(args, scenario, source, path)

@@ -57,7 +57,8 @@ def add_scenario(commands: argparse._SubParsersAction) -> None:
 def new_or_checked(args: argparse.Namespace) -> int:
     """Writes a new scenario, or checks one."""
     if args.check is not None:
-        left_out(args, ("robot", "uncertified", "unknown_wall", "real_loop"), "with --check")
+        left_out(args, ("robot", "force", "uncertified", "unknown_wall", "real_loop"),
+                 "with --check")
         return check_scenario(args.check)
     require(args.robot is not None, "--robot", args.robot, "a robot, with --new")
     return new_scenario(args)

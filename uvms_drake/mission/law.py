@@ -228,7 +228,8 @@ def _waiting(mission: Mission, state: State, measured: Measured, t: float) -> St
         timed_out = t - state.since >= mission.steps[state.step].timeout - ROUNDING
         if not stop and not timed_out:
             return state
-        return _over(state._replace(home=True, reason=STOPPED if stop else TIME_OUT))
+        return _over(state._replace(home=True, failures=state.failures + 1,
+                                    reason=STOPPED if stop else TIME_OUT))
     state = state._replace(failures=state.failures + 1, reason=STOPPED if stop else
                            state.reason if state.home else SUPERVISED)
     if stop or state.home or mission.on_retreat == "end":

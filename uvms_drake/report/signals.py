@@ -80,7 +80,7 @@ def constraints(record: Record) -> dict[str, Constraint]:
 
 def motor_torques(record: Record) -> np.ndarray:
     """Returns |τ| that is asked of the motors of the joints (T, n) [N m, N], behind all parts."""
-    torques: np.ndarray = np.abs(record.signals.get("applied", record.tau)[:, 6:])
+    torques: np.ndarray = np.abs(record.signals.get("exerted", record.tau)[:, 6:])
     return torques
 
 
@@ -156,7 +156,8 @@ def attempts_of(record: Record) -> list[Attempt]:
     """Returns all attempts of a mission in order; between two of a step there is a retreat."""
     progress = progress_of(record)
     step, running = progress["step"], progress["outcome"] == RUNNING
-    begins = np.flatnonzero(running & (np.diff(step, prepend=-1) != 0))
+    again = np.diff(progress["tries"], prepend=0) > 0  # Maybe from the same step.
+    begins = np.flatnonzero(running & ((np.diff(step, prepend=-1) != 0) | again))
     ends = [*begins[1:], np.count_nonzero(running)][: len(begins)]
     out = []
     for begin, end in zip(begins, ends, strict=True):

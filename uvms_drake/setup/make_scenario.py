@@ -90,7 +90,8 @@ def make_scenario(
     into, magnitude = _direction(force, surface)
     with within("disturbance"):
         axes = None if disturbance is None else disturbance.axes(size)
-    at = np.zeros(3) if surface is None else surface.anchor if place is None else place
+    anchor = np.zeros(3) if surface is None else surface.anchor
+    at = anchor if place is None else place
     found = first_scenario(robot.uvms, magnitude, distance, Choices(
         into, vector("place", at, 3),
         None if posture is None else vector("posture", posture, size - 6), axes))

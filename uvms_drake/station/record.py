@@ -1,7 +1,7 @@
 """The record of a run: its scenario and its signals, as plain arrays."""
 
 import zlib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.signals import SIGNALS, columns_of
@@ -208,10 +209,14 @@ _LOGGED = tuple(f.name for f in fields(Record) if f.name not in ("scenario", "si
 def save_record(record: Record, folder: Path) -> list[Path]:
     """Writes `scenario.yaml`, `log.npz` and `timing.npz` into a folder; returns their paths.
 
+    The scenario can be run from anywhere: the path of a robot that is not shipped is absolute.
     The same arrays give the same `log.npz`, byte for byte: NumPy stores no time of writing.
     """
     scenario, log, timing = (folder / name for name in (SCENARIO_FILE, LOG_FILE, TIMING_FILE))
-    scenario.write_text(dump_scenario(record.scenario), encoding="utf-8")
+    model = record.scenario.model
+    if model not in shipped_robots():
+        model = str(Path(model).resolve())
+    scenario.write_text(dump_scenario(replace(record.scenario, model=model)), encoding="utf-8")
     logged = {name: getattr(record, name) for name in _LOGGED}
     np.savez(log, **{**logged, **record.signals})
     np.savez(timing, **{name: getattr(record, name) for name in _TIMING})
