@@ -26,6 +26,7 @@ from uvms_drake.certificate.certificate import (
     to_data,
     write_certificate,
 )
+from uvms_drake.certificate.certify import basis_of
 from uvms_drake.certificate.claims import TerminalResult
 from uvms_drake.certificate.declared_unknowns import UnknownEffect
 from uvms_drake.certificate.in_probability import binomial_tail, failure_bound, percent_above
@@ -375,3 +376,14 @@ def test_how_a_robots_folder_is_named_is_no_input(tmp_path, monkeypatch):
     record.save(tmp_path / "out")
     monkeypatch.chdir(tmp_path / "out")
     assert uv.load_scenario("scenario.yaml").model == str(robot)
+
+
+def test_constants_of_another_task_frame_are_others(monkeypatch):
+    """Angles about another frame are stretched otherwise, and half-spaces are tilted."""
+    keys = []
+    monkeypatch.setattr("uvms_drake.certificate.certify.cached",
+                        lambda key, compute: keys.append(json.dumps(key)) or {})
+    for frame in ("[0, 0, 0]", "[0, -0.7, 0]"):
+        scenario = uv.load_scenario("girona500_ideal", [f"task.frame={frame}"])
+        basis_of(scenario, uv.load_model(scenario), ("J_max",))
+    assert keys[0] != keys[1]

@@ -8,6 +8,7 @@ import pytest
 from support.true_model import model_with_error
 
 from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.surface.contact_laws import dissipation_factor
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import ConstantDisturbance
@@ -274,3 +275,23 @@ def test_the_largest_norm_is_climbed_for_as_well_as_all_corners_say():
     assert np.all(found[:, -1] <= best + 1e-12)
     assert np.min(found[:, -1] / best) > 0.85
     assert np.mean(found[:, -1] > 0.999 * best) > 0.8
+
+
+def test_a_known_surface_exerts_more_in_motion_than_its_largest_static_force(model):
+    """Of a plane that damps, at the depth of that force: the rate allows for all of it."""
+    at, _ = some(20, model, 6)
+    limits, a, most = (np.full(10, 2.0), np.full(10, 1e3)), 2.5, 45.0
+    allowed = (commanded_rate(model, *limits, force=most, damping=a)(at)
+               - commanded_rate(model, *limits)(at))
+    J_E, size = at.kinematics.J_links[:, -1, :3], 0.0
+    inverse = np.linalg.inv(model.mass_matrix(at.kinematics))
+    for normal in np.random.default_rng(3).normal(size=(300, 3)):
+        n = normal / np.linalg.norm(normal)
+        advance = times(J_E, at.zeta) @ n
+        force = most * dissipation_factor(a * advance)[:, None] * n
+        found = np.abs(times(inverse, times(J_E.swapaxes(1, 2), force)))
+        assert np.all(found <= allowed + 1e-9)
+        size = np.maximum(size, found / allowed)
+    assert np.max(size) > 0.9
+    still = commanded_rate(model, *limits, force=most)(at) - commanded_rate(model, *limits)(at)
+    assert np.max(allowed / still) > 1.2

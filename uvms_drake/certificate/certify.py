@@ -344,7 +344,9 @@ def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | N
     # Constants, estimated and proven.
     key = {"names": names,
            "set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
-           "surface": repr(scenario.surface), "samples": settings.constant_samples,
+           "surface": repr(scenario.surface),
+           "frame": np.asarray(scenario.task.frame, dtype=float).tolist(),
+           "samples": settings.constant_samples,
            "safety_factor": settings.safety_factor, "seed": settings.seed,
            "files": fingerprint(scenario)["files"],
            "weights": weights.tolist()}

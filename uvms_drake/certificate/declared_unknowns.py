@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.limits import TubeRadii, resolved_radii
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.model_error import (
@@ -95,9 +97,11 @@ class UnmodelledBounds:
             np.repeat([tube.nu1 or 0.0, tube.nu2 or 0.0, tube.qdot or 0.0], [3, 3, n])])
         change, box = drift_change(self._motions, off)
         fixed = basis.largest_rate + np.asarray(radii.u) + self._claimed(DRIFT, change, box)
-        force, sensed = basis.declared.force_max, basis.contact
+        surface, sensed = basis.model.surface, basis.contact
+        force = basis.declared.force_max * float(np.hypot(1.0, getattr(surface, "friction", 0.0)))
         self.rate = commanded_rate(
             self.model, basis.u_limit, fixed, force=force if sensed is None else 0.0,
+            damping=getattr(surface, "dissipation", 0.0),
             missed=NO_CHANGE if sensed is None else ForceChange(
                 sensed.rate * sensed.age + sensed.ripple,
                 sensed.tangential_rate * sensed.age + 2.0 * sensed.tangential_ripple,
@@ -148,7 +152,13 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
         scenario: Scenario with unknowns.
         basis: Basis of its tube.
         radii: Its tube.
+
+    Raises:
+        InvalidParameter: The surface is a spring, whose torques no bound counts.
     """
+    require(not isinstance(basis.model.surface, BilateralSpring),
+            "surface", "BilateralSpring", "one without torques, for a certificate with declared "
+            "unknowns (model_error, current, waves)")
     bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.seed)
     effects = unknown_effects(scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
     carried = payload_acceleration(scenario, bounds, effects)

@@ -27,6 +27,7 @@ import numpy as np
 
 from uvms_drake.model.frames.spatial import cross, times
 from uvms_drake.model.links import links_between
+from uvms_drake.model.surface.contact_laws import dissipation_factor
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 from uvms_drake.tube.search.constraint_set import BISECTIONS, ConstraintSet, pulled
 from uvms_drake.tube.search.joint_search import Function
@@ -122,14 +123,17 @@ NO_CHANGE = ForceChange(0.0, 0.0, 0.0)
 
 
 def commanded_rate(model: UvmsModel, u_limit: np.ndarray, fixed: np.ndarray, *, force: float = 0.0,
-                   missed: ForceChange = NO_CHANGE) -> Rate:
+                   damping: float = 0.0, missed: ForceChange = NO_CHANGE) -> Rate:
     """Returns the bound |ζ̇₀| ≤ min(ū + |f| + p, r̄ + 2p) + c, tube/theory.md#declared-unknowns.
 
     Args:
         model: The controller's.
         u_limit: Limits ū of |𝔲| (6+n,) [m/s², rad/s²].
         fixed: r̄ (6+n,), rate of a plan and of the feedback [m/s², rad/s²].
-        force: Largest ‖𝔉‖ of which |M⁻¹Jᵀ𝔉| is p [N]; zero if 𝔲 is within its limits without it.
+        force: Largest static ‖𝔉‖ of which |M⁻¹Jᵀ𝔉| is p [N]; zero if 𝔲 is within its limits without
+            it.
+        damping: Dissipation a of the surface, at which a tip of the speed v exerts ψ(av) as much
+            [s/m].
         missed: Change of a sensed force that its reading misses, of which |M⁻¹J_Eᵀ(𝔉_s − 𝔉)| is c.
     """
     def rate(at: Motions) -> np.ndarray:
@@ -138,7 +142,8 @@ def commanded_rate(model: UvmsModel, u_limit: np.ndarray, fixed: np.ndarray, *, 
         J = at.kinematics.J_links[:, -1, :3]
         gain = np.linalg.solve(M, J.swapaxes(-1, -2))
         size = np.linalg.norm(gain, axis=-1)
-        pressed = force * size
+        speed = np.linalg.norm(times(J, at.zeta), axis=-1)
+        pressed = (force * dissipation_factor(damping * speed))[:, None] * size
         # |G n| of the n nearest to the row of G, in the cone about the tip's x-axis.
         off = np.arccos(np.clip(np.abs(gain[..., 0]) / np.maximum(size, 1e-300), 0.0, 1.0))
         along = size * np.cos(np.maximum(off - missed.tool_angle, 0.0))
