@@ -1,6 +1,7 @@
 """Tests of `uvms_drake.tube.row_gains`: on random systems, all pulses of a force, the dynamics."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from support.tube_bounds import rise
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.model.frames.euler import euler_angles, rotation_matrix
 from uvms_drake.tube.row_gains import (
     Gains,
+    attitude_radii,
     instant_gains,
     joint_rate_radius,
     lagged_gains,
@@ -204,3 +207,24 @@ def test_an_adversary_takes_every_row_to_its_bound_and_none_beyond(model):
     gains = np.repeat([instant_gains(*each).position for each in (VEHICLE, TIP)], [6, 4])
     reached = np.max(np.abs(motion.error), axis=0) / (gains * bound)
     assert np.all((reached > 0.95) & (reached <= 1.0 + 1e-4)), "exact, but for the steps"
+
+
+@pytest.mark.parametrize(("frame", "factor"), [
+    ((0.0, 0.0, 0.0), 1.0), ((0.0, 0.0, 0.9), 1.0),
+    ((0.0, -0.5 * np.pi, 0.0), np.sqrt(1.0 + np.sin(1.2)))])
+def test_a_turn_of_the_end_effector_turns_the_vehicle_by_no_more(frame, factor):
+    """Small turns at all attitudes within the limits, the tip about a frame of its own."""
+    limits, R_WT = SimpleNamespace(pitch=0.5, tip_pitch=1.2), rotation_matrix(np.array(frame))
+    rng, nearest = np.random.default_rng(4), np.zeros(2)
+    for _ in range(20000):
+        tip = np.array([rng.uniform(-np.pi, np.pi), rng.uniform(-1.2, 1.2), rng.uniform(-3.0, 3.0)])
+        vehicle = rotation_matrix(np.array([0.0, rng.uniform(-0.4, 0.4), rng.uniform(-3.0, 3.0)]))
+        R_BE = vehicle.T @ R_WT @ rotation_matrix(tip)
+        step = rng.normal(size=3)
+        step *= 1e-6 / np.linalg.norm(step)
+        moved = euler_angles(R_WT @ rotation_matrix(tip + step) @ R_BE.T) - euler_angles(vehicle)
+        bounds = attitude_radii(limits, R_WT, 1e-6)
+        nearest = np.maximum(nearest, np.abs(moved[:2]) / bounds)
+    assert bounds[1] == pytest.approx(factor * 1e-6)
+    assert np.all(nearest <= 1.0 + 1e-4)
+    assert nearest[1] > 0.8

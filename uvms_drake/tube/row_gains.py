@@ -147,20 +147,23 @@ def preimage_shift(k: float, sigma: float, d_bound: float, omega: float, alpha: 
     return alpha * d_bound / (k * (sigma - omega) * sigma) if omega < sigma else math.inf
 
 
-def attitude_radii(declared: ConstraintSet, orientation: float, joints: float = 0.0,
-                   num_joints: int = 0) -> tuple[float, float]:
+def attitude_radii(declared: ConstraintSet, R_WT: np.ndarray, orientation: float,
+                   joints: float = 0.0, num_joints: int = 0) -> tuple[float, float]:
     """Returns the bounds of |φ − φ̄| and |θ − θ̄| of the vehicle.
 
-    They are ρ/cos θ_max and ρ with ρ = ‖𝔬 − 𝔬̄‖ + √n‖q − q̄‖. Proof:
-    tube/theory.md#attitude-of-the-vehicle.
+    They are ρ/cos θ_max and ρ with ρ = c‖𝔬 − 𝔬̄‖ + √n‖q − q̄‖, c = 1 or, if z of Σ_T is not vertical,
+    √(1 + sin θ_max) of the tip. Proof: tube/theory.md#attitude-of-the-vehicle.
 
     Args:
-        declared: Limits θ.
+        declared: Limits θ of the vehicle and of the tip.
+        R_WT: Axes of Σ_T.
         orientation: Bound of ‖𝔬 − 𝔬̄‖₂ [rad].
         joints: Bound of ‖q − q̄‖₂ [rad].
         num_joints: n.
     """
-    turn = orientation + (math.sqrt(num_joints) * joints if num_joints > 0 else 0.0)
+    upright = R_WT[2, 2] > 1.0 - 1e-12
+    turn = orientation * (1.0 if upright else math.sqrt(1.0 + math.sin(declared.tip_pitch)))
+    turn += math.sqrt(num_joints) * joints if num_joints > 0 else 0.0
     return turn / math.cos(declared.pitch), turn
 
 

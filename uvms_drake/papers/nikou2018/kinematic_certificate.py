@@ -94,7 +94,8 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
              of_resolved(law.sigma, model, declared, w_bound, settings))
     radii: dict[str, Any] = dict(zip(
         ("e", "joints", "z", "nu1", "nu2", "qdot"), found.radii, strict=True))
-    radii["roll"], radii["pitch"] = attitude_radii(declared, radii["e"], radii["joints"], n)
+    radii["roll"], radii["pitch"] = attitude_radii(
+        declared, model.R_WT, radii["e"], radii["joints"], n)
     margins = [*bounds.speeds, *np.minimum(bounds.upper, 0.5 * (bounds.upper - bounds.lower))]
     conditions += [*found.conditions, *(
         Condition(f"tube in limits.{name}", taken, "<", margin, theorem=TIGHTENING,

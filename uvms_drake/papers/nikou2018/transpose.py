@@ -166,7 +166,8 @@ def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
     z = found.r + law.sigma * found.g * found.e  # 𝔷 = 𝔯 − σJ(𝔮̄)ᵀ𝔢
     u = np.full(model.size, law.k * found.r)
     joints = found.e if law.joints or model.num_joints == 0 else np.inf
-    roll, pitch = attitude_radii(basis.declared, found.e, joints, model.num_joints)
+    roll, pitch = attitude_radii(
+        basis.declared, model.R_WT, found.e, joints, model.num_joints)
     tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=joints, z=z, nu1=z,
                      nu2=z, qdot=z, tip_speed=lemma.L_c * found.e + lemma.J_max * z,  # 𝔢̇ = 𝔟 + J𝔷
                      roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))

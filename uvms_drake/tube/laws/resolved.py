@@ -169,7 +169,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
                                problems, values, strict=True))), strict=True)
     remainders = np.sum(claims, axis=0)
     roll, pitch = map(float, remainders[2:4]) if len(problems) > 1 else row_gains.attitude_radii(
-        constraint_set, errors.radii[1], errors.radii[2], model.num_joints)
+        constraint_set, model.R_WT, errors.radii[1], errors.radii[2], model.num_joints)
 
     # The linear parts by their filters, with the shift δ of 𝔭; the remainders by search.
     d_of = [d_bound * float(np.max(weights[block], initial=0.0)) for block in _blocks(size)]
