@@ -21,7 +21,7 @@ INERTIA = SpatialInertia(mass=2.0, p_PScm_E=np.zeros(3), G_SP_E=UnitInertia.Soli
 
 
 def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0, 0.0),
-               sliding: tuple[int, ...] = ()) -> ContactModel:
+               sliding: tuple[int, ...] = (), task_frame: tuple = (0.0, 0.0, 0.0)) -> ContactModel:
     """Returns the model of an arm with the given joint axes and anchors, each in its inner link.
 
     Args:
@@ -30,6 +30,7 @@ def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0
         tip: Position of the tip in the last link [m].
         tip_rpy: Attitude of the tip in the last link [rad].
         sliding: Which joints slide along their axes instead of turning about them.
+        task_frame: Attitude of the task's frame [rad].
     """
     plant = MultibodyPlant(time_step=0.1)
     instance = plant.AddModelInstance("tiny")
@@ -47,7 +48,7 @@ def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0
         "tip", link.body_frame(), RigidTransform(RollPitchYaw(tip_rpy), tip), instance))
     plant.Finalize()
     uvms = Uvms(plant, instance, vehicle, tuple(joints), frame, HydrodynamicParameters())
-    return ContactModel(uvms, check_surface(UnilateralPlane()))
+    return ContactModel(uvms, check_surface(UnilateralPlane()), np.array(task_frame))
 
 
 def turret(length: float) -> ContactModel:

@@ -135,6 +135,25 @@ def test_an_arm_that_can_be_stretched_is_found_out():
         assert np.isfinite(found.carried) == regular
 
 
+def test_under_a_tilted_frame_an_arm_has_no_more_authority_than_at_its_worst_heading():
+    """Above a floor: its wrist pitches the tool at one heading, and yaws it at another."""
+    axes = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 1, 0]]
+    anchors = [[0.5, 0, 0], [0.1, 0, 0], [0.3, 0, 0], [0.25, 0, 0]]
+    arm = tiny_robot(axes, anchors, (0.15, 0.0, 0.0), task_frame=(0.0, -0.5 * np.pi, 0.0))
+    bounds = ConstraintSet(
+        q_lower=np.array([-0.1, -0.2, -0.8, -0.7]), q_upper=np.array([0.1, -0.1, -0.7, -0.6]),
+        roll=0.05, pitch=0.05, tip_pitch=1.0, nu1=0.1, nu2=0.1, qdot=0.1)
+    rows, rng, least = np.array([0, 1, 2, 4]), np.random.default_rng(6), []
+    for yaw in (0.0, np.pi):
+        config = np.zeros((2000, 10))
+        config[:, 3:6] = rng.uniform(-1.0, 1.0, (2000, 3)) * [bounds.roll, bounds.pitch, yaw]
+        config[:, 6:] = rng.uniform(bounds.q_lower, bounds.q_upper, (2000, 4))
+        J_sq = arm.task_jacobian(config)[:, rows][..., 6:]
+        least.append(np.min(np.linalg.svd(J_sq, compute_uv=False)[:, -1]))
+    assert least[0] > 0.05 > 10.0 * least[1]
+    assert arm_of(arm, bounds, rows, FEW).regular <= least[1]
+
+
 def basis(model, **changed) -> Basis:
     """Returns data with constants that are not what they would be, but larger."""
     known = {name: Constant(name, value, "proven", 1, value) for name, value in (

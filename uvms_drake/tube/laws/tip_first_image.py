@@ -163,7 +163,7 @@ class Arm(NamedTuple):
 def arm_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
            settings: CertificateSettings) -> Arm:
     """Returns the authority of the arm over the declared set, estimated."""
-    lower, upper = _postures(declared)
+    lower, upper = _postures(model, declared, rows)
     middle = np.linalg.slogdet(_task(model, rows, 0.5 * (lower + upper)[None])[..., 6:])[0]
 
     def values(x: np.ndarray) -> np.ndarray:
@@ -189,22 +189,31 @@ def arm_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
     return Arm(least / factor, carried, check)
 
 
-def _postures(declared: ConstraintSet) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the box of joint angles, roll and pitch; position and yaw make no difference."""
-    return (np.append(declared.q_lower, [-declared.roll, -declared.pitch]),
-            np.append(declared.q_upper, [declared.roll, declared.pitch]))
+def _postures(model: ContactModel, declared: ConstraintSet, rows: np.ndarray
+              ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the box of joint angles, roll, pitch and, if it makes a difference, yaw.
+
+    The position makes none. Nor does yaw if the tip's rows are turned by it as a whole: all of the
+    position or none, and angles about a z-axis of Σ_T that is vertical.
+    """
+    turned = np.count_nonzero(rows < 3) in (0, 3) and (
+        model.R_WT[2, 2] > 1.0 - 1e-12 or not np.any((rows >= 3) & (rows < 6)))
+    attitude = [declared.roll, declared.pitch, *([] if turned else [declared.yaw])]
+    return (np.append(declared.q_lower, np.negative(attitude)),
+            np.append(declared.q_upper, attitude))
 
 
-def _config(x: np.ndarray) -> np.ndarray:
-    """Returns 𝔮 (m, 6+n) of postures (m, n+2)."""
-    config = np.zeros((len(x), x.shape[1] + 4))
-    config[:, 3:5], config[:, 6:] = x[:, -2:], x[:, :-2]
+def _config(model: ContactModel, x: np.ndarray) -> np.ndarray:
+    """Returns 𝔮 (m, 6+n) of postures (m, n+2) or (m, n+3)."""
+    n = model.num_joints
+    config = np.zeros((len(x), model.size))
+    config[:, 3:3 + x.shape[1] - n], config[:, 6:] = x[:, n:], x[:, :n]
     return config
 
 
 def _task(model: ContactModel, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Returns J_s (m, n, 6+n) of postures."""
-    return model.task_jacobian(_config(x))[:, rows]
+    return model.task_jacobian(_config(model, x))[:, rows]
 
 
 def least_speeds(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
@@ -213,12 +222,12 @@ def least_speeds(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
     parts = slice(0, 3), slice(3, 6), slice(6, model.size)
 
     def values(x: np.ndarray) -> np.ndarray:
-        inverse = _by_outputs(model, rows, _config(x))
+        inverse = _by_outputs(model, rows, _config(model, x))
         return np.stack([np.sum([
             np.linalg.norm(inverse[:, part][:, :, block.rows], 2, axis=(1, 2)) * block.e_dot
             for block in blocks], axis=0) for part in parts], axis=1)
 
-    return joint_search.supremum_over_joints(values, *_postures(declared), seed)
+    return joint_search.supremum_over_joints(values, *_postures(model, declared, rows), seed)
 
 
 def _by_outputs(model: ContactModel, rows: np.ndarray, config: np.ndarray) -> np.ndarray:
@@ -237,7 +246,7 @@ def _linear(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
     """Returns the largest J_y⁻¹w and MJ_y⁻¹w (2(6+n),), w = (w_η, J_sq w_q)."""
 
     def values(x: np.ndarray) -> np.ndarray:
-        config = _config(x)
+        config = _config(model, x)
         inverse = _by_outputs(model, rows, config)
         M = model.mass_matrix(model.kinematics(config))
         both = np.concatenate([inverse, M @ inverse], axis=1)
@@ -245,8 +254,9 @@ def _linear(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
                                     for block in blocks], axis=0)
         return sizes
 
-    return joint_search.claimed_over_joints("J_y⁻¹w and MJ_y⁻¹w", values, *_postures(declared),
-                                            settings.safety_factor, settings.seed)
+    return joint_search.claimed_over_joints(
+        "J_y⁻¹w and MJ_y⁻¹w", values, *_postures(model, declared, rows), settings.safety_factor,
+        settings.seed)
 
 
 def tip_first_remainders(
