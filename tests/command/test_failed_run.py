@@ -114,7 +114,7 @@ def test_figures_report_and_comparison_tell_the_failure(break_in, tmp_path, caps
 
 def test_a_campaign_counts_a_run_that_an_exception_ended(monkeypatch):
     record = synthetic_record(1.0, failure=np.array("at t = 1.000 s: no way on"))
-    monkeypatch.setattr("uvms_drake.campaign.run.simulate", lambda scenario: record)
+    monkeypatch.setattr("uvms_drake.campaign.run.simulate", lambda scenario, certified: record)
     monkeypatch.setattr("uvms_drake.campaign.run.draw",
                         lambda campaign, index: (record.scenario, {}))
     result = run_one(make_campaign(record.scenario, 0, None), 0)
