@@ -294,7 +294,9 @@ def test_the_command_writes_a_scenario_that_a_certificate_in_probability_takes(
         replace(found, name=""))
     assert found.tube.nu1 == pytest.approx(0.3 * 0.25, rel=0.01)
     assert found.contact.speed == pytest.approx(0.065 + found.tube.depth_speed, rel=0.01)
-    assert found.mpc.hover == 5.0  # Five time constants of 1 s.
+    assert found.mpc.hover == 8.0  # Five time constants of the slower observer, of 0.64 1/s.
+    text = (tmp_path / f"{REAL}_calibrated.yaml").read_text("utf-8")
+    assert f"by `uvms-drake calibrate {REAL} --runs 3`" in text
     assert "of the starts 50% had no first plan" in out and re.search(r"u_roll +0\.14 ", out)
     # Again: the file is not overwritten.
     assert main(["calibrate", REAL, "--runs", "3", "--quiet"]) == 2
