@@ -8,7 +8,11 @@ import pytest
 from support.probability import made
 from support.synthetic import synthetic_record
 
-from uvms_drake.certificate.certificate import Certificate, write_certificate
+from uvms_drake.certificate.certificate import (
+    Certificate,
+    probability_fingerprint,
+    write_certificate,
+)
 from uvms_drake.certificate.run_verdict import BROKEN, verdict_of
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
@@ -130,3 +134,16 @@ def test_the_verdict_in_probability_has_the_runs_own_failures(record):
         record, [], made(), also)
     assert "This run did not fail: tube and all limits kept; certified in prob" in format_report(
         record, [], made())
+
+
+def test_a_run_that_ended_early_keeps_its_certificate_in_probability(tmp_path):
+    """As a mission that is done: its record is of a shorter duration than was declared."""
+    whole = synthetic_record(4.0)
+    mine = replace(made(), inputs=probability_fingerprint(whole.scenario)["inputs"])
+    short = replace(whole, scenario=replace(whole.scenario, duration=3.0))
+    for name, run, fits in (("whole", whole, True), ("short", short, False), (
+            "early", replace(short, declared_duration=np.array(4.0)), True)):
+        (tmp_path / name).mkdir()
+        run.save(tmp_path / name)
+        write_certificate(mine, tmp_path / name)
+        assert (load_run(tmp_path / name)[1] is not None) == fits, name

@@ -3,9 +3,12 @@
 import base64
 import html
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from string import Template
 from typing import Any
+
+import numpy as np
 
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
@@ -63,9 +66,10 @@ def load_run(folder: Path) -> tuple[Record, AnyCertificate | None]:
     """
     record, path = load_record(folder), folder / CERTIFICATE_FILE
     if not record.certified:
-        found = _in_probability(path)
-        fits = found is not None and (
-            found.inputs == probability_fingerprint(record.scenario)["inputs"])
+        found, declared = _in_probability(path), float(record.declared_duration)
+        run = record.scenario if np.isnan(declared) else replace(
+            record.scenario, duration=declared)
+        fits = found is not None and found.inputs == probability_fingerprint(run)["inputs"]
         return record, found if fits else None
     if not path.is_file():
         raise unusable_folder(folder, f"its {CERTIFICATE_FILE} is missing")

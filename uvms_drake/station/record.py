@@ -31,8 +31,8 @@ class Record:
     """The signals of a run: T logged samples, K samples of the nominal MPC, n joints.
 
     Every array, also of `signals`, is in `log.npz` under its name, except the two wall times, which
-    differ from run to run, and the text of a failure: they are in `timing.npz`. A bar marks the
-    nominal system.
+    differ from run to run, the text of a failure and the declared duration: they are in
+    `timing.npz`. A bar marks the nominal system.
     """
 
     scenario: Scenario
@@ -107,6 +107,8 @@ class Record:
     """Bounds of the norms along the run (T, 6)."""
     failure: np.ndarray = field(default_factory=lambda: np.array(""))
     """Time and cause, as text, of the exception that ended the run early; empty: none did."""
+    declared_duration: np.ndarray = field(default_factory=lambda: np.array(np.nan))
+    """Duration of the scenario that was run [s], of which the record's may be a part; NaN: its."""
     signals: dict[str, np.ndarray] = field(default_factory=dict)
     """Signals of the parts of sensing and actuation (T, size), by name."""
 
@@ -202,7 +204,7 @@ class Record:
         return self.tube_bound[:, FIELDS.index(part)]
 
 
-_TIMING = ("step_seconds", "wall_time_s", "failure")
+_TIMING = ("step_seconds", "wall_time_s", "failure", "declared_duration")
 _LOGGED = tuple(f.name for f in fields(Record) if f.name not in ("scenario", "signals", *_TIMING))
 
 
@@ -237,7 +239,8 @@ def load_record(folder: str | Path) -> Record:
             return Record(scenario=load_scenario(str(folder / SCENARIO_FILE)),
                           step_seconds=timing["step_seconds"], failure=timing["failure"],
                           wall_time_s=float(timing["wall_time_s"]), signals=signals,
-                          **arrays)
+                          declared_duration=timing["declared_duration"]
+                          if "declared_duration" in timing else np.array(np.nan), **arrays)
     except OSError as error:
         name = Path(error.filename).name if error.filename else str(folder)
         raise unusable_folder(folder, f"{name}: {error.strerror or error}") from None

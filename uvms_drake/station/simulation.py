@@ -66,6 +66,7 @@ def simulate(
     if scenario.simulator.max_step_size == 0.0:
         scenario = with_step(scenario, model)
     station = make_station(scenario, meshcat=meshcat, certified=certified, model=model)
+    declared = np.array(scenario.duration)
     try:
         simulator = Simulator(station)
         ApplySimulatorConfig(scenario.simulator, simulator)
@@ -74,6 +75,7 @@ def simulate(
         context = simulator.get_mutable_context()
         simulator.set_monitor(
             _monitor(station, progress, stop, scenario.duration, scenario.log_period))
+        # The run, which may end before its duration.
         progress("first plan", 0.0)
         wall_time, error = _run(simulator, scenario)
         if error is None:
@@ -89,7 +91,8 @@ def simulate(
         release(station)
     if failure := not_finite or failure:
         LOGGER.error("the run FAILED %s", failure)
-    return make_record(scenario, model, logs | {"failure": np.array(failure)}, wall_time, certified)
+    return make_record(scenario, model, logs | {
+        "failure": np.array(failure), "declared_duration": declared}, wall_time, certified)
 
 
 def finite_part(logs: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], str]:
