@@ -200,9 +200,9 @@ WALL = "surface.geometry.point.0=0.01"
     ("!FrozenForce {start: 1.0, duration: 1.5}", 1.0, 2.5),
 ])
 def test_it_retreats_presses_no_harder_and_goes_on_by_itself(fault, start, end):
-    """While it presses, and before it touches."""
+    """While it presses, and before it touches; without the supervisor, which retreats for good."""
     scenario = close_to_the_wall(
-        WALL, "duration=8.5", "log_period=0.01", f"faults=[{fault}]")
+        WALL, "duration=8.5", "log_period=0.01", f"faults=[{fault}]", "supervisor=null")
     record = uv.simulate(scenario)
     contact, felt = sensed_contact(scenario), record.signals["force_last_valid"]
     static = true_surface(scenario).static_force(record.chi)
