@@ -63,7 +63,6 @@ def test_every_figure_is_a_readable_png_at_column_width_and_has_the_verdict_of_t
     assert verdict.endswith("without a certificate")
     assert [" ".join(text.split()) for text in seen] == [verdict] * len(NAMES)
     assert dict(matplotlib.rcParams) == before
-    monkeypatch.setattr("uvms_drake.report.figures.figures_of", lambda _: ["force.png"])
     for path in make_figures(replace(record, certified=np.array(True)), tmp_path):
         assert imread(path).shape[1] in (COLUMN_WIDTH * 300, 2 * COLUMN_WIDTH * 300)
     assert all(text.startswith("all guarantees kept\ncertified for ")

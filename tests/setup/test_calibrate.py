@@ -61,7 +61,7 @@ def fits(monkeypatch):
     monkeypatch.setattr(module, "derived", derived)
 
 
-@pytest.mark.parametrize(("hover", "longer"), [(4.0, 4.0), (9.6, 0.0)])
+@pytest.mark.parametrize(("hover", "longer"), [(4.0, 4.0), (8.0, 0.0), (9.6, 0.0)])
 def test_a_longer_hover_makes_the_run_longer(real, model, hover, longer):
     now = module.derived(replace(real, mpc=replace(real.mpc, hover=hover)), model, real.tube)
     assert now.mpc.hover == pytest.approx(8.0)

@@ -29,7 +29,7 @@ def test_events_are_a_function_of_the_index_and_of_every_kind(random_events):
 
 
 def test_every_fault_is_one_of_a_scenario(random_events):
-    for index in range(16):
+    for index in range(40):
         robot, events, _ = random_events.drawn(index)
         faults = [text for kind, _, text in events if text.startswith("!")]
         scenario = uv.load_scenario(robot, [f"faults=[{', '.join(faults)}]"])

@@ -184,7 +184,7 @@ def test_the_remainder_of_the_taylor_series_is_bounded(model, robot, block, weig
     boxes = JacobianBoxes(arm, bounds, block, weights)
     n, rng = arm.num_joints, np.random.default_rng(17)
     nearest = np.zeros(3)
-    for _ in range(150):
+    for _ in range(300):
         centre = rng.uniform(boxes.lower, boxes.upper)
         h = 10.0 ** rng.uniform(-1.5, 0.0) * (rng.uniform(size=n + 1) < 0.6)
         delta = h * rng.choice([-1.0, 1.0], size=(16, n + 1))

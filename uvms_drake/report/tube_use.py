@@ -24,17 +24,8 @@ def tube_use(record: Record) -> dict[str, float]:
     `control.limits.TubeRadii`: `e` and `z`, and each that tightens a limit. Without a sensed
     contact those along its direction are left out.
     """
-    watched = record.followed & (record.time >= monitor_begin(
-        record.scenario.mpc.hover, bool(record.certified)))
-    if not np.any(watched):
-        return {}
-    tube, law = resolved_radii(record.scenario.tube), record.scenario.ancillary
-    norms, radii = deviations(record), radii_of(tube)
-    for field, radius in set_wise_radii(tube, law).items():
-        name = {"task": "e"}.get(field, field)
-        norms[name], radii[name] = record.tube_deviation[:, FIELDS.index(field)], radius
-    return {name: float(np.max(norms[name][watched])) / max(radius, ROUNDING)
-            for name, radius in radii.items() if name in norms}
+    return {name: largest / max(radius, ROUNDING)
+            for name, (largest, radius) in _largest(record).items()}
 
 
 def rows_left(record: Record) -> list[str]:
@@ -44,10 +35,25 @@ def rows_left(record: Record) -> list[str]:
     certificate has it beside their radii.
     """
     tube = resolved_radii(record.scenario.tube)
-    radii, floor = radii_of(tube), monitor_floor(set_wise_radii(tube, record.scenario.ancillary))
-    return [name for name, use in tube_use(record).items() if name in radii
-            and not name.startswith(("u_", "tau_"))
-            and use * max(radii[name], ROUNDING) > (1.0 + MONITOR_SLACK) * radii[name] + floor]
+    rows, floor = radii_of(tube), monitor_floor(set_wise_radii(tube, record.scenario.ancillary))
+    return [name for name, (largest, radius) in _largest(record).items()
+            if name in rows and not name.startswith(("u_", "tau_"))
+            and largest > (1.0 + MONITOR_SLACK) * radius + floor]
+
+
+def _largest(record: Record) -> dict[str, tuple[float, float]]:
+    """Returns the largest deviation of each row of `tube_use` and its radius, by name."""
+    watched = record.followed & (record.time >= monitor_begin(
+        record.scenario.mpc.hover, bool(record.certified)))
+    if not np.any(watched):
+        return {}
+    tube, law = resolved_radii(record.scenario.tube), record.scenario.ancillary
+    norms, radii = deviations(record), radii_of(tube)
+    for field, radius in set_wise_radii(tube, law).items():
+        name = {"task": "e"}.get(field, field)
+        norms[name], radii[name] = record.tube_deviation[:, FIELDS.index(field)], radius
+    return {name: (float(np.max(norms[name][watched])), radius)
+            for name, radius in radii.items() if name in norms}
 
 
 def radii_of(tube: TubeRadii) -> dict[str, float]:

@@ -439,13 +439,18 @@ def test_a_plan_begins_at_its_sample_however_often_it_was_continued(short_ocp, s
         later.plan.at(H)
 
 
-def test_a_first_plan_that_is_late_is_begun_again_where_the_robot_still_rests(short_ocp, start):
-    """Computed once more it would be as late again."""
-    at_rest = start * np.repeat([1.0, 0.0], 10)
+def hovering(short_ocp, state):
+    """Returns a planner of plans in advance that hovers until H, and its memory at the start."""
     ocp = copy.copy(short_ocp)
     ocp.hover, ocp.in_advance = H, True
     planner = Planner(FailingSolver(ocp), committed=1)
-    rests = planner.first(Sample(0.0, 0.0, {}, measured=at_rest))
+    return planner, planner.first(Sample(0.0, 0.0, {}, measured=state))
+
+
+def test_a_first_plan_that_is_late_is_begun_again_where_the_robot_still_rests(short_ocp, start):
+    """Computed once more it would be as late again."""
+    at_rest = start * np.repeat([1.0, 0.0], 10)
+    planner, rests = hovering(short_ocp, at_rest)
     late = planner.again(Sample(H, 0.0, {}), rests)
     assert (rests.report[1], late.report[1]) == (HOVERED, SOLVED)
     now = Sample(3.0 * H, 0.0, {})
@@ -477,11 +482,7 @@ class Pipe:
 
 
 def test_a_process_that_is_late_with_the_first_plan_is_not_asked_for_it_again(short_ocp, start):
-    at_rest = start * np.repeat([1.0, 0.0], 10)
-    ocp = copy.copy(short_ocp)
-    ocp.hover, ocp.in_advance = H, True
-    planner = Planner(FailingSolver(ocp), committed=1)
-    rests = planner.first(Sample(0.0, 0.0, {}, measured=at_rest))
+    planner, rests = hovering(short_ocp, start * np.repeat([1.0, 0.0], 10))
     process = PlannerProcess.__new__(PlannerProcess)
     process._pipe, process.trouble, process._at_work = Pipe(), "", False
     process._is_overdue, process._wait, process._from_rest = False, 0.0, None
