@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from support.quick import few_in_all_files
 
-pytestmark = pytest.mark.long
-
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 
@@ -54,6 +52,7 @@ def last_numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(r"-?\d+\.\d+", text.splitlines()[-1])]
 
 
+@pytest.mark.long
 def test_a_robot_without_thrust_comes_to_the_speed_of_the_current(tmp_path):
     """In a process of its own."""
     done = subprocess.run(
@@ -71,6 +70,7 @@ def test_a_robot_without_thrust_comes_to_the_speed_of_the_current(tmp_path):
     assert depth[-1] < depth[0], "it is buoyant"
 
 
+@pytest.mark.long
 def test_the_loop_by_hand_comes_to_the_desired_force(run):
     text = run("closed_loop_by_hand.py", 4.0)
     rows = table(text)
@@ -82,6 +82,7 @@ def test_the_loop_by_hand_comes_to_the_desired_force(run):
     assert abs(reached - desired) < 1.0
 
 
+@pytest.mark.long
 def test_user_defined_waves_accelerate_the_vehicle_both_ways(run):
     text = run("own_disturbance.py", 5.0)
     lowest, highest = (float(x) for x in re.search(r"surge (\S+) to (\S+) m", text).groups())
@@ -90,6 +91,7 @@ def test_user_defined_waves_accelerate_the_vehicle_both_ways(run):
     assert abs(reached - desired) < 2.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "reason"), [
     ("own_sensor.py", "sensing[0], CompassError: nothing is proven about it"),
     ("own_actuator.py", "actuation[1], ThrusterLag: the proofs assume ideal actuators"),
@@ -106,6 +108,7 @@ def test_the_force_settles_with_a_user_defined_part_and_a_missing_certificate_ha
     assert reason is None or reason in text
 
 
+@pytest.mark.long
 def test_the_program_takes_a_cost_and_a_constraint_by_drake_s_own_calls(run):
     text = run("own_program.py", 3.0)
     without, limited, looped = map(float, re.findall(r"up to ([\d.]+) rad/s", text))
@@ -113,18 +116,21 @@ def test_the_program_takes_a_cost_and_a_constraint_by_drake_s_own_calls(run):
     assert last_numbers(text)[0] > 10.0, "it presses"
 
 
+@pytest.mark.long
 def test_behind_thrusters_that_lag_only_the_law_tip_first_holds_the_tip(run):
     tips = re.findall(r"the tip is off by up to (\S+) mm", run("tip_first.py", 1.2))
     *others, tip_first = map(float, tips)
     assert tip_first < 1.0 < 5.0 < min(others)
 
 
+@pytest.mark.long
 def test_with_a_measured_force_the_error_of_the_wall_does_not_leave_the_tube(run):
     text = run("sensed_wall.py", 1.6)
     modelled, measured = (float(x) for x in re.findall(r"up to (\d+\.\d+) of the tube", text))
     assert measured < 0.5 < 2.0 < modelled
 
 
+@pytest.mark.long
 def test_a_time_varying_force_is_tracked_on_an_unknown_wall(run):
     text = run("changing_force.py", 4.0)
     rows = np.array(table(text))
@@ -136,6 +142,7 @@ def test_a_time_varying_force_is_tracked_on_an_unknown_wall(run):
     assert 0.0 < rms < worst < 25.0
 
 
+@pytest.mark.long
 def test_a_user_defined_limit_is_kept_by_the_plan(run):
     text = run("own_limit.py", 3.0)
     assert "limits.pillar, no tightening by the tube is defined" in text
@@ -151,10 +158,12 @@ def test_an_example_is_short_and_listed(path):
     assert f"({path.name})" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_the_slides_have_a_table(run):
     assert run("slides.py", 0.1).split()[:4] == ["m", "mm/s", "N", "+-"]
 
 
+@pytest.mark.long
 def test_a_drawn_mission_ends_and_presses_no_harder_than_it_may(run):
     _, *lines, last = run("drawn_missions.py", 26.0).splitlines()
     assert last.startswith("2 missions: ")
@@ -167,6 +176,7 @@ def test_a_drawn_mission_ends_and_presses_no_harder_than_it_may(run):
         assert 5.0 < largest < allowed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("row", ["mass + 20 %", "current 0.25 m/s", "thrusters - 10 %",
                                  "20 Hz", "DVL gaps of 0.4 s"])
 def test_limits_and_tubes_are_kept_with_each_model_error(row, run):
@@ -182,6 +192,7 @@ def test_limits_and_tubes_are_kept_with_each_model_error(row, run):
     assert lost == 0.0
 
 
+@pytest.mark.long
 def test_a_tip_that_is_too_fast_for_20_hz_leaves_its_tube(run):
     # After 8 s of hovering.
     found = run("each_alone.py", 8.5, "--row=20 Hz, faster tip").splitlines()[-1]
@@ -191,6 +202,7 @@ def test_a_tip_that_is_too_fast_for_20_hz_leaves_its_tube(run):
     assert "not pressed" in found
 
 
+@pytest.mark.long
 def test_a_mission_next_to_the_station_presses_and_slides(run):
     *lines, last = run("inspection.py", 9.0).splitlines()
     rows = [line.split() for line in lines[1:]]

@@ -113,7 +113,7 @@ def scenario_row(name: str, folder: Path) -> list[str]:
         uvms_drake(*command, "--uncertified")
     summary = json.loads((folder / "summary.json").read_text("utf-8"))
     force, mission = summary["force"], summary["mission"]
-    used = summary["tube"]["worst_ratio"]["set"]
+    used = summary["tube"]["largest_use"]
     pressed = [row for row in mission["steps"] if "force_rms" in row] if mission else []
     # Of a mission, the worst of its steps in contact; of a press, the numbers that `run` prints.
     numbers = [("–" if value is None else format(abs(value), spec)) for value, spec in (

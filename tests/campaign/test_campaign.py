@@ -97,7 +97,8 @@ def test_another_program_runs_nothing(campaign, reference, monkeypatch, capsys):
     with pytest.raises(uv.RunFailed, match="this package is not as it was"):
         run_one(replace(campaign, source="0" * 64), 0)
     with pytest.raises(uv.RunFailed, match="a version is not"):
-        run_one(replace(campaign, versions={"drake": "0.1"}), 0)
+        run_one(replace(campaign, versions=campaign.versions | {"numpy": "0.1"}), 0)
+    assert "numpy" in campaign.versions  # The draws are its own.
     monkeypatch.setattr("uvms_drake.campaign.campaign.run_source", lambda: "1" * 64)
     assert main(["campaign", "--output", str(reference), "--replay", "2"]) == 1
     assert capsys.readouterr().err.count("\n") == 1

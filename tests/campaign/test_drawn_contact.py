@@ -29,8 +29,6 @@ from uvms_drake.station.scenario.scenario import dump_scenario
 from uvms_drake.station.step_size import friction_rate
 from uvms_drake.tube.terminal_set import TerminalLoop
 
-pytestmark = pytest.mark.long
-
 
 @pytest.fixture(scope="module")
 def base():
@@ -59,6 +57,7 @@ def test_a_wall_that_is_known_is_not_drawn_anew():
     assert rng.bit_generator.state == before
 
 
+@pytest.mark.long
 def test_every_wall_is_of_the_class_and_stands_in_front_of_the_tip(drawn, base, ocp):
     contact, (start, goal) = sensed_contact(base), tips(base, ocp)
     distances = []
@@ -71,6 +70,7 @@ def test_every_wall_is_of_the_class_and_stands_in_front_of_the_tip(drawn, base, 
     assert np.std(distances) > 0.01
 
 
+@pytest.mark.long
 def test_a_drawn_wall_has_no_error_of_the_scenarios_own_wall(base, ocp):
     wrong = replace(base, surface_error=SurfaceError(shift=[0.05, 0.0, 0.0], stiffness=1.4))
     error = drawn_contact(wrong, ocp, np.random.default_rng(0))[0].surface_error
@@ -78,6 +78,7 @@ def test_a_drawn_wall_has_no_error_of_the_scenarios_own_wall(base, ocp):
     assert not np.any(error.shift)
 
 
+@pytest.mark.long
 def test_what_is_asked_for_can_be_given_in_the_time(drawn, base, ocp):
     most, (start, _) = largest_force(base), tips(base, ocp)
     for scenario in drawn:
@@ -94,6 +95,7 @@ def test_what_is_asked_for_can_be_given_in_the_time(drawn, base, ocp):
         assert scenario.duration <= base.duration
 
 
+@pytest.mark.long
 def test_no_radius_of_the_tube_is_in_a_declared_distribution():
     """Start, force, wall, gap and duration of runs with two tubes, both with a first plan."""
     real = uv.load_scenario("girona500_real_loop")
@@ -107,6 +109,7 @@ def test_no_radius_of_the_tube_is_in_a_declared_distribution():
             assert dump_scenario(replace(one[0], tube=half.tube)) == dump_scenario(other[0])
 
 
+@pytest.mark.long
 def test_a_wall_is_near_where_the_time_is_short(base, ocp):
     drawn, _ = drawn_contact(replace(base, duration=2.0), ocp, np.random.default_rng(0))
     start, _ = tips(base, ocp)
@@ -114,6 +117,7 @@ def test_a_wall_is_near_where_the_time_is_short(base, ocp):
     assert way == pytest.approx(sensed_contact(base).clearance + SPARE)
 
 
+@pytest.mark.long
 def test_the_step_is_short_enough_for_the_friction(drawn, base, ocp):
     config = ocp.model.configuration(ocp.y_des)
     rates = [friction_rate(scenario, ocp.model, config) for scenario in drawn]
@@ -141,6 +145,7 @@ def test_what_is_followed_is_followed_late(ocp):
     assert ocp.following_lag(2) == pytest.approx(behind / speed + 2 * h, rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("force", [6.0, 26.0])
 def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_left(
         base, ocp, force):
@@ -161,6 +166,7 @@ def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_
     assert speed == pytest.approx(PART * min(room / ocp.following_lag(), fastest, light))
 
 
+@pytest.mark.long
 def test_what_is_drawn_is_accepted_by_the_test_of_the_draws(drawn, ocp):
     """The replay is of a drawn run as a scenario of its own, whose duration is the least."""
     for scenario in drawn[:10]:

@@ -266,7 +266,6 @@ def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basi
     assert advice.endswith("--set model_error.share=0.95")
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", [
     pytest.param("current", marks=pytest.mark.long), "friction"])
 def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):

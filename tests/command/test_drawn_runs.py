@@ -55,8 +55,8 @@ def test_the_help_says_what_20_60_and_300_runs_give(capsys):
     assert "20 runs bound it by 16.9 % at the first attempt, 60 by 6.0 %, 300 by 1.3 %" in said
 
 
-@pytest.mark.long
-def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
+@pytest.mark.slow
+def test_it_is_stored_as_a_campaign_and_says_what_it_is(made):
     assert written(made) == {"certificate.json", "runs"}
     assert {"setup.json", "runs.jsonl", "campaign.json"} <= written(made / "runs")
     certificate = read_certificate(made / "certificate.json")
@@ -69,8 +69,10 @@ def test_it_is_stored_as_a_campaign_and_says_what_it_is(made, tmp_path, capsys):
     assert attempt.seed == json.loads((made / "runs" / "setup.json").read_text("utf-8"))["seed"]
     assert certificate.source == json.loads(
         (made / "runs" / "setup.json").read_text("utf-8"))["source"]
-    capsys.readouterr()
-    # A run of it is repeated as of any campaign.
+
+
+@pytest.mark.long
+def test_a_run_of_it_is_repeated_as_of_any_campaign(made, tmp_path):
     again = shutil.copytree(made, tmp_path / "out")
     assert main(["campaign", "--output", str(again / "runs"), "--replay", "1"]) == 0
 

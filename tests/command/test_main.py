@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -127,11 +126,10 @@ def test_a_run_in_a_browser_listens_on_this_machine_alone(tmp_path):
 
 def test_ctrl_c_ends_a_run_with_one_line_and_keeps_what_was_done(tmp_path):
     process = subprocess.Popen(
-        [sys.executable, "-m", "uvms_drake", "run", "girona500_ideal", "--duration", "500",
-         "--output",
-         str(tmp_path / "out"), *QUICK], stderr=subprocess.PIPE, text=True)
+        [sys.executable, "-m", "uvms_drake", "run", "girona500_ideal", "--duration", "20",
+         "--output", str(tmp_path / "out"), *QUICK], stderr=subprocess.PIPE, text=True)
     assert process.stderr.readline() == "simulating: first plan\n"
-    time.sleep(0.3)
+    assert process.stderr.readline().startswith("simulating: ")  # A fifth of it.
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=600)
     assert process.returncode == 130
@@ -140,7 +138,7 @@ def test_ctrl_c_ends_a_run_with_one_line_and_keeps_what_was_done(tmp_path):
     assert "Traceback" not in err
     assert written(tmp_path / "out") == DATA
     record = uv.load_record(tmp_path / "out")
-    assert 0.0 < record.time[-1] <= record.scenario.duration < 500.0
+    assert 3.9 < record.time[-1] <= record.scenario.duration < 20.0
 
 
 def test_scenarios_and_keys_are_listed(capsys):

@@ -8,7 +8,8 @@ from support.drawings import panels_of
 from support.missions import OFF, TIMES, mission_record
 from support.synthetic import aimed_at, synthetic_record, synthetic_sensed_record
 
-from uvms_drake.command.files import write_data
+from uvms_drake.command.files import DATA_FILES, write_data
+from uvms_drake.common.output import output_folder
 from uvms_drake.control.limits import HoldRadii
 from uvms_drake.mission.law import FORCE_LOST, REASONS, RUNNING, SKIPPED, SUPERVISED
 from uvms_drake.report.contact_figures import mission_drawing
@@ -110,12 +111,14 @@ def test_without_a_mission_nothing_is_said_or_written(tmp_path):
     assert summarise(record)["mission"] == {}
     assert "mission " not in format_summary(summarise(record))
     assert "mission.png" not in figures_of(record.scenario)
-    write_data(record, tmp_path)
+    with output_folder(tmp_path, DATA_FILES) as output:
+        write_data(record, output)
     assert not (tmp_path / "inspection.csv").exists()
 
 
 def test_every_reading_of_a_step_that_presses_is_a_line(record, tmp_path):
-    write_data(record, tmp_path)
+    with output_folder(tmp_path, DATA_FILES) as output:
+        write_data(record, output)
     text = (tmp_path / "inspection.csv").read_text().splitlines()
     assert text[0].split(",") == list(COLUMNS)
     rows = np.array([[float(each) for each in line.split(",")] for line in text[1:]])

@@ -13,8 +13,6 @@ from uvms_drake.report.replay import frame_indices, moment_of, write_replay
 from uvms_drake.visual.contact import KNOWN
 from uvms_drake.visual.scene import Scene
 
-pytestmark = pytest.mark.long
-
 
 def test_frames_are_thinned_to_the_rate():
     time = np.arange(0.0, 2.0, 0.001)
@@ -24,6 +22,7 @@ def test_frames_are_thinned_to_the_rate():
     np.testing.assert_array_equal(frame_indices(np.array([0.0, 0.5, 1.0]), 25.0), [0, 1, 2])
 
 
+@pytest.mark.long
 def test_a_long_run_is_shown_in_fewer_pictures(monkeypatch, tmp_path):
     shown = []
     monkeypatch.setattr(Scene, "show", lambda scene, moment, time: shown.append(time))
@@ -41,6 +40,7 @@ def test_the_path_ahead_is_what_the_nominal_robot_then_does():
     np.testing.assert_array_equal(path[-1], record.chi_nominal[200, :3])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("write", [write_replay, lambda *args: write_still(args[0], 0.2, args[1])])
 def test_it_is_one_html_file_that_loads_nothing(write, tmp_path):
     write(synthetic_record(0.5), tmp_path / "replay.html")
@@ -49,6 +49,7 @@ def test_it_is_one_html_file_that_loads_nothing(write, tmp_path):
     assert not re.search(r'<(script|link|img|iframe)\b[^>]*\b(src|href)="(?!data:)', html)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("record", "there"), [
     (synthetic_sensed_record(0.5), True), (synthetic_record(0.5), False)])
 def test_the_front_and_the_believed_wall_can_be_found_in_a_replay_of_a_felt_contact(

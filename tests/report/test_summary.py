@@ -44,7 +44,7 @@ def pressing(force_x, **changes):
     force[:, 0] = force_x
     base = synthetic_record()
     short = {name: getattr(base, name)[: len(force_x)] for name in (
-        "state", "nominal_state", "chi", "chi_nominal", "u", "tau", "disturbance",
+        "state", "nominal_state", "nominal_input", "chi", "chi_nominal", "u", "tau", "disturbance",
         "effective_disturbance", "desired_force", "penetration", "tube_deviation", "tube_bound")}
     return replace(base, time=np.arange(float(len(force_x))), force=force, **short, **changes)
 
@@ -205,12 +205,19 @@ def test_contact_is_told_by_touch_losses_and_static_force_on_the_real_surface():
 
 
 def test_a_claim_in_probability_names_walls_that_are_not_declared():
-    seen = {"out_of_class": {"friction": {"specified": 0.5, "observed": 0.61}}}
-    claim = summarise_claim(made((1, 2)), seen)
+    record, seen = synthetic_record(2.0), {"mission": {}, "contact": {
+        "out_of_class": {"friction": {"specified": 0.5, "observed": 0.61}}}}
+    claim = summarise_claim(record, made((1, 2)), seen)
     assert (claim["failures"], claim["runs"], claim["confidence"]) == (2, 60, 0.95)
     assert claim["outside"] == [
         "contact.friction was seen to be 0.61, declared up to 0.5"]
-    assert summarise_claim(None, seen) is None
+    assert summarise_claim(record, None, seen) is None
+    # One that was stopped is no draw, but one is whose mission was over before.
+    early = replace(record, declared_duration=np.array(9.0))
+    assert summarise_claim(early, made((1, 2)), {"mission": {}, "contact": {}})["outside"] == [
+        "stopped at 2 s of 9 s"]
+    done = {"mission": {"over_s": 1.0}, "contact": {}}
+    assert summarise_claim(early, made((1, 2)), done)["outside"] == []
 
 
 def test_the_summary_has_each_thrusters_forces_and_limits():

@@ -16,8 +16,6 @@ from uvms_drake.station.contact.drawn_surfaces import (
     draw_wall,
 )
 
-pytestmark = pytest.mark.long
-
 DIRECTION = np.array([2.0, -1.0, 2.0]) / 3.0
 CONTACT = UnknownContact(direction=DIRECTION, angle=0.08, stiffness=900.0, friction=0.4)
 START, GOAL = np.array([0.4, -0.3, 1.1]), np.array([0.5, -0.1, 1.2])
@@ -33,6 +31,7 @@ def drawn(rng):
             yield wall, in_ball_of(*ball, 200, rng)
 
 
+@pytest.mark.long
 def test_the_inequality_of_the_class_holds_between_any_two_points():
     """φ(p') ≤ φ(p) + κ⟨p' − p⟩, with φ the static force of the surface itself."""
     rng, walls = np.random.default_rng(1), CONTACT.walls
@@ -47,6 +46,7 @@ def test_the_inequality_of_the_class_holds_between_any_two_points():
     assert 0.99 < largest <= 1.0
 
 
+@pytest.mark.long
 def test_normals_damping_and_friction_are_those_of_the_class():
     """The damping is seen as force in motion over that at rest, friction as force across it."""
     rng, angles = np.random.default_rng(2), []
@@ -68,6 +68,7 @@ def test_normals_damping_and_friction_are_those_of_the_class():
     assert np.max(angles) > 0.95 * CONTACT.angle
 
 
+@pytest.mark.long
 def test_all_shapes_and_laws_are_drawn():
     found = [wall for wall, _ in drawn(np.random.default_rng(3))]
     assert len(found) > 0.7 * DRAWS
@@ -91,6 +92,7 @@ def test_slopes_are_within_their_range():
         assert np.min(slope[depth[1:] > 0.01]) >= 50.0 * (1.0 - 1e-9)
 
 
+@pytest.mark.long
 def test_the_tip_is_in_the_ball_where_it_presses_no_harder_than_it_may():
     """Between start and goal across n, and up to the largest static force."""
     rng = np.random.default_rng(5)

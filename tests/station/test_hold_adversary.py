@@ -105,7 +105,7 @@ def test_going_back_to_a_hold_is_going_on_from_it(modules):
     np.testing.assert_array_equal(new["mpc_time"][-2:], logs["mpc_time"][-2:])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_hold_has_the_largest_constant_error_of_a_reading(held):
     """That of noise and of a tare that was off by as much."""
     loop, hold = held

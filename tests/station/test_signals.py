@@ -65,6 +65,12 @@ def test_units_are_in_the_names_and_a_sliding_joint_has_its_own():
     assert column_names("thruster_command", 2, [True]) == [
         "thruster_command/t1", "thruster_command/t2"]
     assert column_names("thruster_force", 1, [True]) == ["thruster_force/t1_N"]
+
+
+@pytest.mark.parametrize("size", [1, 5])
+def test_a_signal_of_ones_own_with_a_name_of_the_table_is_numbered_if_its_size_differs(size):
+    expected = ["force"] if size == 1 else [f"force/{i}" for i in range(size)]
+    assert column_names("force", size, [True]) == expected
     assert len(set(IN_NAMES.values())) == len(IN_NAMES)
 
 

@@ -1,6 +1,6 @@
 """The verdict of a run: one exit status and one sentence, first in everything that tells of it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 BROKEN, FAILED = 3, 4
@@ -84,4 +84,9 @@ def broken(summary: dict[str, Any]) -> list[str]:
 
 def violated_limits(summary: dict[str, Any]) -> list[str]:
     """Returns the limits that a run has violated."""
-    return [name for name, row in summary["constraints"].items() if not row["margin"] >= 0.0]
+    return [name for name, row in summary["constraints"].items() if is_violated(row)]
+
+
+def is_violated(row: Mapping[str, Any]) -> bool:
+    """Returns whether a row of a limit is violated; one that is not a number, None in JSON, is."""
+    return row["margin"] is None or not row["margin"] >= 0.0

@@ -68,7 +68,8 @@ def new_certificate(args: argparse.Namespace, scenario: Scenario, model: Contact
     with reported_in(source), bar(args, CERTIFYING, is_steady=False) as progress:
         worst_case = certified_once(scenario, progress, model)
     known = None if worst_case.certified else stored(cache_key(scenario))
-    return replace(sound(worst_case, source) if known is None else from_data(known), made_by="run")
+    found = worst_case if known is None else from_data(known)
+    return replace(sound(found, source), made_by="run")
 
 
 def sound(certificate: AnyCert, source: str) -> AnyCert:

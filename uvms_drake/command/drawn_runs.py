@@ -38,6 +38,7 @@ from uvms_drake.certificate.certificate import (
     Certificate,
     cache_key,
     fingerprint,
+    read_certificate,
     run_source,
     to_data,
     write_certificate,
@@ -58,11 +59,11 @@ from uvms_drake.command.files import (
 )
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.progress import bar
+from uvms_drake.command.run import print_outcome
 from uvms_drake.common.cache import store
 from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import write_json
 from uvms_drake.common.output import output_folder, require_own
-from uvms_drake.report.summary import format_summary
 from uvms_drake.report.tube_use import check_log
 from uvms_drake.setup.calibrate import (
     MULTIPLE,
@@ -262,15 +263,16 @@ def replay_run(args: argparse.Namespace) -> int:
     left_out(args, set(vars(args)) - {"command", "parser", "scenario", "output", "replay", "quiet"},
              "with --replay: the campaign in the folder determines it")
     _, _, campaign = asked(args, OWN_FOLDER)
+    certificate = (read_certificate(campaign / CERTIFICATE_FILE)
+                   if read_setup(campaign).certified else None)
     record = replayed(campaign, args.replay)
     path = campaign / f"run-{args.replay}"
-    with output_folder(path, (*DATA_FILES, *picture_files())) as output:
-        summary = write_data(record, output.folder)
-        output.keep()
-        write_pictures(record, None, output.folder, summary, figures=True, replay=False)
-    print(f"{format_summary(summary)}\n\nthe tube is the campaign's; a run of it has no "
-          f"certificate of its own\nwritten to {path}: {', '.join(sorted(output.kept))}")
-    return 0
+    with output_folder(path, (*DATA_FILES, *picture_files(), CERTIFICATE_FILE)) as output:
+        if certificate is not None:
+            write_certificate(certificate, output.folder)
+        summary = write_data(record, output, certificate)
+        write_pictures(record, certificate, output.folder, summary, figures=True, replay=False)
+    return print_outcome(summary, path, output.kept)
 
 
 def replayed(folder: Path, index: int) -> Record:

@@ -11,6 +11,7 @@ from uvms_drake.certificate.certificate import AnyCertificate, Certificate
 from uvms_drake.certificate.in_probability import FAILURES
 from uvms_drake.common.errors import InvalidParameter, require, shortened
 from uvms_drake.common.jsonable import write_json
+from uvms_drake.common.output import Output
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import scenario_source, set_options
@@ -133,27 +134,29 @@ def summary_of(record: Record, certificate: AnyCertificate | None = None) -> dic
     return summary
 
 
-def write_data(record: Record, folder: Path, certificate: AnyCertificate | None = None
+def write_data(record: Record, output: Output, certificate: AnyCertificate | None = None
                ) -> dict[str, Any]:
-    """Writes the data of a run into a folder and returns its summary.
+    """Writes the data of a run and returns its summary; the log stays even if that cannot be made.
 
     A run with a mission has an `INSPECTION_FILE`.
 
     Args:
         record: Record of the run.
-        folder: Folder to write to.
+        output: Folder to write to; files of a former run that this one does not have are deleted.
         certificate: Certificate of the run, if any.
     """
     from uvms_drake.report.log_export import format_log
     from uvms_drake.report.mission import format_inspection
     from uvms_drake.report.signals import has_mission
 
+    save_record(record, output.folder)
+    (output.folder / TABLE_FILE).write_text(format_log(record), encoding="utf-8")
+    output.keep(replaces=True)
     summary = summary_of(record, certificate)
-    save_record(record, folder)
-    (folder / TABLE_FILE).write_text(format_log(record), encoding="utf-8")
     if has_mission(record):
-        (folder / INSPECTION_FILE).write_text(format_inspection(record), encoding="utf-8")
-    write_json(summary, folder / SUMMARY_FILE)
+        (output.folder / INSPECTION_FILE).write_text(format_inspection(record), encoding="utf-8")
+    write_json(summary, output.folder / SUMMARY_FILE)
+    output.keep(replaces=True)
     return summary
 
 

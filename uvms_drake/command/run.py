@@ -125,8 +125,7 @@ def run_scenario(args: argparse.Namespace) -> int:
             with reported_in(source):
                 record = _simulate(args, scenario, model, meshcat, interrupted,
                                    certified=isinstance(certificate, Certificate))
-            summary = files.write_data(record, output.folder, certificate)
-            output.keep(replaces=True)
+            summary = files.write_data(record, output, certificate)
         files.write_pictures(record, certificate, output.folder, summary,
                              figures=not args.no_figures, replay=not args.no_replay)
     status = print_outcome(summary, path, output.kept, full=args.full)

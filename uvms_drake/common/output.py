@@ -46,17 +46,18 @@ class Output:
             replaces: Whether to delete files of these names that a former command has left and
                 this one has not written, so that no two runs are mixed.
         """
-        written = sorted(item.name for item in self.folder.iterdir())
-        require_own(self._path, written)
-        manifest = read_manifest(self._path)
-        stale = set(self._names) & set(manifest) - {*written, *self.kept} if replaces else set()
-        manifest |= {name: _digest(self.folder / name) for name in written}
-        # The manifest goes first: a file that it names too early is still identified by digest.
-        (self.folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1), encoding="utf-8")
-        for name in (MANIFEST_FILE, *written):
-            os.replace(self.folder / name, self._path / name)
-        for name in stale:
-            (self._path / name).unlink(missing_ok=True)
+        with _locked(self._path):  # Files of two commands at once would be mixed.
+            written = sorted(item.name for item in self.folder.iterdir())
+            require_own(self._path, written)
+            manifest = read_manifest(self._path)
+            stale = set(self._names) & set(manifest) - {*written, *self.kept} if replaces else set()
+            manifest |= {name: _digest(self.folder / name) for name in written}
+            # The manifest goes first: a file that it names too early is identified by its digest.
+            (self.folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1), "utf-8")
+            for name in (MANIFEST_FILE, *written):
+                os.replace(self.folder / name, self._path / name)
+            for name in stale:
+                (self._path / name).unlink(missing_ok=True)
         self.kept += written
 
 

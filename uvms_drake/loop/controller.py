@@ -154,7 +154,8 @@ class Controller(AbstractContextManager["Controller"]):
         """Changes the task from the next step on; None leaves a part of it.
 
         Of a known surface the problem of a new force is made here: no command for about a second,
-        perhaps beyond `longest_gap`. The next step has an alarm then.
+        perhaps beyond `longest_gap`. The next step has an alarm then. With `wait` its first plan
+        must be there at the next sample: one that is late is begun anew at each, with an alarm.
 
         Args:
             force: 𝔉_des (6,) [N, N m]; one that cannot be held is refused, which is an alarm.

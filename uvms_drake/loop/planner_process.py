@@ -19,7 +19,7 @@ from pydrake.common.yaml import yaml_load_data
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
-from uvms_drake.control.mpc.planner import HOVERED, SOLVED, MpcMemory, Sample
+from uvms_drake.control.mpc.planner import SOLVED, MpcMemory, Sample
 from uvms_drake.station.controller import make_tube
 from uvms_drake.station.problem import load_model, make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
@@ -113,8 +113,7 @@ def begun_again(first: MpcMemory, sample: Sample, memory: MpcMemory) -> MpcMemor
         sample: The sample.
         memory: The memory at the sample, with the plan to keep a place.
     """
-    if first.plan is None or memory.plan is None or first.report[1] != SOLVED or (
-            memory.report[1] != HOVERED):
+    if first.plan is None or memory.plan is None or first.report[1] != SOLVED or not memory.rests:
         return None
     if not np.array_equal(first.plan.start, memory.plan.start):
         return None

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
+from uvms_drake.certificate.run_verdict import is_violated
 from uvms_drake.common.errors import shortened
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.report import figure_style as style
@@ -31,7 +32,7 @@ METRICS: dict[str, tuple[str, ...]] = {
     "first touch [s]": ("contact", "first_touch_s"),
     "losses of contact [-]": ("contact", "losses"),
     "disturbance, worst of all [m/s², rad/s²]": ("disturbance", "worst"),
-    "part of the tube used [-]": ("tube", "worst_ratio", "set"),
+    "part of the tube used [-]": ("tube", "largest_use"),
     "exits of the tube [-]": ("tube", "exits"),
     "MPC samples without a new plan [-]": ("mpc", "fallbacks"),
     "MPC step, median [ms]": ("mpc", "step_ms", "p50"),
@@ -48,9 +49,8 @@ def metrics_of(summary: Mapping[str, Any]) -> dict[str, float | None]:
         for key in path:
             value = value[key]
         out[name] = value
-    margins = {name: row["margin"] for name, row in summary["constraints"].items()}
     out["failed at [s]"] = summary["duration_s"] if summary["failure"] else None
-    out["limits violated [-]"] = sum(not margin >= 0.0 for margin in margins.values())
+    out["limits violated [-]"] = sum(is_violated(row) for row in summary["constraints"].values())
     return out
 
 

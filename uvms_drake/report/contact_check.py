@@ -38,7 +38,7 @@ class ForceBands(NamedTuple):
     error: np.ndarray
     """n·𝐅 − F_des (T,) [N]."""
     bound: np.ndarray
-    """b(ℓκ̂/κ₊) (T,) [N]; NaN without contact at the last reading."""
+    """b(ℓκ̂/κ₊) (T,) [N]; NaN without contact at the last reading, and after a retreat."""
     holds: np.ndarray
     """Whether the band is that of a hold (T,)."""
 
@@ -61,7 +61,8 @@ def force_error(record: Record) -> np.ndarray:
 def force_bands(record: Record) -> ForceBands:
     """Returns the error of the force and its band, likewise."""
     contact, tube = sensed_contact(record.scenario), record.scenario.tube
-    goal, touched = desired_force(record), record.signals["touched"][:, 0] > 0.0
+    goal = desired_force(record)
+    touched = record.followed & (record.signals["touched"][:, 0] > 0.0)
     lags, of_reading = (short_of_target(  # ℓ counts κ̂ℓ.
         contact.walls, record.chi_nominal[:, :3], record.signals[name],
         record.signals["stiffness_used"][:, 0] / contact.stiffness) for name in (

@@ -143,6 +143,8 @@ def estimate_drawing(record: Record, certified: float | None = None) -> Drawing:
     marks = {name: times for name, times in marks_of(record).items() if times}
     strip, run = 0.25 * max(len(marks), 1), (float(time[0]), float(time[-1]))
     goal = record.desired_force[:, :3] @ contact.direction
+    slopes = _stiffness(record)
+    steepest = max(float(np.nanmax(each.y, initial=contact.stiffness)) for each in slopes)
     force = Panel(NORMAL_FORCE, time, [
         *_normal_forces(record, goal),
         line(contact.force, style.LIMIT, label="limit of the static force"),
@@ -153,8 +155,8 @@ def estimate_drawing(record: Record, certified: float | None = None) -> Drawing:
     cells = [
         force,
         Panel(DEPTH, time, _depths(depths), window=run, legend=3, height=1.4),
-        Panel("stiffness [N/m]", time, _stiffness(record), window=run, legend=3, height=0.8,
-              limits=(0.0, 1.15 * contact.stiffness)),
+        Panel("stiffness [N/m]", time, slopes, window=run, legend=3, height=0.8,
+              limits=(0.0, 1.15 * steepest)),
         Panel("", time, [
             line(np.full(len(times), -row), {"color": style.BLACK, "marker": "|", "markersize": 5,
                                              "linestyle": ""}, x=np.array(times))

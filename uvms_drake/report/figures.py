@@ -22,6 +22,7 @@ from uvms_drake.report.drawing import Drawing, Panel, band, draw, levels, line, 
 from uvms_drake.report.robot.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits, thruster_part, thrusters_of
 from uvms_drake.report.summary import summarise
+from uvms_drake.station.diagram import bounds_disturbance
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 
@@ -134,8 +135,9 @@ def joints_drawing(record: Record) -> Drawing:
     nominal = nominal_limits(record)["q"]
     whole, between = (1e3 * float(np.max(each)) for each in (
         nominal.margin, nominal.between_knots_margin))
-    by = (f", by {whole - between:.3g} mrad" + f", and {between:.3g} mrad between the knots of a "
-          f"plan: {whole:.3g} mrad" * (between > 0.0))
+    unit = "mm, mrad" if np.any(record.model.slides) else "mrad"
+    by = (f", by {whole - between:.3g} {unit}" + f", and {between:.3g} {unit} between the knots of "
+          f"a plan: {whole:.3g} {unit}" * (between > 0.0))
     return Drawing([[Panel(
         f"$q_{{{i + 1}}}$ [{'m' if record.model.slides[i] else 'rad'}]", record.time, [
             *pair(record.config[:, 6 + i], record.nominal_config[:, 6 + i]),
@@ -194,8 +196,9 @@ def disturbance_drawing(record: Record) -> Drawing:
                  for each in record.disturbance[:, block].T]
     norm, effective = (declared.norm(each) for each in (
         record.disturbance, record.effective_disturbance))
-    norms = [line(norm, color="0.35", label="applied"),
-             line(bound, style.LIMIT, label=rf"bound $\tilde{{d}}$ = {bound:.3g}")]
+    norms = [line(norm, color="0.35", label="applied")]
+    if bounds_disturbance(bound, bool(record.certified)):
+        norms.append(line(bound, style.LIMIT, label=rf"bound $\tilde{{d}}$ = {bound:.3g}"))
     if not np.allclose(norm, effective, atol=1e-6):
         norms.insert(1, line(effective, color=style.ORANGE, linewidth=0.8,
                              label="with model errors and the water's motion"))

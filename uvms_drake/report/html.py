@@ -106,11 +106,15 @@ def format_report(record: Record, figures: Sequence[Path], certificate: AnyCerti
     verdict, sound = summary["verdict"], certificate and not summary["verdict"]["status"]
     force = largest_force(certificate, scenario) if (
         sound and isinstance(certificate, Certificate)) else ""
+    # The certificate is of the whole duration.
+    shortened = float(record.declared_duration) > scenario.duration
+    again = (f"uvms-drake run {SCENARIO_FILE}{'' if certificate else ' --uncertified'}"
+             + f" --duration {record.declared_duration:g}" * shortened)
     texts = {
         "title": scenario.name, "description": " ".join(scenario.description.split()),
         "summary": format_summary(summary, full=True), "scenario": dump_scenario(scenario),
         "file": SCENARIO_FILE, "version": VERSION, "seed": str(scenario.seed),
-        "command": f"uvms-drake run {SCENARIO_FILE}{'' if certificate else ' --uncertified'}",
+        "command": again,
         "drake": summary["versions"]["drake"], "python": summary["versions"]["python"]}
     return PAGE.substitute(
         {name: html.escape(text) for name, text in texts.items()},

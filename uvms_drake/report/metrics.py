@@ -22,7 +22,7 @@ from uvms_drake.report import signals
 from uvms_drake.report.contact_check import departures, has_stood, summarise_bands
 from uvms_drake.report.events import events
 from uvms_drake.report.mission import summarise_mission
-from uvms_drake.report.tube_use import rows_left
+from uvms_drake.report.tube_use import largest_use, rows_left
 from uvms_drake.station.contact.bounds import mean_time
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
@@ -74,7 +74,8 @@ def summarise_mpc(record: Record) -> dict[str, object]:
     `worst_violation` is that of the plans, in the unit of the limit that they violate.
     """
     planned = record.mpc_status != HOVERED
-    status, step_ms = record.mpc_status[planned], 1e3 * record.step_seconds[planned]
+    status = record.mpc_status[planned]
+    step_ms = 1e3 * record.step_seconds[planned & (record.mpc_status != DROPPED)]
     quantiles = (dict(zip(("p50", "p95", "p99"), np.percentile(step_ms, [50, 95, 99]), strict=True))
                  if len(step_ms) else dict.fromkeys(("p50", "p95", "p99")))
     return {
@@ -120,7 +121,7 @@ def summarise_force(record: Record) -> dict[str, Any]:
     index = signals.settling_index(error, record.scenario.task.force_tolerance)
     magnitude = float(np.linalg.norm(desired[:3]))
     direction = desired[:3] / magnitude if magnitude > 0.0 else np.zeros(3)
-    normal = record.force[:, :3] @ direction
+    normal, wanted = record.force[:, :3] @ direction, record.desired_force[:, :3] @ direction
     tangential = np.linalg.norm(record.force[:, :3] - np.outer(normal, direction), axis=1)
     end = record.time >= record.time[-1] - LAST_SECONDS
     return {
@@ -132,12 +133,12 @@ def summarise_force(record: Record) -> dict[str, Any]:
         "final_error_tangential": tangential[-1] if magnitude > 0.0 else None,
         "worst_error_norm_after_settling": None if index is None else np.max(error[index:]),
         "worst_normal_error_after_settling": (
-            None if index is None else np.max(np.abs(normal[index:] - magnitude))),
+            None if index is None else np.max(np.abs((normal - wanted)[index:]))),
         "settling_time_s": None if index is None else record.time[index],
         "peak_normal": np.max(normal) if magnitude > 0.0 else None,
-        "overshoot": None if record.penetration[0] > 0.0 else _overshoot(normal, magnitude, index),
+        "overshoot": None if record.penetration[0] > 0.0 else _overshoot(normal, wanted, index),
         "last_5_s": {"mean_error_norm": np.mean(error[end]),
-                     "worst_normal_error": np.max(np.abs(normal[end] - magnitude)),
+                     "worst_normal_error": np.max(np.abs((normal - wanted)[end])),
                      "worst_tangential_error": np.max(tangential[end])},
     }
 
@@ -146,14 +147,14 @@ def summarise_contact(record: Record) -> dict[str, Any]:
     """Returns when the surface was first touched, how often it was left, and the static force [N].
 
     The static force is that of the real surface at the pose, at rest: without impact and damping.
-    A loss is the end of a contact while a force is desired, once that had settled if it has; with a
-    mission, in a step that needs a contact.
+    A loss is the end of a contact while a force is desired, once that had settled if it has, and
+    not by a retreat; with a mission, in a step that needs a contact.
     """
     scenario, touching = record.scenario, record.penetration > 0.0
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
     settled = signals.settling_index(error, scenario.task.force_tolerance) or 0
     surface = check_surface(true_surface(scenario))
-    wanted = np.any(record.desired_force[settled + 1:], axis=1)
+    wanted = np.any(record.desired_force[settled + 1:], axis=1) & record.followed[settled + 1:]
     left = np.count_nonzero(wanted & (np.diff(touching[settled:].astype(int)) < 0))
     return {"first_touch_s": record.time[np.argmax(touching)] if np.any(touching) else None,
             "losses": signals.losses_of(record) if signals.has_mission(record) else left,
@@ -181,14 +182,14 @@ def _summarise_class(record: Record) -> dict[str, object]:
 
     observed = departures(
         contact, record.time, record.chi[:, :3], velocity, record.force[:, :3], static,
-        has_stood(record, mean_time(record.scenario)))
+        has_stood(record, mean_time(record.scenario)) & record.followed)
     return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 
 
-def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
-    """Returns by how much the force along the desired one (T,) exceeded it before it settled."""
-    stop = len(normal) if settled is None else settled + 1
-    excess = max(float(np.max(normal[:stop])) - desired, 0.0)
+def _overshoot(normal: np.ndarray, wanted: np.ndarray, settled: int | None) -> dict[str, object]:
+    """Returns by how much the force (T,) exceeded the largest desired so far before it settled."""
+    stop, desired = len(normal) if settled is None else settled + 1, float(wanted[-1])
+    excess = max(float(np.max((normal - np.maximum.accumulate(wanted))[:stop])), 0.0)
     return {"newton": excess, "percent": 100.0 * excess / desired if desired > 0.0 else None}
 
 
@@ -202,12 +203,14 @@ def summarise_constraints(record: Record) -> dict[str, object]:
 def relative_margins(rows: dict[str, Any]) -> dict[str, float]:
     """Returns the margin of each of `summarise_constraints` over its size; negative if violated.
 
-    The size of one with a limit on either side, such as a joint's, is the range between them.
+    The size of one with a limit on either side, such as a joint's, is the range between them. One
+    whose value was not a number is violated without end.
     """
     out = {}
     for name, row in rows.items():
         other = rows.get(name[:-4] + ("_max" if name.endswith("_min") else "_min"), {"limit": 0.0})
-        out[name] = float(row["margin"]) / (abs(row["limit"] - other["limit"]) or 1.0)
+        margin = -np.inf if row["margin"] is None else float(row["margin"])
+        out[name] = margin / (abs(row["limit"] - other["limit"]) or 1.0)
     return out
 
 
@@ -256,8 +259,9 @@ def summarise_tube(record: Record) -> dict[str, object]:
     the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the
     whole task, position, orientation, joints and velocity, set-wise and along the run; see
     `TubeMonitor`. `left` are the certified rows that the monitor does not watch and that were left.
+    `largest_use` is the largest of all rows over its radius, of the row `most_used`.
     """
-    tube = record.scenario.tube
+    tube, (row, use) = record.scenario.tube, largest_use(record)
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
     watched = record.followed & (record.time >= monitor_begin(
         record.scenario.mpc.hover, bool(record.certified)))
@@ -272,6 +276,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
         "exits_along_the_run": int(report["trajectory_exits"]),
         "left": rows_left(record) if record.certified else [],
         "worst_ratio": _worst_ratios(record, report),
+        "most_used": row, "largest_use": use,
         "disturbance_excesses": int(report["disturbance_exits"]),
     }
 
@@ -320,7 +325,8 @@ def wall_metrics(record: Record) -> dict[str, Any]:
     index = signals.settling_index(error, scenario.task.force_tolerance)
     settled = None if index is None else record.time[index]
     touch = record.time[np.argmax(touching)] if np.any(touching) else None
-    since = touching[np.argmax(within):] if np.any(within) else touching[:0]
+    left = (np.diff(touching.astype(int), prepend=0) < 0) & record.followed
+    since = int(np.argmax(within)) + 1 if np.any(within) else len(within)
     return {
         "shape": type(surface.geometry).__name__, "law": type(surface.law).__name__,
         "stiffness": None if found is None else found.stiffness,
@@ -334,7 +340,7 @@ def wall_metrics(record: Record) -> dict[str, Any]:
         "error": np.mean(error[record.time >= record.time[-1] - WALL_SECONDS]),
         "final_error": error[-1],
         "losses": (signals.losses_of(record) if signals.has_mission(record)
-                   else np.count_nonzero(np.diff(since.astype(int)) < 0)),
+                   else np.count_nonzero(left[since:])),
         "in_class": _in_class(record, surface, contact, static, ends),
     }
 

@@ -145,10 +145,13 @@ def progress_of(record: Record) -> dict[str, np.ndarray]:
 
 
 def losses_of(record: Record) -> int:
-    """Returns how often the tip left the wall in a step that needs a contact, or at its begin."""
+    """Returns how often the tip left the wall in a step that needs a contact, or at its begin.
+
+    Where it is drawn off by a retreat of the supervisor it is no loss.
+    """
     steps, touching = record.scenario.mission.steps, (record.penetration > 0.0).astype(int)
-    return sum(int(np.count_nonzero(np.diff(
-        touching[max(attempt.when.start - 1, 0):attempt.when.stop]) < 0))
+    left = (np.diff(touching, prepend=touching[0]) < 0) & record.followed
+    return sum(int(np.count_nonzero(left[max(attempt.when.start, 1):attempt.when.stop]))
                for attempt in attempts_of(record) if steps[attempt.step].touches)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from uvms_drake.certificate.assumptions import Assumption, assumptions_of, scope_of
 from uvms_drake.certificate.certificate import AnyCertificate
 from uvms_drake.certificate.in_probability import ProbabilityCertificate
-from uvms_drake.certificate.run_verdict import BANDS, verdict_of
+from uvms_drake.certificate.run_verdict import BANDS, is_violated, verdict_of
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.events import ALARMING
@@ -58,29 +58,35 @@ def summarise(record: Record, certificate: AnyCertificate | None = None) -> dict
         "safety": summarise_safety(record),
         "assumptions": [asdict(each) for each in assumptions_of(scenario, record.model)]
         if record.certified else [],
-        "in_probability": summarise_claim(certificate, found["contact"]),
+        "in_probability": summarise_claim(record, certificate, found),
     })
     return {"verdict": verdict_of(data), **data}
 
 
-def summarise_claim(certificate: AnyCertificate | None, contact: dict[str, Any]
+def summarise_claim(record: Record, certificate: AnyCertificate | None, found: dict[str, Any]
                     ) -> dict[str, Any] | None:
     """Returns the claim of a certificate in probability, and values outside of its ranges.
 
-    The bounds of its class that the wall was seen to exceed, of `summarise_contact`, are such, too.
+    The bounds of its class that the wall was seen to exceed, of `metrics`, are such, too, and so is
+    a run that was stopped before its duration, or before its mission was over.
     """
     if not isinstance(certificate, ProbabilityCertificate):
         return None
+    asked, lasted = float(record.declared_duration), record.scenario.duration
+    stopped = [f"stopped at {lasted:.4g} s of {asked:g} s"] * (
+        asked > lasted and found["mission"].get("over_s") is None)
+    departed = found["contact"].get("out_of_class", {})
     seen = [f"contact.{key} was seen to be {row['observed']:.4g}, declared up to "
-            f"{row['specified']:.4g}" for key, row in contact.get("out_of_class", {}).items()]
+            f"{row['specified']:.4g}" for key, row in departed.items()]
     return {"verdict": certificate.verdict, "probability": certificate.probability,
             "confidence": certificate.confidence, "runs": certificate.runs,
             "failures": certificate.failures, "attempt": certificate.attempt,
-            "outside": [*(f"never drawn: {value}" for value in certificate.never_drawn), *seen]}
+            "outside": [*(f"never drawn: {value}" for value in certificate.never_drawn), *stopped,
+                        *seen]}
 
 
 def used(tube: dict[str, Any], in_probability: bool = False) -> str:
-    """Returns the share of the tube that the run used, the largest of its parts.
+    """Returns the share of the tube that the run used, the largest of its rows.
 
     Args:
         tube: As of the summary.
@@ -88,10 +94,12 @@ def used(tube: dict[str, Any], in_probability: bool = False) -> str:
     """
     kind = "certified in probability" if in_probability else "not certified"
     name = "certified tube" if tube["certified"] else f"declared tube ({kind})"
-    ratio = tube["worst_ratio"]["set"]
-    if tube["worst_e"] is None or ratio is None or not np.isfinite(ratio):
+    if tube["worst_e"] is None:
         return f"{name} not watched"
-    return f"at most {100.0 * ratio:.3g} % of a radius of the {name} used"
+    if tube["most_used"] is None:
+        return f"{name}: no radius"
+    return (f"at most {100.0 * tube['largest_use']:.3g} % of a radius of the {name} used "
+            f"({tube['most_used'].replace('_', ' ')})")
 
 
 def _task(summary: dict[str, Any]) -> str:
@@ -141,7 +149,7 @@ def format_summary(summary: dict[str, Any], *, full: bool = False) -> str:
     in_short = {
         "task": [_task(summary)],
         "contact": ["never" if touch is None else
-                    f"from {touch:.2f} s on, at most {contact['largest_force']:.3g} N{lost}"],
+                    f"first at {touch:.2f} s, at most {contact['largest_force']:.3g} N{lost}"],
         "end-effector": [f"off by {_pose_error(summary, 'final')} at the end"],
         "tube": [used(summary["tube"], summary["in_probability"] is not None)],
         "MPC": [f"{_counts(mpc)}; step {_number(step['p50'], '.1f')} ms median, "
@@ -223,8 +231,10 @@ def _format_constraints(constraints: dict, title: str = "constraint") -> list[st
     width = max(14, *(len(name) + 1 for name in constraints)) if constraints else 14
     rows = [f"{title:<{width}}{'limit':>11}{'worst':>11}{'margin':>11}"]
     for name, row in constraints.items():
-        mark = "" if row["margin"] >= 0.0 else "  VIOLATED"
-        numbers = "".join(f"{row[key]:>11.4g}" for key in ("limit", "worst", "margin"))
+        mark = "  VIOLATED" if is_violated(row) else ""
+        numbers = "".join(
+            f"{np.nan if row[key] is None else row[key]:>11.4g}"
+            for key in ("limit", "worst", "margin"))
         rows.append(f"{name:<{width}}{numbers}  {row['unit']}{mark}".rstrip())
     return rows
 

@@ -13,6 +13,8 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.supervision import MONITOR_SLACK
 
+INPUTS = ("u_", "tau_")
+"""Beginnings of the names of rows of inputs."""
 ROUNDING = 1e-9
 """Least radius that a deviation is divided by."""
 
@@ -37,8 +39,19 @@ def rows_left(record: Record) -> list[str]:
     tube = resolved_radii(record.scenario.tube)
     rows, floor = radii_of(tube), monitor_floor(set_wise_radii(tube, record.scenario.ancillary))
     return [name for name, (largest, radius) in _largest(record).items()
-            if name in rows and not name.startswith(("u_", "tau_"))
+            if name in rows and not name.startswith(INPUTS)
             and largest > (1.0 + MONITOR_SLACK) * radius + floor]
+
+
+def largest_use(record: Record) -> tuple[str | None, float | None]:
+    """Returns the row with the largest deviation over its radius, and that ratio; None: no radius.
+
+    With a certificate for the worst case rows of inputs are none of them, see `rows_left`.
+    """
+    use = {name: largest / radius for name, (largest, radius) in _largest(record).items()
+           if radius > 0.0 and not (record.certified and name.startswith(INPUTS))}
+    worst = max(use, key=lambda name: use[name], default=None)
+    return worst, None if worst is None else use[worst]
 
 
 def _largest(record: Record) -> dict[str, tuple[float, float]]:

@@ -64,21 +64,21 @@ MPC_SIGNALS = _signals(_DATA["mpc_signals"])
 def column_names(name: str, size: int, slides: Sequence[bool]) -> list[str]:
     """Returns the columns of a signal in `log.csv`: name, component and unit.
 
-    Those of a signal of a user's own part are numbered.
+    Those of a signal of a user's own part are numbered, also of one that has the name of another
+    and not its size.
 
     Args:
         name: Name of the signal.
         size: Number of its components.
         slides: Whether each joint slides.
     """
-    known = SIGNALS.get(name)
-    if known is None:
-        return [name] if size == 1 else [f"{name}/{i}" for i in range(size)]
-    components, names = known.components, []
+    components = SIGNALS[name].components if name in SIGNALS else ()
+    names: list[Component] = []
     for component in components:
         names += ([component] if isinstance(component, tuple)
                   else _block(component, size - len(components) + 1, slides))
-    assert len(names) == size, f"{name} has {size} components, not {names}"
+    if len(names) != size:
+        return [name] if size == 1 else [f"{name}/{i}" for i in range(size)]
     return [f"{name}/{part}_{IN_NAMES[unit]}".replace("/_", "_").rstrip("_/")
             for part, unit in names]
 

@@ -106,7 +106,7 @@ class Pressing:
         self._contact = Mark(stage, f"{NED}/contact", CONTACT, 0.017 * unit)
         stage.meshcat.SetTransform("numbers", RigidTransform(facing, np.zeros(3)))
         self._numbers = {
-            name: Readout(stage, f"numbers/{name}", f" N {name}", max(2.0 * largest, 40.0),
+            name: Readout(stage, f"numbers/{name}", f" N {name}", max(2.0 * largest, 100.0),
                           HEIGHT * unit, color)
             for name, color in (("real", REAL_TEXT), ("desired", WHITE))}
 

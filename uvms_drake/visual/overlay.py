@@ -103,7 +103,7 @@ class Overlay:
         self._draw_bars(limits, rows)
         self.below = TOP - rows * self.LINE
         self.inset = self._placed("inset", 1.15, self.below - 0.09)
-        self._time = Readout(stage, "hud/time", " s", 999.0, TIME, tenths=True)
+        self._time = Readout(stage, "hud/time", " s", 9999.0, TIME, tenths=True)
         stage.meshcat.SetTransform("hud/time", frame_at([-1.3, 0.0, self.below - 0.13]))
         stage.meshcat.SetTransform(self.board, frame_at([0.84, 0.0, -0.42]))
         more = legend.count("\n") - 1  # lines beyond two

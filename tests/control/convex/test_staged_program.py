@@ -137,8 +137,7 @@ def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
     assert set(KINDS) == {kind for kind in KINDS if kinds.count(kind) > 5}
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seeds", [8, pytest.param(80, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [8, pytest.param(80, marks=pytest.mark.long)])
 def test_a_terminal_set_that_matters_needs_no_conic_program(seeds):
     """With a radius that is constant or falls with the end, and penalties that forbid a slack."""
     kinds = []

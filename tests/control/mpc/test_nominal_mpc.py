@@ -284,11 +284,13 @@ def test_a_start_from_where_the_limits_cannot_be_kept_is_refused(short_ocp, star
     assert solver.calls == 1
 
 
-def test_a_cloned_context_continues_identically(short_ocp, start):
+@pytest.mark.parametrize("in_advance", [False, True])
+def test_a_cloned_context_continues_identically(short_ocp, start, in_advance):
     """All that changes in time is in the Context, at a sampling instant and between two."""
-    for pause in (0.5, 2 * H):
+    for pause in (0.5, 2 * H, *([H] * in_advance)):
         solver = FailingSolver(short_ocp)
-        setup = Setup(solver, start)
+        setup = Setup(solver, start, committed=int(in_advance))
+        setup.ocp.in_advance = in_advance
         setup.go(pause)
         clone = setup.simulator.get_context().Clone()
         at_pause = solver.calls
@@ -445,6 +447,52 @@ def hovering(short_ocp, state):
     ocp.hover, ocp.in_advance = H, True
     planner = Planner(FailingSolver(ocp), committed=1)
     return planner, planner.first(Sample(0.0, 0.0, {}, measured=state))
+
+
+def test_a_rest_without_a_first_plan_goes_on_however_often_that_fails(short_ocp, start):
+    """As after a retreat to where no plan begins: a later one may not start from a rest of no plan.
+
+    It is a failed sample each time, and as soon as there is a plan it is a first one.
+    """
+    at_rest = start * np.repeat([1.0, 0.0], 10)
+    solver = FailingSolver(short_ocp, failures=[1, 2, 3])
+    setup = Setup(solver, at_rest, committed=1)
+    setup.give(retreat=np.zeros(22))
+    setup.go(0.5 * H)
+    setup.give(retreat=np.append(1.0, np.zeros(21)))
+    setup.go(1.5 * H)
+    setup.give(retreat=np.zeros(22))
+    for k in (2, 3, 4):
+        setup.go((k + 0.5) * H)
+        np.testing.assert_array_equal(setup.read("nominal_state"), at_rest)
+        assert (setup.report()["status"], setup.report()["time"]) == (FAILED, k * H)
+    setup.go(5.5 * H)
+    assert setup.report()["status"] == SOLVED and solver.calls == 5
+    assert setup.report()["terminal_slack"] <= 1e-6
+
+
+@pytest.mark.parametrize("samples", [3, 40])
+def test_a_rest_stays_one_while_its_first_plan_is_computed(short_ocp, start, samples):
+    """However long: after the horizon the plan would otherwise be the terminal controller's."""
+    at_rest = start * np.repeat([1.0, 0.0], 10)
+    planner, memory = hovering(short_ocp, at_rest)
+    for k in range(1, samples):
+        now = Sample(k * H, 0.0, {})
+        memory = planner.between(now, planner.taken(now, memory))
+        assert memory.rests
+        np.testing.assert_array_equal(
+            np.concatenate(memory.plan.at((k + 0.5) * H)), np.append(at_rest, np.zeros(10)))
+    late = planner.again(Sample(H, 0.0, {}), hovering(short_ocp, at_rest)[1])
+    assert begun_again(late, Sample(samples * H, 0.0, {}), memory) is not None
+
+
+def test_samples_that_are_passed_over_for_hours_leave_the_plan_on_its_grid(short_ocp, start):
+    planner = Planner(FailingSolver(short_ocp))
+    memory = planner.first(Sample(0.0, 0.0, {}, measured=start))
+    for k in range(1, 20000):
+        memory = planner.pass_over(Sample(k * H, 0.0, {}), memory, DROPPED)
+    steps = memory.plan.start_time / H
+    assert abs(steps - round(steps)) < 1e-10
 
 
 def test_a_first_plan_that_is_late_is_begun_again_where_the_robot_still_rests(short_ocp, start):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pydrake.common.yaml import yaml_load_data
 from support.refusals import refusals
+from support.robots import without_an_arm
 from support.runs import simulated
 
 import uvms_drake as uv
@@ -209,6 +210,16 @@ def test_the_retreat_takes_vehicle_and_tip_back_and_stands(model, settings):
     untouched = begun(settings, model, START, touched=False)
     np.testing.assert_array_equal(moved(settings, model, untouched, START, 0.01, None).config[6:],
                                   START[6:])
+
+
+def test_a_vehicle_without_an_arm_retreats_from_a_touch_by_itself(tmp_path):
+    model = uv.UvmsModel(uv.read_uvms(str(without_an_arm(tmp_path))))
+    settings = RetreatSettings(np.array([1.0, 0.0, 0.0]), 0.3, 0.1, 0.04, 0.15, model.q_lower,
+                               model.q_upper, model.joint_speed)
+    now = begun(settings, model, START[:6], touched=True)
+    for _ in range(400):
+        now = moved(settings, model, now, now.config, 0.01, None)
+    np.testing.assert_allclose(now.config[:3] - START[:3], [-0.3, 0.0, 0.0], atol=1e-9)
 
 
 def test_the_tip_is_drawn_off_a_wall_to_which_the_vehicle_goes_by_joints_before_their_stops(

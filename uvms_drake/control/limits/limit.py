@@ -134,7 +134,8 @@ class Limit(ABC):
     def check(self) -> None:
         """Raises `InvalidParameter` for the first parameter that has no meaning."""
         name = getattr(self, "name", None)
-        require(isinstance(name, str), "name", name, "the limit's key, such as `tip_height`")
+        require(isinstance(name, str) and not name.endswith(("_min", "_max")), "name", name,
+                "the limit's key, such as `tip_height`, without _min or _max, which mark its ends")
         lower, upper = self.bounds()
         require(np.ndim(lower) == 1 and np.shape(lower) == np.shape(upper), "bounds",
                 [lower, upper], "two arrays (m,) for m values")
@@ -214,8 +215,8 @@ class Limit(ABC):
 
     def unit_of(self, signal: str) -> str:
         """Returns the unit of one of the `signals`."""
-        name = signal.removesuffix("_min").removesuffix("_max")
-        return self.units[self.labels.index(name)]
+        return next(unit for label, unit in zip(self.labels, self.units, strict=True)
+                    if signal in (label, f"{label}_min", f"{label}_max"))
 
     @property
     def bars(self) -> list[str]:

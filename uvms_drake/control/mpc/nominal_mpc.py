@@ -42,7 +42,8 @@ class NominalMpc(WiredSystem):
     Without a first plan there is no fallback: `RunFailed`.
 
     Before the problem's `hover` the plan is to keep the place measured at initialization, for
-    observers to settle; only the first plan after it can fail: `RunFailed`, too.
+    observers to settle; if the first plan after it fails, it is `RunFailed`, too. Later, from where
+    a retreat has ended, it is a failed sample: the place is kept, and the next sample tries again.
     Coordinates that nothing drives are where the task has them.
 
     The first n intervals of a plan may be committed: each plan then has those of the last one, and
@@ -184,7 +185,7 @@ class NominalMpc(WiredSystem):
             return False
         elapsed = now - memory.report[0]  # Since the last sample, which may have kept the plan.
         latest = (1.0 + 1e-9) * self.ocp.time_step
-        begun = now > memory.plan.start_time or memory.solves > 1
+        begun = now > memory.plan.start_time or memory.solves > 1 or memory.awaits
         return begun and -1e-9 <= elapsed <= latest
 
     def _plan_again(self, context: Context, state: State) -> EventStatus:
@@ -199,7 +200,8 @@ class NominalMpc(WiredSystem):
         try:
             return self._step(state, sample, memory)
         except Exception as error:  # Whatever a planner raises, the last plan goes on.
-            first = context.get_time() < self.ocp.hover + 1.5 * self.ocp.time_step
+            latest = self.ocp.hover + (0.999 + self.ocp.in_advance) * self.ocp.time_step
+            first = memory.rests and context.get_time() < latest
             if (isinstance(error, RunFailed) and (first or not supervised)) or (
                     self.raises and not supervised):
                 raise

@@ -98,6 +98,8 @@ class MpcMemory:
     computed in advance and not late."""
     awaits: bool = False
     """Whether the plan of the last sample is to come at the next one."""
+    rests: bool = False
+    """Whether the plan keeps a place, until there is a first plan from it."""
 
 
 class Sample(NamedTuple):
@@ -195,7 +197,7 @@ class Planner:
         report = np.zeros(len(MPC_REPORT))
         report[:2] = sample.time, HOVERED
         return replace(memory, plan=ocp.resting_plan(sample.time, state, self._committed),
-                       report=report, coming=None, awaits=False,
+                       report=report, coming=None, awaits=False, rests=True,
                        solve_seconds=self.clock() - sample.started)
 
     def again(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
@@ -204,7 +206,7 @@ class Planner:
         Raises:
             RunFailed: The robot has hovered until now, and there is no first plan.
         """
-        if memory.plan is not None and memory.report[1] == HOVERED:
+        if memory.plan is not None and memory.rests:
             hovering = np.concatenate(memory.plan.at(sample.time)[:2])
             start = self._measured_start(sample)
             return self._from_rest(
@@ -234,9 +236,13 @@ class Planner:
         `again` of the memory that `taken` returns. The report is that of the plan taken, but for
         its time.
         """
-        ocp, report = self._current(sample, memory).ocp, memory.report.copy()
+        plan, report = memory.plan, memory.report.copy()
         report[0] = sample.time
-        return replace(memory, plan=self._guess(sample, memory, ocp), report=report, awaits=True)
+        if plan is not None and memory.rests:  # As at any time; not continued, it would move.
+            plan = replace(plan, start_time=sample.time)
+        else:
+            plan = self._guess(sample, memory, self._current(sample, memory).ocp)
+        return replace(memory, plan=plan, report=report, awaits=True)
 
     def taken(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
         """Returns the memory with the plan that comes; without it, if it is late or not sound.
@@ -248,20 +254,26 @@ class Planner:
             ocp = self._current(sample, coming).ocp
             new, last = (ocp.evaluate(plan.after(self._committed))
                          for plan in (coming.plan, memory.plan) if plan is not None)
-            if (coming.report[1] == HOVERED or not sample.given or ocp.is_sound(new)
+            if (coming.rests or not sample.given or ocp.is_sound(new)
                     or not ocp.is_sound(last)):
                 return coming
-        if not memory.awaits or memory.report[1] == HOVERED:
+        if not memory.awaits or memory.rests:
             return memory
         return self.pass_over(sample, memory, TIMED_OUT if coming is None else KEPT)
 
     def pass_over(self, sample: Sample, memory: MpcMemory, status: int) -> MpcMemory:
-        """Returns the memory with the same plan, continued if it ends before the next sample."""
+        """Returns the memory with the same plan, continued if it ends before the next sample.
+
+        One that keeps a place keeps it on.
+        """
         plan, now = memory.plan, sample.time
         assert plan is not None
         ocp, h = self._current(sample, memory).ocp, plan.time_step
+        if memory.rests:
+            plan = replace(plan, start_time=now)
         while plan.start_time + ocp.horizon * h < now + 0.5 * h:
-            plan = ocp.continued(plan)
+            plan = ocp.continued(plan)  # Else the sum of h would drift off k h.
+            plan = replace(plan, start_time=now - round((now - plan.start_time) / h) * h)
         report = memory.report.copy()
         report[:2] = now, status
         _say(now, status, memory)
@@ -348,7 +360,7 @@ class Planner:
         _say(sample.time, status, memory)
         return replace(
             memory, solves=memory.solves + 1, solve_seconds=self.clock() - sample.started,
-            plan=guess if solution.plan is None else solution.plan.preceded(guess, self._committed),
+            rests=False, plan=guess if solution.plan is None else solution.plan.preceded(guess, self._committed),
             report=np.array([sample.time, float(status), value.cost, value.terminal_slack,
                              value.violation, solution.iterations,
                              float(not np.array_equal(memory.asked, memory.force)), solution.rows]))

@@ -155,7 +155,8 @@ class TrackingOcp(Ocp):
     def given(self, values: dict[str, np.ndarray]) -> Self:
         """Returns the problem of the given target and safe depth."""
         return self.aimed(TrackingTarget(
-            values.get("target", self.aim.target), values.get("safe_depth", np.inf)))
+            values.get("target", self.aim.target),
+            values.get("safe_depth", self.aim.safe_depth)))
 
     @property
     def lasting_limits(self) -> dict[str, Limit]:

@@ -123,7 +123,8 @@ def moved(settings: RetreatSettings, model: UvmsModel, now: Reference, config: n
         J = n @ model.task_jacobian(placed)[:3, 6:]
         J = np.where(((J < 0.0) & (q >= high)) | ((J > 0.0) & (q <= low)), 0.0, J)
         back = -J / max(float(J @ J), ROUNDING)
-        fastest = SHARE * np.min(settings.joint_speed / np.maximum(np.abs(back), ROUNDING))
+        fastest = SHARE * np.min(
+            settings.joint_speed / np.maximum(np.abs(back), ROUNDING), initial=np.inf)
         rate[6:] = min(settings.draw_speed, fastest, deeper / step) * back
     if heading is not None:
         off = (heading - now.config[5] + np.pi) % (2.0 * np.pi) - np.pi

@@ -100,7 +100,8 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
     roll, pitch = (swing(model, config, axis) for axis in (3, 4))
     return RobotSheet(
         name=name, posture=posture, trim=trim, inertia=np.diag(M), roll=roll, pitch=pitch,
-        hangs=np.arctan2([lever[1], -lever[0]], lever[2]), bodies=_bodies(uvms),
+        hangs=np.array([np.arctan2(lever[1], lever[2]),
+                        np.arctan2(-lever[0], np.hypot(lever[1], lever[2]))]), bodies=_bodies(uvms),
         water={name: center_of_water(
             added_mass_about_origin(body.added_mass), body.displaced_volume,
             np.asarray(body.center_of_buoyancy), uvms.hydrodynamics.fluid_density)

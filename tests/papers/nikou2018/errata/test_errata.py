@@ -25,14 +25,13 @@ from uvms_drake.papers.nikou2018.kinematics import simulate
 from uvms_drake.papers.nikou2018.transpose import LemmaConstants
 from uvms_drake.plant.disturbance import ConstantDisturbance
 
-pytestmark = pytest.mark.long
-
 
 @pytest.fixture(scope="module")
 def errata() -> list[Erratum]:
     return all_errata()
 
 
+@pytest.mark.long
 def test_every_erratum_is_there_and_confirmed(errata):
     assert [item.number for item in errata] == [f"E{i}" for i in range(1, 15)]
     assert all(item.wrong is True for item in errata)
@@ -43,6 +42,7 @@ def cells_of(row: str) -> list[str]:
     return [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
 
 
+@pytest.mark.long
 def test_the_table_of_the_page_is_the_output(errata):
     """Word for word, and number for number but for rounding."""
     path = Path(__file__).parents[4] / "uvms_drake/papers/nikou2018/errata/errata.md"
@@ -57,6 +57,7 @@ def test_the_table_of_the_page_is_the_output(errata):
             assert float(one) == pytest.approx(float(other), rel=0.1, abs=1e-3), here[:60]
 
 
+@pytest.mark.long
 def test_the_choices_show_what_the_errata_state(tmp_path):
     """E9: the nominal motion jumps at every sample; E5: the paper's law leaves the joints alone."""
     choices.draw_choices(tmp_path, overrides=["duration=0.6"])
@@ -79,6 +80,7 @@ def test_the_choices_show_what_the_errata_state(tmp_path):
 SCALAR = LemmaConstants(J_min=1.44, J_max=1.2, J_dot=0.3, L_c=0.4, L_1=0.7, L_2=0.9)
 
 
+@pytest.mark.long
 def test_e1_the_plant_accelerates_by_f_plus_u_if_tau_is_m_u():
     rng = np.random.default_rng(3)
     state, u = rng.uniform(-0.2, 0.2, 20), rng.uniform(-0.2, 0.2, 10)
@@ -99,6 +101,7 @@ def test_e1_the_plant_accelerates_by_f_plus_u_if_tau_is_m_u():
     assert errors[0] < 1e-2 < 1.0 < errors[1]
 
 
+@pytest.mark.long
 def test_e3_a_scalar_system_needs_what_is_derived_by_hand():
     """𝔢J𝔯 and −σ²𝔯J³𝔢 cannot both be largest; all other terms of the corrected Λ₁ are attained."""
     sigma, J = 2.0, np.array([[1.2]])
@@ -109,6 +112,7 @@ def test_e3_a_scalar_system_needs_what_is_derived_by_hand():
     assert proof.lost_terms(SCALAR, J, sigma).wrong
 
 
+@pytest.mark.long
 def test_e3_the_robots_states_need_nearly_the_corrected_lambda():
     constants, J = paper.robot_constants()
     assert constants.J_max == pytest.approx(np.linalg.norm(J, 2))
@@ -148,6 +152,7 @@ def test_e12_the_corner_moves_as_an_integration_says():
     assert peak > 1.0
 
 
+@pytest.mark.long
 def test_e12_the_ball_is_kept_and_a_product_without_a_corner_too():
     J = paper.robot_constants()[1]
     rng = np.random.default_rng(0)
@@ -170,6 +175,7 @@ def test_e14_a_regular_configuration_is_not_flagged():
     assert steep == pytest.approx(math.sqrt(2.0) / 0.01, rel=0.05)
 
 
+@pytest.mark.long
 def test_e8_the_printed_numbers():
     text = simulation.simulation_numbers().computed
     assert "reaches 0.49" in text  # 0.2√6
@@ -180,6 +186,7 @@ def test_e8_the_printed_numbers():
     assert 0.2 / (3.084 * 0.5095 + 2.0 * math.sqrt(2.0)) == pytest.approx(0.0455, abs=5e-5)
 
 
+@pytest.mark.long
 def test_e8_the_smallest_eigenvalue_by_the_papers_table():
     """No sample is below the estimate, and J there is that of finite differences of the table."""
     found = paper.estimated_J_min()
@@ -198,11 +205,13 @@ def test_e8_the_smallest_eigenvalue_by_the_papers_table():
     assert np.linalg.eigvalsh(J @ J.T)[0] == pytest.approx(np.min(values), rel=1e-5)
 
 
+@pytest.mark.long
 def test_e8_the_jacobian_grows_as_the_end_effector_points_up_or_down():
     grown = simulation.norm_at_tip_pitch(-1.56) / simulation.norm_at_tip_pitch(-1.4)
     assert grown == pytest.approx(math.cos(1.4) / math.cos(1.56), rel=0.02)
 
 
+@pytest.mark.long
 def test_e10_the_papers_poses_by_the_papers_table():
     assert dh.chi(np.zeros(10))[4] == pytest.approx(-np.pi / 2)
     level = [([-2.057, 1.017, -1.184, 0.0, 0.0, np.pi / 12], paper.Q_START, paper.CHI_START),
@@ -221,6 +230,7 @@ def test_e9_the_deviation_of_one_sample_is_the_jump():
     assert off > 2.0 * w / sigma
 
 
+@pytest.mark.long
 def test_e11_plans_from_elsewhere_end_no_closer():
     """The smallest ε from the level vehicle is a local optimum; four random starts find it too."""
     mpc = simulation.printed_mpc(1e-3)
@@ -234,6 +244,7 @@ def test_e11_plans_from_elsewhere_end_no_closer():
         assert math.sqrt(0.5) * np.linalg.norm(end) == pytest.approx(radius, rel=0.02)
 
 
+@pytest.mark.long
 def test_e11_the_other_configuration_arrives_within_the_printed_limits():
     mpc = simulation.printed_mpc(simulation.TINY)
     plan = mpc.solve(mpc.resting(paper.configuration(paper.CHI_START, paper.Q_START_OTHER)), 50)
@@ -247,6 +258,7 @@ def test_e11_the_other_configuration_arrives_within_the_printed_limits():
     assert np.linalg.norm(paper.CHI_START[:3] - paper.CHI_DES[:3]) > 2.0 * 0.7
 
 
+@pytest.mark.long
 def test_e6_the_loop_rests_near_the_least_stage_cost_and_the_hold_input_is_not_flagged():
     """A long horizon settled where the stage cost of a rest is least; this one is 3 s."""
     errors, force, _, speed = simulation.settled(0.0)
@@ -279,6 +291,7 @@ def test_e7_gains_exist_from_an_eigenvalue_of_one_on():
             np.testing.assert_allclose(gains, (fits[0], fits[-1]), atol=2e-4)
 
 
+@pytest.mark.long
 def test_e7_no_velocity_does_better_and_no_allowed_posture():
     best, q = paper.best_posture()
     assert paper.is_allowed(paper.configuration(paper.CHI_DES, q))
