@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -140,6 +141,13 @@ def test_workers_take_a_core_each_and_are_replaced_before_they_keep_too_much(mon
     first, second, third = (found[index]["process"] for index in range(3))
     assert first == second != third
     assert RUNS_PER_WORKER * 8 < 300  # MB: a run leaves 8 MB behind.
+
+
+def test_runs_that_nobody_takes_are_not_computed_to_their_end():
+    with pytest.raises(KeyboardInterrupt), local_pool(1).open() as executor:
+        future = executor.submit(time.sleep, 15.0)
+        raise KeyboardInterrupt
+    assert future.cancelled() or isinstance(future.exception(), BrokenProcessPool)
 
 
 @linux

@@ -14,6 +14,7 @@ from support.snapshot import check_snapshot
 from support.synthetic import synthetic_record
 
 import uvms_drake as uv
+from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.certificate.assumptions import assumed_conditions, assumptions_of
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
@@ -371,6 +372,7 @@ def test_how_a_robots_folder_is_named_is_no_input(tmp_path, monkeypatch):
     assert near.model != far.model
     assert fingerprint(near) == fingerprint(far)
     assert probability_fingerprint(near) == probability_fingerprint(far)
+    assert make_campaign(near, 0, None) == make_campaign(far, 0, None)
     record = replace(synthetic_record(2.0), scenario=near)
     (tmp_path / "out").mkdir()
     record.save(tmp_path / "out")

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.outputs import DATA, DATA_ONLY, written
+from support.refusals import refusals
 from support.robots import copied
 
 import uvms_drake as uv
 from uvms_drake.certificate.attempts import ledger_path
 from uvms_drake.certificate.certificate import fingerprint, read_certificate, write_certificate
 from uvms_drake.certificate.in_probability import failure_bound, percent_above, spent
+from uvms_drake.command.drawn_runs import drawable
 from uvms_drake.command.main import main
 from uvms_drake.tube.conditions import assumption
 
@@ -226,6 +228,14 @@ def test_a_run_that_fails_is_counted(radius, tmp_path, capsys):
     assert ("this run FAILED: the tube, set-wise" if "z" in radius else
             "this run FAILED: it left the declared tube in any of its radii"
             ) in capsys.readouterr().out
+
+
+test_what_cannot_be_drawn_is_refused_before_an_attempt = refusals("girona500_real_loop", {
+    "draws.force=[1, 20]": r"task\.force_tolerance = 2\.0: must be below 1 N",
+    "draws.joints=[0.1, 0.1]": r"draws\.joints",
+    "actuation.1.error=[-1]": "an error of -1",
+    "mpc.deadline=0.1": r"mpc\.deadline",
+}, drawable)
 
 
 INCLUDED = """<sdf version="1.9"><model name="whole">

@@ -222,6 +222,24 @@ def test_a_force_that_is_readable_is_in_the_range_whatever_comes_to_it(model):
     assert readable_force(replace(settings, range=np.ones(6)), 30.0) == 0.0
 
 
+def test_a_sensor_that_is_mounted_away_from_the_tip_has_torques_in_its_range():
+    """An ATI Mini45 0.15 m behind the tip: at 33 N across its axis the torque is 5 N m."""
+    bare = replace(ForceSensor(), range=np.array([145.0, 145.0, 290.0, 5.0, 5.0, 5.0]),
+                   mounting=[-0.15, 0.0, 0.0, 0.0, 0.0, 0.0], tool=Tool(), bias=np.zeros(6),
+                   drift=np.zeros(6), noise=np.zeros(6), resolution=np.zeros(6))
+    most = readable_force(bare, 30.0)
+    assert most == pytest.approx(5.0 / 0.15)
+    sensed = np.linalg.inv(transfer(np.array(bare.mounting))) @ [0.0, 0.0, most, 0.0, 0.0, 0.0]
+    assert np.all(np.abs(sensed) <= bare.range * (1.0 + 1e-12))
+    assert np.max(np.abs(sensed) / bare.range) == pytest.approx(1.0)
+
+
+def test_the_rounding_of_a_tare_is_alike_in_all_of_its_samples():
+    """Where the noise is less than the resolution a mean of fifty is no better than one."""
+    coarse = replace(ForceSensor(), tare=0.5, noise=np.full(6, 0.001), resolution=np.full(6, 0.1))
+    assert np.all(coarse.reading(30.0, 1.0).likely_constant >= 0.05)
+
+
 def test_without_an_attitude_the_last_sample_goes_on(model):
     """Also while it is tared: the tare has a sample less."""
     def measured(time):

@@ -228,6 +228,39 @@ def test_the_table_has_every_row_and_the_share_of_redrawn_starts(real):
     assert "of the starts 25% had no first plan" in text
 
 
+def test_without_a_limit_of_the_forces_the_tube_of_the_base_has_none_either(real):
+    bare = replace(real, tube=replace(real.tube, tau=None))
+    found = Calibration(bare, {}, 20, 2.0, 2, None, 0.2)
+    text = calibrated_text("base: bluerov2_real_loop\n", found)
+    assert re.search(r"^  tau: null +# as `limits.tau`$", text, re.M)
+
+
+def test_what_no_run_can_be_repeated_with_is_refused_before_the_pilot_runs(
+        tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("uvms_drake.command.drawn_runs.calibrate", lambda *_: pytest.fail("runs"))
+    (tmp_path / "mine.yaml").write_text(f"base: {REAL}\nmpc: {{deadline: 0.1}}\n", "utf-8")
+    assert main(["calibrate", "mine.yaml", "--quiet"]) == 2
+    assert "mpc.deadline = 0.1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("scores", "best"), [
+    ([3.0, 1.2, 1.0, 0.9, 0.8], 0.45), ([1.0, 0.9, 0.8, 3.0, 3.0], 0.16), ([3.0] * 5, None)])
+def test_a_scale_that_is_too_soft_is_no_border_of_stability(real, model, monkeypatch, scores, best):
+    """From a scale that fails at least 1.5 times lower, but not from one below all that work."""
+    available = dict.fromkeys(radii_by_row(real.tube), 1.0)
+    radius = real.tube.nu1
+    monkeypatch.setattr(module, "derived", lambda scenario, *_: scenario)
+    monkeypatch.setattr(module._Pilots, "results", lambda *_: [
+        FINE | {"index": 0, "use": {"nu1": score / (1.5 * radius)}} for score in scores])
+    pilots = module._Pilots(real, 1, local_pool())
+    if best is None:
+        with pytest.raises(RunFailed, match="no gains, by scale"):
+            module.best_gains(real, model, available, pilots, silent)
+    else:
+        assert module.best_gains(real, model, available, pilots, silent)[0] == best
+
+
 @pytest.mark.parametrize(("options", "said"), [
     (["--runs", "0"], "--runs = 0: must be at least 1"), (["--output", "a.txt"], "a .yaml file")])
 def test_bad_options_are_one_line(options, said, capsys, tmp_path, monkeypatch):

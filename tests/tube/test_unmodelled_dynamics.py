@@ -115,7 +115,7 @@ CASES = {
             joint_friction=JointFriction(coulomb=np.array([0.5]), creep=1e-6))),
     "current": Case(lambda known: by_water(family(known, []), (0.25, 0.0)), water=current),
     "wave": Case(lambda known: by_water(
-        family(known, []), (0.0, 0.0), [(WAVE.speed, WAVE.speed, WAVE.frequency)]), water=wave)}
+        family(known, []), (0.0, 0.0), (WAVE.speed, WAVE.frequency)), water=wave)}
 
 
 def plant_acceleration(case: Case, known, at, i: int, rate: np.ndarray) -> np.ndarray:

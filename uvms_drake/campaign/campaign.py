@@ -19,6 +19,7 @@ from pydrake.common.yaml import yaml_load_data
 from uvms_drake.campaign.harness import stored
 from uvms_drake.certificate.certificate import Certificate, fingerprint, run_source
 from uvms_drake.common.errors import InvalidParameter, RunFailed, require
+from uvms_drake.station.record import from_anywhere
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, typed_scenario
 
 SETUP_FILE = "setup.json"
@@ -76,6 +77,7 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
         certificate: Its certificate, which holds; None for the declared tube.
         runs: Number of runs, if it is chosen before the first one.
     """
+    scenario = from_anywhere(scenario)  # Workers, and who goes on with it, may be elsewhere.
     applied = scenario if certificate is None else certificate.applied_to(scenario)
     prints = fingerprint(scenario)
     return Campaign(

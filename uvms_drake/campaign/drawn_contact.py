@@ -187,7 +187,8 @@ def about_drawn(scenario: Scenario) -> Iterator[str]:
         yield f"mission, the same in every run: {in_words(mission)}"
     else:
         yield (f"desired force: uniform from {forces[0]:.3g} to {forces[1]:.3g} N, held for "
-               f"{scenario.draws.hold[0]:g} to {scenario.draws.hold[1]:g} s")
+               f"{scenario.draws.hold[0]:g} to {scenario.draws.hold[1]:g} s, but no longer than to "
+               f"{scenario.duration:g} s")
     yield ("wall: plane, hull, pipe from inside or bumps, with a linear, hardening or bilinear "
            f"force; normal within {contact.angle:.3g} rad of the direction, stiffness from "
            f"{SOFTEST:g} of {contact.stiffness:g} N/m to all of it, friction up to "

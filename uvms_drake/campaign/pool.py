@@ -107,6 +107,10 @@ def local_pool(workers: int | None = None) -> Pool:
                 count, multiprocessing.get_context("spawn"), initializer=_start_worker)
             try:
                 yield executor
+            except BaseException:  # Nobody takes the runs that are being computed.
+                for process in list(executor._processes.values()):
+                    process.kill()
+                raise
             finally:
                 executor.shutdown(cancel_futures=True)
 

@@ -233,7 +233,8 @@ def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int) -> Iterator[
                f"{np.hypot(*current[:2]):.3g} m/s horizontally, {abs(current[2]):.3g} m/s up or "
                "down", OPERATOR)
     if unknowns.waves:
-        yield "disturbance", f"of that, {len(unknowns.waves)} regular waves as declared", OPERATOR
+        yield ("disturbance", "of that, a regular wave as declared, along the current if there is "
+               "one", OPERATOR)
     if error.size > 0.0:
         yield ("disturbance", "of that, mass, water and joint friction of the robot that are off "
                "by the sizes of model_error", MAKER)

@@ -103,7 +103,8 @@ class UnmodelledBounds:
             self.model, basis.u_limit, fixed, force=force if sensed is None else 0.0,
             damping=getattr(surface, "dissipation", 0.0),
             missed=NO_CHANGE if sensed is None else ForceChange(
-                sensed.rate * sensed.age + sensed.ripple,
+                sensed.rate * sensed.age + sensed.ripple
+                + max(0.0, sensed.ripple - 2.0 * sensed.rate * sensed.lag),
                 sensed.tangential_rate * sensed.age + 2.0 * sensed.tangential_ripple,
                 sensed.tool_angle))
 
@@ -156,6 +157,8 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
     Raises:
         InvalidParameter: The surface is a spring, whose torques no bound counts.
     """
+    require(len(scenario.waves) <= 1, "waves", len(scenario.waves), "one, whose phase is searched "
+            "for: of several each has its own (certify --runs N draws them)")
     require(not isinstance(basis.model.surface, BilateralSpring),
             "surface", "BilateralSpring", "one without torques, for a certificate with declared "
             "unknowns (model_error, current, waves)")
@@ -316,9 +319,8 @@ def declared_sources(unknowns: Unknowns, bounds: UnmodelledBounds, before: list[
         along, down = float(np.hypot(*current[:2])), abs(float(current[2]))
         parts = [f"a current of {np.linalg.norm(current):.3g} m/s"] * bool(np.any(current)) + [
             f"a wave of {wave.amplitude:g} m in {wave.period:g} s" for wave in waves]
-        orbits = [(wave.speed, wave.speed, wave.frequency) for wave in waves]
         yield Source(" and ".join(parts), [
-            by_water(true, (along, sign * down), orbits)
+            by_water(true, (along, sign * down), *((wave.speed, wave.frequency) for wave in waves))
             for true in robots for sign in ((1.0, -1.0) if down else (1.0,))], errors)
 
 

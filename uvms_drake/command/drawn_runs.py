@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_drake.actuation.thrusters import largest_error
 from uvms_drake.campaign.campaign import (
     SETUP_FILE,
     Campaign,
@@ -19,7 +20,7 @@ from uvms_drake.campaign.campaign import (
     read_setup,
     require_same_code,
 )
-from uvms_drake.campaign.drawn_contact import force_to_admit
+from uvms_drake.campaign.drawn_contact import drawn_forces, force_to_admit
 from uvms_drake.campaign.draws import vary
 from uvms_drake.campaign.failures import certificate_in_probability
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
@@ -175,6 +176,8 @@ def calibrate_scenario(args: argparse.Namespace) -> int:
     command = shlex.join([PROGRAM, "calibrate", args.scenario, *["--gains"] * args.gains,
                           "--runs", str(args.runs)])
     text = path.read_text(encoding="utf-8")
+    with reported_in(args.scenario):
+        check_repeatable(scenario)
     with new_file(file, "--output"):
         # Whether its layout takes the numbers, before the runs that find them.
         with reported_in(str(file)):
@@ -230,11 +233,23 @@ def check_declared(scenario: Scenario) -> None:
 
 def drawable(scenario: Scenario) -> Scenario:
     """Returns the scenario with its integration step; raises if it cannot be drawn or repeated."""
+    check_repeatable(scenario)
+    scenario = with_step(scenario, check_inputs(scenario))
+    if scenario.contact.declared_wall() is not None and not scenario.mission.steps:
+        least, tolerance = drawn_forces(scenario)[0], scenario.task.force_tolerance
+        require(least > tolerance, "task.force_tolerance", tolerance,
+                f"below {least:.3g} N, the least desired force that is drawn")
+    return scenario
+
+
+def check_repeatable(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` for what cannot be drawn, or makes runs that cannot be repeated."""
     require(not scenario.faults, "faults", [type(fault).__name__ for fault in scenario.faults],
             "left out: a campaign draws them")
     require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
             "left out: no run could be repeated")
-    return with_step(scenario, check_inputs(scenario))
+    require(largest_error(scenario.actuation) < 1.0, "actuation", "an error of -1", "larger: of "
+            "a dead thruster there is no smaller error of either sign to draw")
 
 
 def complete(args: argparse.Namespace, campaign: Campaign, number: int, output: Path, pool: Pool,

@@ -126,11 +126,15 @@ def serve(descriptor: int) -> None:
     """Answers with plans on a pipe until it is closed; with an error, or a line about it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the loop.
     pipe: Connection = Connection(descriptor)
-    scenario = typed_scenario(yaml_load_data(pipe.recv()))
-    model = load_model(scenario)
-    mpc: NominalMpc = make_tube(
-        scenario, model, make_ocp(scenario, model)).GetSubsystemByName("nominal_mpc")
     answer: MpcMemory | RunFailed | str | None = None
+    try:
+        scenario = typed_scenario(yaml_load_data(pipe.recv()))
+        model = load_model(scenario)
+        mpc: NominalMpc = make_tube(
+            scenario, model, make_ocp(scenario, model)).GetSubsystemByName("nominal_mpc")
+    except Exception as error:
+        pipe.send(f"the process has no planner, whose parts it loads from `modules`: {error}")
+        return
     with suppress(EOFError, OSError):
         while True:
             pipe.send(answer)

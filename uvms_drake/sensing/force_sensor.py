@@ -76,10 +76,10 @@ def error_bound(sensor: wrist_sensor.WristSettings, time: float, rate: np.ndarra
 
 
 def readable_force(sensor: wrist_sensor.WristSettings, time: float) -> float:
-    """Returns the largest norm of a force [N] that the range never cuts up to a time [s].
+    """Returns the largest norm of a force at the tip [N] that the range never cuts up to a time.
 
-    That is the least end of the range along the axes of the sensor, less the other terms of a raw
-    value: bias, drift, noise, rounding and the weight of the tool.
+    That is the least end of the range of a force or of a torque over the lever of the mounting,
+    less the other terms of a raw value: bias, drift, noise, rounding and the tool's weight.
 
     Args:
         sensor: The sensor.
@@ -89,7 +89,10 @@ def readable_force(sensor: wrist_sensor.WristSettings, time: float) -> float:
              + 0.5 * np.asarray(sensor.resolution, dtype=float)
              + np.asarray(sensor.bias, dtype=float) + time * np.asarray(sensor.drift, dtype=float)
              + sensor.tool.largest_hold(STANDARD_GRAVITY))
-    return max(float(np.min((np.asarray(sensor.range, dtype=float) - other)[:3])), 0.0)
+    lever = np.linalg.norm(np.linalg.inv(
+        wrist_sensor.transfer(np.asarray(sensor.mounting, dtype=float)))[:, :3], axis=1)
+    free = np.asarray(sensor.range, dtype=float) - other
+    return max(float(np.min(free / np.maximum(lever, 1e-9))), 0.0)
 
 
 def in_tip_axes(sensor: wrist_sensor.WristSettings, bound: np.ndarray) -> np.ndarray:
@@ -117,15 +120,20 @@ class ForceSensor(wrist_sensor.WristSettings, sensor_actuator.Sensor):
     def reading(self, time: float, turning: float) -> sensor_actuator.ForceReading:
         """Returns its properties up to a time; see `error_bound`."""
         parts = error_bound(self, time, np.zeros(6), turning)
-        # The mean of the tare: its noise, and as much of the resolution as a reading has.
+        # The mean of the tare: its noise, and as much of the resolution as a reading has, for
+        # samples with less noise than that are all rounded alike.
         count = self.tare_samples
-        constant = parts.bias + (0.5 * np.asarray(self.resolution, dtype=float) if count else 0.0)
+        rounding = 0.5 * np.asarray(self.resolution, dtype=float) * bool(count)
+        constant, likely = parts.bias + rounding, parts.bias
+        if count:
+            deviations = max(3.0, self.noise_multiple) / max(self.noise_multiple, 1e-9)
+            likely = rounding + deviations / np.sqrt(count) * parts.bias
         repeated = repeat_probability(self.least_noise * np.asarray(self.noise, dtype=float),
                                       self.noise_multiple, self.resolution)
         return sensor_actuator.ForceReading(
             in_tip_axes(self, parts.total), self.lag, 1.0 / self.rate, self.tare, repeated,
             readable_force(self, time), in_tip_axes(self, constant),
-            in_tip_axes(self, constant / np.sqrt(max(count, 1))))
+            in_tip_axes(self, likely))
 
     def imperfection(self, seed: int) -> wrist_sensor.Imperfection:
         """Returns the errors of the copy of a seed; b and s are uniform within their bounds."""

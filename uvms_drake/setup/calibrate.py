@@ -156,11 +156,12 @@ def calibrate(scenario: Scenario, runs: int = 20, gains: bool = False, pool: Poo
     """
     require(runs >= 1, "--runs", runs, "at least 1")
     model = check_real(scenario)
-    pool, pilots = pool or local_pool(), _Pilots(scenario, runs, pool or local_pool())
+    pilots = _Pilots(scenario, runs, pool or local_pool())
     available, scale = available_radii(scenario, model), None
     started = derived(scenario, model, first_radii(scenario, model, available))
     if gains:
-        scale, started = best_gains(started, model, available, pilots, part_of(progress, 0.0, 0.2))
+        scale, started = best_gains(replace(scenario, tube=started.tube), model, available, pilots,
+                                    part_of(progress, 0.0, 0.2))
     tube, rows, multiple = started.tube, dict[str, Row](), MULTIPLE
     for turn in range(1, ROUNDS + 1):
         now = derived(started, model, tube)
@@ -423,8 +424,11 @@ def best_gains(scenario: Scenario, model: ContactModel, available: dict[str, flo
         scores[scale] = np.inf if bad else max(
             SLOWER * use * radii[name] / available[name] for name, use in result["use"].items())
         said.append(f"{scale:g}: {'; '.join(bad) or f'1.5 M/L = {scores[scale]:.2g}'}")
-    failing = min((scale for scale, score in scores.items() if score >= SLOWER), default=np.inf)
-    good = [scale for scale in SCALES if scale <= failing / SLOWER]
+    # Below the first that works a scale fails for it is too soft.
+    works = [scale for scale in SCALES if scores[scale] < SLOWER]
+    failing = min((scale for scale in SCALES if scale not in works and scale > works[0]),
+                  default=np.inf) if works else 0.0
+    good = [scale for scale in works if scale <= failing / SLOWER]
     if not good:
         raise RunFailed(f"no gains, by scale: {', '.join(said)}")
     best = min(good, key=lambda scale: scores[scale])

@@ -62,6 +62,8 @@ def _tube(found: Calibration, command: str) -> list[str]:
         f"  # than {SHARE:g} of the limit. In brackets that deviation and the radius' part of the "
         "limit."] if found.runs else ["tube:  # a guess, with which pilot runs begin"]
     for key, value in vars(found.scenario.tube).items():
+        if key == "tau" and value is None:
+            lines.append(f"{'  tau: null':<{COLUMN - 1}} # as `limits.tau`")
         if value is None or not np.any(value):
             continue
         rows = [(name, row) for name, row in found.rows.items()

@@ -241,6 +241,8 @@ def check_inputs(scenario: Scenario, model: ContactModel | None = None) -> Conta
     if scenario.identified is not None:
         scenario.identified.check_robot(scenario.model)
     check_limits(scenario.limits, model.num_joints)
+    if np.size(scenario.draws.joints):
+        vector("draws.joints", scenario.draws.joints, model.num_joints)
     disturbance_weights(scenario, model)
     none = np.zeros(model.size)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))

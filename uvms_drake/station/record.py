@@ -208,6 +208,13 @@ _TIMING = ("step_seconds", "wall_time_s", "failure", "declared_duration")
 _LOGGED = tuple(f.name for f in fields(Record) if f.name not in ("scenario", "signals", *_TIMING))
 
 
+def from_anywhere(scenario: Scenario) -> Scenario:
+    """Returns the scenario with the absolute path of its robot, unless that is shipped."""
+    model = scenario.model
+    return replace(scenario, model=model if model in shipped_robots() else str(
+        Path(model).resolve()))
+
+
 def save_record(record: Record, folder: Path) -> list[Path]:
     """Writes `scenario.yaml`, `log.npz` and `timing.npz` into a folder; returns their paths.
 
@@ -215,10 +222,7 @@ def save_record(record: Record, folder: Path) -> list[Path]:
     The same arrays give the same `log.npz`, byte for byte: NumPy stores no time of writing.
     """
     scenario, log, timing = (folder / name for name in (SCENARIO_FILE, LOG_FILE, TIMING_FILE))
-    model = record.scenario.model
-    if model not in shipped_robots():
-        model = str(Path(model).resolve())
-    scenario.write_text(dump_scenario(replace(record.scenario, model=model)), encoding="utf-8")
+    scenario.write_text(dump_scenario(from_anywhere(record.scenario)), encoding="utf-8")
     logged = {name: getattr(record, name) for name in _LOGGED}
     np.savez(log, **{**logged, **record.signals})
     np.savez(timing, **{name: getattr(record, name) for name in _TIMING})

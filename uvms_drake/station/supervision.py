@@ -15,7 +15,6 @@ from uvms_drake.control.supervisor.detections import (
     SPACING,
     WINDOW,
     Thresholds,
-    largest_share,
 )
 from uvms_drake.control.supervisor.retreat import RetreatSettings
 from uvms_drake.control.supervisor.supervisor import Safety
@@ -169,7 +168,7 @@ def largest_reading(contact: SensedContact, error: float) -> float:
         contact: The declared contact.
         error: ν [N].
     """
-    return largest_share(contact.walls) * contact.peak(
+    return contact.walls.largest_share * contact.peak(
         contact.force, fastest_advance(contact)) + error
 
 
@@ -302,7 +301,6 @@ def wave_accelerations(model: ContactModel, config: np.ndarray, wave: Wave) -> n
     configs = np.tile(config, (len(phase), 1))
     at = Motions(configs, np.zeros_like(configs), heading, phase, np.zeros((len(phase), 0)),
                  model.kinematics(configs))
-    effect, _ = by_water(family(model, []), (0.0, 0.0),
-                         [(wave.speed, wave.speed, wave.frequency)])(at)
+    effect, _ = by_water(family(model, []), (0.0, 0.0), (wave.speed, wave.frequency))(at)
     largest: np.ndarray = np.max([norms(each) for each in effect], axis=0)
     return largest

@@ -63,8 +63,9 @@ def error_along(bound: np.ndarray, angle: float) -> float:
 def hold_band(contact: UnknownContact, force: float, off: HoldRadii, short: float = 0.0) -> float:
     """Returns the largest |n·𝐅 − F| in a hold, with the plan at its target [N]; inf if none is.
 
-    With E = E_n + αE_t, the advance s of the tip, d = c₊s < 1, a± = cos θ ± μ sin θ, the error ν of
-    a reading along n, its mean age A and that H of a target's readings, r = a₊(1 + d)/(a₋(1 − d)),
+    With E = E_n + αE_t, the advance s of the tip, d = c₊s < 1, the least and the largest share a±,
+    the error ν of a reading along n, its mean age A and that H of a target's readings,
+    r = a₊(1 + d)/(a₋(1 − d)),
 
         b = r(F + ν + κ₊(E + ℓ + v̄H)) + (1 + d)a₊κ₊m − F,
         m = max(min(2αE_t, sH), min(2E, sH) − E) + sA,
@@ -77,8 +78,8 @@ def hold_band(contact: UnknownContact, force: float, off: HoldRadii, short: floa
         off: Radii in the hold.
         short: ℓ, distance of the plan from its target, as of `UnknownContact.band` [m].
     """
-    lateral, d = contact.friction * float(np.sin(contact.angle)), contact.dissipation * off.advance
-    least, most = float(np.cos(contact.angle)) - lateral, float(np.cos(contact.angle)) + lateral
+    d, walls = contact.dissipation * off.advance, contact.walls
+    least, most = walls.share, walls.largest_share
     if not d < 1.0 or least <= 0.0:
         return float(np.inf)
     # Displacements of the target by the tube, and since the reading; that of E at most once.

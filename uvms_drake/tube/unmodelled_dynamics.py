@@ -112,7 +112,7 @@ class ForceChange(NamedTuple):
     """Largest change of a sensed force since the mean of it that is read."""
 
     normal: float
-    """ρ(T + h) + a, of the size of the normal force [N]."""
+    """ρ(T + h) + a + ⟨a − 2ρT⟩₊, of the size of the normal force [N]."""
     tangential: float
     """ρ′(T + h) + 2a′, of the rest [N]."""
     tool_angle: float
@@ -216,13 +216,13 @@ def by_forces(robots: Family, forces: np.ndarray) -> UnmodelledTerm:
 
 
 def by_water(robots: Family, current: tuple[float, float],
-             waves: Sequence[tuple[float, float, float]] = ()) -> UnmodelledTerm:
-    """Returns (2) of a current with waves, as of `plant.waves`, along one heading and in phase.
+             wave: tuple[float, float] | None = None) -> UnmodelledTerm:
+    """Returns (2) of a current with a wave, along one heading.
 
     Args:
         robots: The robot.
         current: Horizontal and vertical speed [m/s].
-        waves: Amplitudes of the horizontal and vertical speed [m/s], and ω [rad/s], of each.
+        wave: Its orbital speed [m/s] and ω [rad/s]; None: none.
     """
     def error(at: Motions) -> Affine:
         model = robots(at)
@@ -232,14 +232,15 @@ def by_water(robots: Family, current: tuple[float, float],
         R = at.kinematics.R_WB.swapaxes(-1, -2)
         velocity = current[0] * e + current[1] * e_z
         acceleration = np.zeros_like(velocity)
-        for along, down, frequency in waves:
-            velocity = velocity + along * c * e + down * s * e_z
-            acceleration = acceleration + frequency * (down * c * e_z - along * s * e)
+        if wave is not None:
+            speed, frequency = wave
+            velocity = velocity + speed * (c * e + s * e_z)
+            acceleration = frequency * speed * (c * e_z - s * e)
         v = times(R, velocity)
         relative, none = at.zeta.copy(), np.zeros_like(at.zeta)
         relative[:, :3] -= v
         b = _bias(model, at.kinematics, at.zeta) - _bias(model, at.kinematics, relative)
-        if waves:
+        if wave is not None:
             # −τ of weight and buoyancy is linear in g.
             b += sum(_bias(_with_gravity(model, axis), at.kinematics, none) * a[:, None]
                      for axis, a in zip(np.eye(3), acceleration.T, strict=True))

@@ -19,7 +19,6 @@ from uvms_drake.control.supervisor.detections import (
     Seen,
     Thresholds,
     largest_force,
-    largest_share,
     ratios,
     stiffness_of_touch,
 )
@@ -144,7 +143,7 @@ def readings_of_the_class(rng, limits):
     static = walls.stiffness * np.maximum(into, 0.0)
     damping = walls.dissipation * rng.uniform() * (speed @ normal)
     share = np.where(rng.random(k) < 0.5, walls.share - limits.share,
-                     largest_share(walls) + limits.share)
+                     walls.largest_share + limits.share)
     force = static * (1.0 + damping) * share
     window = int(limits.delay / h)
     of = [rng.choice([np.min, np.max])(force[max(i - window, 0): i + 1]) for i in range(k)]

@@ -148,3 +148,14 @@ def test_on_floors_and_ceilings_places_are_by_the_compass():
     for heading in np.deg2rad(np.arange(0.0, 360.0, 5.0)):
         n, north, second = wall_axes(wall(heading, np.deg2rad(75.0)))
         assert north[0] > 0.9 and second[1] > 0.9 and n @ second == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(("angle", "friction"), [(0.1, 0.5), (0.45, 0.2), (0.45, 0.0)])
+def test_the_shares_are_the_ends_of_what_tilt_and_friction_leave_along_the_direction(
+        angle, friction):
+    """Also where friction is less than the tilt: the largest is not at the edge of the cone."""
+    walls = SurfaceClass(angle=angle, friction=friction)
+    beta = np.linspace(0.0, angle, 10_001)
+    most = np.max(np.cos(beta) + friction * np.sin(beta))
+    assert walls.largest_share == pytest.approx(most, abs=1e-8)
+    assert walls.share == pytest.approx(np.min(np.cos(beta) - friction * np.sin(beta)), abs=1e-12)

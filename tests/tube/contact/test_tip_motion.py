@@ -53,7 +53,7 @@ FORCE = MeasuredForceBounds(
     size=50.0, rate=160.0, ripple=7.0, tangential_rate=40.0, tangential_ripple=2.0,
     reading=reading_off(2.8, 0.05, 0.02, H), tool_angle=0.25)
 STILL = replace(FORCE, rate=0.0, ripple=0.0, tangential_rate=0.0, tangential_ripple=0.0, size=0.0)
-TIP = TipAcceleration(by_force=0.2, by_normal=0.18, turning=0.7, other=0.17)
+TIP = TipAcceleration(by_force=(0.2, 0.3), by_normal=(0.18, 0.25), turning=0.7, other=0.17)
 
 
 def off_chord(velocity):
@@ -83,7 +83,23 @@ def test_what_changes_steadily_counts_half():
     steady = replace(STILL, rate=FORCE.rate)
     a = unevenness(replace(TIP, other=0.0), steady, H, 0.0, read_between=False)
     t = np.linspace(0.0, H, STEPS + 1)
-    assert off_chord(0.5 * TIP.by_normal * FORCE.rate * t**2) == pytest.approx(0.25 * H * a)
+    assert off_chord(0.5 * TIP.by_normal[0] * FORCE.rate * t**2) == pytest.approx(0.25 * H * a)
+
+
+def test_across_the_direction_a_deviation_counts_by_the_tilt():
+    """⟨v⟩ = n·v + α‖P_t v‖ of forces of any signs, by their rows along n and across it."""
+    tilt, rng = 0.48, np.random.default_rng(1)
+    steady = replace(STILL, ripple=FORCE.ripple)
+    a = unevenness(replace(TIP, other=0.0), steady, H, 0.0, tilt, read_between=False)
+    rows = np.array([TIP.by_normal[0], np.sqrt(TIP.by_normal[1]**2 - TIP.by_normal[0]**2)])
+    jumps = FORCE.ripple * rng.choice([0.0, 1.0], (20_000, STEPS))
+    jumps[0] = FORCE.ripple * (np.arange(STEPS) < 0.5 * STEPS)
+    along, across = (integral(row * jumps, H / STEPS) for row in rows)
+    share = np.linspace(0.0, 1.0, STEPS + 1)
+    off = [each - share * each[:, -1:] for each in (along, across)]
+    worst = np.max(off[0] + tilt * np.abs(off[1]))
+    assert 0.25 * H * unevenness(replace(TIP, other=0.0), steady, H, 0.0, read_between=False) < (
+        worst) <= 0.25 * H * a * (1.0 + 1e-9)
 
 
 def test_every_part_adds_to_it_and_a_reading_in_between_most():

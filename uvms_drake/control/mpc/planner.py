@@ -360,7 +360,8 @@ class Planner:
         _say(sample.time, status, memory)
         return replace(
             memory, solves=memory.solves + 1, solve_seconds=self.clock() - sample.started,
-            rests=False, plan=guess if solution.plan is None else solution.plan.preceded(guess, self._committed),
+            plan=guess if solution.plan is None else solution.plan.preceded(guess, self._committed),
+            rests=False,
             report=np.array([sample.time, float(status), value.cost, value.terminal_slack,
                              value.violation, solution.iterations,
                              float(not np.array_equal(memory.asked, memory.force)), solution.rows]))

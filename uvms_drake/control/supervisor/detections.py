@@ -122,7 +122,7 @@ def largest_force(readings: np.ndarray, limits: Thresholds) -> float:
     apart = float(np.max(np.diff(times), initial=0.0))
     damping = min(walls.dissipation * speed, MOST_DAMPING)
     least = (walls.share - limits.share) * (1.0 - damping)
-    most = (largest_share(walls) + limits.share) * (1.0 + damping)
+    most = (walls.largest_share + limits.share) * (1.0 + damping)
     # Growth of the depth from each place to now, then from any of the W before a reading.
     back = limits.delay + apart + 1e-9
     growth = np.max(walls.advance(tips[times >= times[-1] - back][:, None] - tips), axis=0)
@@ -131,12 +131,6 @@ def largest_force(readings: np.ndarray, limits: Thresholds) -> float:
     bound = N - C + most / least * np.maximum(before[known] + N + C, 0.0) + (
         most * walls.stiffness * np.maximum(since + apart * speed, 0.0))
     return float(max(np.min(bound), N))
-
-
-def largest_share(walls: SurfaceClass) -> float:
-    """Returns a₊, the largest part cos β + μ sin β of F_N along n, β ≤ θ."""
-    mu, angle = walls.friction, walls.angle
-    return float(np.hypot(1.0, mu) if np.tan(angle) >= mu else np.cos(angle) + mu * np.sin(angle))
 
 
 def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:

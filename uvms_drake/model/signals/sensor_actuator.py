@@ -105,13 +105,6 @@ class ForceReading(NamedTuple):
         return self._replace(error=self.error - self.constant + self.likely_constant,
                              constant=self.likely_constant)
 
-    def changing(self) -> "ForceReading":
-        """Returns the reading with an error of the same size, all of which may change."""
-        size = np.linalg.norm(self.error[:3] - self.constant[:3]) + np.linalg.norm(
-            self.constant[:3])
-        return self._replace(error=np.array([size, 0.0, 0.0, *self.error[3:]]),
-                             constant=np.zeros(6))
-
     def missing(self, delay: float) -> float:
         """Returns the largest weight that forces older than `delay` [s] have in a reading."""
         if self.lag == 0.0:

@@ -138,6 +138,13 @@ class SurfaceClass:
         """Smallest part cos θ − μ sin θ of F_N along n, with tilt and friction against it."""
         return float(np.cos(self.angle) - self.friction * np.sin(self.angle))
 
+    @cached_property
+    def largest_share(self) -> float:
+        """Largest part cos β + μ sin β of F_N along n, β ≤ θ."""
+        mu = self.friction
+        return float(np.hypot(1.0, mu) if self.tilt >= mu else
+                     np.cos(self.angle) + mu * np.sin(self.angle))
+
     def normal_force_bound(self, force: np.ndarray, noise: float, *, averaged: bool = False
                            ) -> np.ndarray:
         """Returns the largest F_N (...) [N] behind a reading of the tip's force 𝐅 (..., 3) [N].

@@ -119,7 +119,7 @@ class UnknownContact:
         """Returns the largest |n·𝐅 − F| of a tip whose plan steers for F [N]; inf if none is.
 
         With E = E_n + αE_t, d = c₊s < 1 at the speed s = Ė_n + α(Ė_t + 2v) of tip and wall, W the
-        delay, D = 2αvW, c = 1/(a₋(1 − d)) and a± = cos θ ± μ sin θ, it is
+        delay, D = 2αvW, c = 1/(a₋(1 − d)) and a± the least and largest shares, it is
 
             b(ℓ) = (1 + d) a₊ max(c(F + ν + κ₊(E + ℓ)) + κ₊ min(sW, 2E + D),
                                   c(F + ν) + κ₊(2E + min(sW, D))) − F,
@@ -139,8 +139,7 @@ class UnknownContact:
         E = off.depth + tilt * off.position
         apart = 2.0 * tilt * recedes
         s = off.depth_speed + tilt * off.speed + apart
-        d, lateral = self.dissipation * s, self.friction * np.sin(self.angle)
-        least, most = np.cos(self.angle) - lateral, np.cos(self.angle) + lateral
+        d, least, most = self.dissipation * s, self.walls.share, self.walls.largest_share
         if d >= 1.0 or least <= 0.0:
             return float(np.inf)
         before, drift = (force + self.force_error) / (least * (1.0 - d)), apart * self.delay

@@ -28,7 +28,9 @@ AT_TARGET = 1.0
 
 
 def stands(model: UvmsModel, walls: SurfaceClass, state: np.ndarray) -> np.ndarray:
-    """Returns whether a plan is no faster than `STANDING` (...).
+    """Returns whether a plan is no faster than `STANDING` (...), in |n·v| + 2α‖P_t v‖.
+
+    Twice, for across n a motion acts on both the target and the force.
 
     Args:
         model: The controller's model.
@@ -37,7 +39,7 @@ def stands(model: UvmsModel, walls: SurfaceClass, state: np.ndarray) -> np.ndarr
     """
     config, zeta = np.split(state, 2, axis=-1)
     velocity = times(model.tip_kinematics(config).J_chi[..., :3, :], zeta)
-    speeds = np.stack([np.maximum(walls.advance(velocity), walls.advance(-velocity)),
+    speeds = np.stack([np.abs(walls.depth(velocity)) + 2.0 * walls.tilt * walls.lateral(velocity),
                        *(np.linalg.norm(zeta[..., part], axis=-1)
                          for part in (slice(3, 6), slice(6, None)))], axis=-1)
     still: np.ndarray = np.all(speeds <= bounds.STANDING, axis=-1)
@@ -240,8 +242,8 @@ def _unevenness(scenario: Scenario, tube: LawTube, force: MeasuredForceBounds, j
         return np.inf
     planned = jerk * contact.period
     if not _multiple(step, contact.period):
-        planned += 2.0 * (2.0 * contact.speed / step + 0.5 * jerk * step)
-    return unevenness(tube.along, force, contact.period, planned,
+        planned += 2.0 * (2.0 * contact.largest_advance / step + 0.5 * jerk * step)
+    return unevenness(tube.along, force, contact.period, planned, contact.walls.tilt,
                       read_between=not _multiple(force.period, contact.period))
 
 

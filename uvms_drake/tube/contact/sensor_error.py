@@ -56,10 +56,10 @@ class SensorEffect:
     """The linear part of uᵢ − ūᵢ, with the error of the reading (6+n,) [m/s² (3), rad/s² (3+n)]."""
     w: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """The same of the blocks of ν₁, ν₂ and q̇ (3,), 2-norms."""
-    depth_by_force: float = 0.0
-    """‖A_f‖ of the row of n·𝔭̈ [1/kg]."""
-    depth_by_normal: float = 0.0
-    """|A_f n| of it [1/kg]."""
+    by_force: tuple[float, float] = (0.0, 0.0)
+    """‖A_f‖ of the row of n·𝔭̈, and of those of 𝔭̈ [1/kg]."""
+    by_normal: tuple[float, float] = (0.0, 0.0)
+    """|A_f n| of the same [1/kg]."""
     turning: float = 0.0
     """ω, angular speed of the tip's axes [rad/s]."""
     jacobian_rate: float = np.inf
@@ -248,7 +248,8 @@ def _effect_of(found: Suprema, force: MeasuredForceBounds, instant: Gains, misse
         z=np.sum(parts("velocity", found.zeta), axis=0),
         u=np.sum(parts("input", found.rows), axis=0) + through(found.rows),
         w=np.sum(parts("input", found.zeta), axis=0) + through(found.zeta),
-        depth_by_force=float(found.depth.force), depth_by_normal=float(found.depth.normal),
+        by_force=(float(found.depth.force), float(found.position.force)),
+        by_normal=(float(found.depth.normal), float(found.position.normal)),
         turning=turning, jacobian_rate=J_rate,
         budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
             ("depth", depth), ("depth_speed", speed), ("position", position))})

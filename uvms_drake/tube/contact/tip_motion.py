@@ -109,26 +109,26 @@ def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarr
 
 @dataclass(frozen=True)
 class TipAcceleration:
-    """Accelerations of the tip's deviation along n by its sources, under a law."""
+    """Accelerations of the tip's deviation by their sources, along n and in all, under a law."""
 
-    by_force: float
-    """A = ‖A_f‖ of the row of n of J_EM⁻¹J_Eᵀ [1/kg]."""
-    by_normal: float
-    """A_n = |A_f n| [1/kg]."""
+    by_force: tuple[float, float]
+    """‖A_f‖ of the row of n of J_EM⁻¹J_Eᵀ, and of all its rows of the position [1/kg]."""
+    by_normal: tuple[float, float]
+    """|A_f n| of the same [1/kg]."""
     turning: float
     """ω, angular speed of the tip's axes [rad/s]."""
     other: float
-    """d_n, bound of the acceleration by the disturbance and by the turn of the Jacobian [m/s²]."""
+    """d, bound of the acceleration by the disturbance and by the turn of the Jacobian [m/s²]."""
 
 
-def unevenness(tip: TipAcceleration, force: MeasuredForceBounds, period: float, planned: float, *,
-               read_between: bool) -> float:
-    """Returns a [m/s²], such that the velocity is off the line between two readings by ah/4.
+def unevenness(tip: TipAcceleration, force: MeasuredForceBounds, period: float, planned: float,
+               tilt: float = 0.0, *, read_between: bool) -> float:
+    """Returns a [m/s²], such that ⟨v⟩ is off the line between two readings by at most ah/4.
 
-    With A, A_n, d_n and ω of `TipAcceleration`, the bounds of `MeasuredForceBounds` and the plan's
-    variation p,
+    With d and ω of `TipAcceleration`, the largest A and A_n of the rows n + αu, u ⟂ n, each that of
+    n and α times that of all rows, the bounds of `MeasuredForceBounds` and the plan's variation p,
 
-        a = 2d_n + A_n a_n + 2A a′ + ½h(A_n ρ + A(ρ′ + ωF̄)) + p,                           (4)
+        a = 2√(1 + α²)d + A_n a_n + 2A a′ + ½h(A_n ρ + A(ρ′ + ωF̄)) + p,                      (4)
 
     but for the change of the feedback within h, which is assumed to add nothing. A reading of the
     sensor in between adds 2A(ε_f + a′) + A_n(a_n + ρh_s), h_s the sensor's period.
@@ -137,15 +137,16 @@ def unevenness(tip: TipAcceleration, force: MeasuredForceBounds, period: float, 
         tip: The deviation of the tip.
         force: Forces and their readings.
         period: h, between two readings [s].
-        planned: p, largest variation of the plan's acceleration along n within h [m/s²].
+        planned: p, largest variation of ⟨·⟩ of the plan's acceleration within h [m/s²].
+        tilt: α of ⟨v⟩.
         read_between: Whether the sensor may give a reading between two instants of h.
     """
+    A, A_n = (along + tilt * whole for along, whole in (tip.by_force, tip.by_normal))
     # Steady changes count half: a line fits them best.
-    steady = tip.by_normal * force.rate + tip.by_force * (
-        force.tangential_rate + tip.turning * force.size)
-    jumps = (2.0 * tip.other + tip.by_normal * force.ripple
-             + 2.0 * tip.by_force * force.tangential_ripple)
+    steady = A_n * force.rate + A * (force.tangential_rate + tip.turning * force.size)
+    jumps = (2.0 * np.hypot(1.0, tilt) * tip.other + A_n * force.ripple
+             + 2.0 * A * force.tangential_ripple)
     if read_between:
-        jumps += (2.0 * tip.by_force * (force.error + force.tangential_ripple)
-                  + tip.by_normal * (force.ripple + force.rate * force.period))
-    return jumps + 0.5 * period * steady + planned
+        jumps += (2.0 * A * (force.error + force.tangential_ripple)
+                  + A_n * (force.ripple + force.rate * force.period))
+    return float(jumps + 0.5 * period * steady + planned)

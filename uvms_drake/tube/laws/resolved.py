@@ -285,7 +285,7 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
 
     # The rows turn with J under the filter of k: J̃‖𝔯‖ is an acceleration of its own.
     turned = sensor_effect.jacobian_rate * (float(np.linalg.norm(sensor_effect.r)) + d / k)
-    along = TipAcceleration(sensor_effect.depth_by_force, sensor_effect.depth_by_normal,
+    along = TipAcceleration(sensor_effect.by_force, sensor_effect.by_normal,
                             sensor_effect.turning, d * gains[0] + turned)
     return LawTube(tube, (condition,), budget, estimated, check,
                    HoldLaw(in_hold, k, sigma), along)

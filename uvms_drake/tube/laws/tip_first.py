@@ -115,10 +115,11 @@ class DisturbanceInputs:
         """Suprema of A of each block, and the rate of A by the turn of its axes."""
 
     @property
-    def depth_norms(self) -> tuple[float, float]:
-        """‖A_f‖ and |A_f n| of the row of n·𝔭̈ [1/kg]."""
-        A = self._rows[DEPTH][0]
-        return float(A.force), float(A.normal)
+    def norms(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """‖A_f‖, then |A_f n|, of the row of n·𝔭̈ and of those of 𝔭̈ [1/kg]."""
+        along, whole = self._rows[DEPTH][0], self._rows[TIP][0]
+        return ((float(along.force), float(whole.force)),
+                (float(along.normal), float(whole.normal)))
 
     def zeta(self, blocks: list[int]) -> OperatorNorms:
         """Returns suprema of some of the rows of ν₁, ν₂ and q̇ (0, 1, 2) of M⁻¹J_Eᵀ."""
@@ -256,7 +257,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
             model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)),
         HoldLaw(in_hold, law.tip.k, law.tip.sigma) if sensed else None,
         TipAcceleration(
-            *inputs.depth_norms, inputs.turning, basis.d_bound * basis.row_norm("position"))
+            *inputs.norms, inputs.turning, basis.d_bound * basis.row_norm("position"))
         if sensed else None)
 
 
