@@ -198,7 +198,7 @@ def row_of(name: str, event: Event, record: Record) -> str:
     model, contact = record.model, sensed_contact(record.scenario)
     force = record.force[:, :3] @ np.asarray(contact.direction)
     touched = record.time[force > 1.0]
-    start = event.start if event.start is not None else float(touched[0])
+    start = event.start if event.start is not None else float(touched[0]) if len(touched) else 0.0
     q, rates = record.config[:, 6:], np.linalg.norm(record.zeta[:, 6:], axis=1)
     beyond = float(max(np.max(q - model.q_upper), np.max(model.q_lower - q)))
     safety = record.summary()["safety"]

@@ -18,6 +18,7 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.kinds import register
 from uvms_drake.common.wiring import WiredSystem, output_of, release
 from uvms_drake.control.limits import Limit
+from uvms_drake.control.mpc.planner import HOVERED
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.uvms_model import UvmsModel
@@ -174,8 +175,9 @@ def run_press(scenario: Scenario, model: ContactModel, controller: framework.Sys
         except (RunFailed, RuntimeError, np.linalg.LinAlgError) as error:
             ended = f"{type(error).__name__}: {' '.join(str(error).split())}"
         logs = read_logs(station, context)
-        steps = logs["step_seconds"] if "step_seconds" in logs else step_seconds(
-            controller, controller.GetMyContextFromRoot(context))
+        # Of an MPC the samples at which it plans; there is nothing to compute where it hovers.
+        steps = logs["step_seconds"][logs["mpc_status"] != HOVERED] if "step_seconds" in logs else (
+            step_seconds(controller, controller.GetMyContextFromRoot(context)))
     finally:
         release(loop)
     logs["place"] = place + np.array([course.moved(now - touch) for now in logs["time"]])
@@ -185,9 +187,10 @@ def run_press(scenario: Scenario, model: ContactModel, controller: framework.Sys
 def step_seconds(controller: framework.System, own: framework.Context) -> np.ndarray:
     """Returns processor times of a law's evaluation from scratch, without its sensors (K,) [s]."""
     alone, out = controller.CreateDefaultContext(), []
-    for name in ("state", "force_measured"):
-        port = controller.GetInputPort(name)
-        port.FixValue(alone, port.Eval(own))
+    alone.SetTimeStateAndParametersFrom(own)
+    for port in map(controller.get_input_port, range(controller.num_input_ports())):
+        if port.HasValue(own):
+            port.FixValue(alone, port.Eval(own))
     for i in range(STEPS):
         alone.SetTime(float(i))
         port = controller.GetInputPort("state")

@@ -56,7 +56,7 @@ class UnderContact(Limit):
     """A limit on the input that holds for every force of a `ForceCone`.
 
     Its values are those of the limit at N = 0, then the largest and the smallest ones at the other
-    end. The change of G𝔣 within the tube is not known, so it has no tightening and no certificate.
+    end. The change of G𝔣 within the tube is in the radii of the input, `contact_input_remainder`.
     """
 
     about: ClassVar[About] = "input"

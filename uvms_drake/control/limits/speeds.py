@@ -149,7 +149,7 @@ class SafeDepthBetweenKnots(SafeDepth):
     Between two knots n·𝔭 is a parabola but for its third derivative, and bounds at the knots on n·𝔭
     and on n·𝔭 + ½h n·𝔭̇ hold in between, without loss where the motion just stops: see
     control/plan/theory.md#depth-between-two-knots. The remainder is at most (2/81) h³ sup|d³(n·𝔭)/
-    dt³|; the depth is tightened by that (`tube.contact.tip_jerk`).
+    dt³|; the depth is tightened by that (`tube.contact.tip_motion`).
     """
 
     name = "safe_depth_between_knots"

@@ -2,8 +2,8 @@
 
 `structured` is sequential convex programming with the solver that knows the stages of the convex
 programs. The name of a convex solver of Drake's, such as `clarabel`, has it solve those programs in
-its place; that of a nonlinear solver, such as `snopt`, has it solve the whole problem, the first
-time from the plan of `structured`, and so near the same one of its local optima.
+its place; that of a nonlinear solver, such as `snopt`, has it solve the whole problem, from the
+plan of `structured`, and so near the same one of its local optima.
 """
 
 from collections.abc import Callable

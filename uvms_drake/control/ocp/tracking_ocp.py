@@ -6,7 +6,7 @@ translation a ∈ R³ of its reference, ξ = (y − y_des − E a, ζ), and
 
     min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_eq‖²_R) + ‖ξ_N‖²_P + V_o(E ᵀy_des + a − target) + ρ s
     s.t. the limits of `Ocp`, inputs for all contact forces if they are `UnderContact`,
-         N·𝔭 ≤ x_N for all facets N of the safe region, at all times     (see `limits.safe_depth`)
+         N·𝔭 ≤ x_N for all facets N of the safe region, at all times     (see `SafeDepth`)
          ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, min_N (x_N − N·(E ᵀy_des + a))/r_x).
 
 x_N and target, the `TrackingTarget`, may change at every sample. r_x bounds the tip's depth beyond

@@ -96,7 +96,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> KinematicCertifi
         ("e", "joints", "z", "nu1", "nu2", "qdot"), found.radii, strict=True))
     radii["roll"], radii["pitch"] = attitude_radii(
         declared, model.R_WT, radii["e"], radii["joints"], n)
-    margins = [*bounds.speeds, *np.minimum(bounds.upper, 0.5 * (bounds.upper - bounds.lower))]
+    margins = [*bounds.speeds, *(0.5 * (bounds.upper - bounds.lower))]
     conditions += [*found.conditions, *(
         Condition(f"tube in limits.{name}", taken, "<", margin, theorem=TIGHTENING,
                   kind="tightening", topic=f"limits.{name}", about=name)

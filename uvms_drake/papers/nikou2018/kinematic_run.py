@@ -75,9 +75,11 @@ def summarise(run: Run, *, certified: bool) -> dict[str, Any]:
     """Returns the summary of a run: errors, use of the limits and of the tube."""
     error = np.linalg.norm(pose_difference(run.chi, run.chi_des), axis=1)
     tube = resolved_radii(run.scenario.tube)
+    pose, z = (pose_difference(run.config, run.nominal_config), run.zeta - run.nominal_zeta)
     deviation = {
-        "e": pose_difference(run.chi, run.chi_nominal),
-        "joints": (run.config - run.nominal_config)[:, 6:], "z": run.zeta - run.nominal_zeta}
+        "e": pose_difference(run.chi, run.chi_nominal), "joints": pose[:, 6:],
+        "roll": pose[:, 3:4], "pitch": pose[:, 4:5], "z": z,
+        **{name: z[:, block] for name, block in zip(("nu1", "nu2", "qdot"), BLOCKS, strict=True)}}
     worst = {name: float(np.max(np.linalg.norm(each, axis=1))) for name, each in deviation.items()}
     bounds, y = run.bounds, np.hstack([run.chi, run.config[:, 6:]])
     angles = limited_angles(run.config, y)

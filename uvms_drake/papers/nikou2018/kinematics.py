@@ -56,7 +56,9 @@ PITCH_MARGIN = 0.01
 BLOCKS = (slice(0, 3), slice(3, 6), slice(6, None))
 """Components of ν₁, ν₂ and q̇."""
 WITHOUT = ("sensing", "actuation", "faults", "waves", "current", "model_error", "surface_error",
-           "mission", "contact")
+           "mission", "contact", "supervisor", "draws", "limits.u", "limits.tau",
+           "limits.static_force", "limits.thrusters", "limits.more", "mpc.hover", "mpc.deadline",
+           "mpc.in_advance", "mpc.solver", "mpc.weight_u", "mpc.terms")
 """Keys of a scenario that have no meaning here."""
 
 
@@ -436,7 +438,8 @@ def posed(scenario: Scenario) -> tuple[ContactModel, np.ndarray, Bounds]:
     """
     model = load_model(replace(scenario, simulation=""))
     for key, values in differing_keys([Scenario(), scenario]).items():
-        if (root := key.partition(".")[0]) in WITHOUT:
+        root = key.partition(".")[0]
+        if root in WITHOUT or ".".join(key.split(".")[:2]) in WITHOUT:
             is_part = "-" in values  # Of a kind that is not there by default.
             raise InvalidParameter(root if is_part else key, getattr(scenario, root) if is_part
                                    else yaml_load_data(f"value: {values[1]}")["value"],

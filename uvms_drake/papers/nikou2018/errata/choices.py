@@ -47,7 +47,8 @@ def draw_choices(folder: Path, progress: Progress = silent, overrides: Sequence[
         else:
             errors = [np.linalg.norm(settled(u_ref)[0], axis=1) for u_ref in (1.0, 0.0)]
             h = load_scenario(SPRING).mpc.time_step
-            made = drawing({TASK_ERROR: errors}, h * np.arange(len(errors[0])), ["u_eq", "zero"])
+            time = h * np.arange(1, len(errors[0]) + 1)
+            made = drawing({TASK_ERROR: errors}, time, ["u_eq", "zero"])
         save(made, folder / name)
 
 
