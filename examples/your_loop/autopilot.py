@@ -52,6 +52,14 @@ class Autopilot:
             np.array([p.vx, p.vy, p.vz]), np.array([a.rollspeed, a.pitchspeed, a.yawspeed]),
             joint_rates)
 
+    def ask_for(self, period: float) -> None:
+        """Asks for the messages of the state, one a period [s]: by default they come too seldom."""
+        link, mav = self.link, mavutil.mavlink
+        for message in (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
+            link.mav.command_long_send(
+                link.target_system or 1, link.target_component or 1,
+                mav.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message, 1e6 * period, 0, 0, 0, 0, 0)
+
     def send(self, pwm: np.ndarray | None) -> None:
         """Sends pulse widths [µs], of at most 8 thrusters; None releases all channels."""
         channels = np.full(8, RELEASE if pwm is None else 65535)  # 65535: left alone.
@@ -90,6 +98,8 @@ def main() -> None:
             state = autopilot.state(q, rates)
             if now - last_beat >= 1.0:
                 autopilot.beat()
+                if not began:
+                    autopilot.ask_for(controller.period)
                 last_beat = now
             if began:
                 autopilot.send(controller.step(now, state, force).thruster_commands)

@@ -67,6 +67,8 @@ class Logic:
         odometry, arm = self._fresh("odometry", now), self._fresh("joint_states", now)
         if odometry is None or arm is None or not set(self.joints) <= set(arm.name):
             return None
+        if not len(arm.name) == len(arm.position) == len(arm.velocity):
+            return None  # ROS allows a driver to leave velocities out; the law needs them.
         order = [list(arm.name).index(name) for name in self.joints]
         pose, twist = odometry.pose.pose, odometry.twist.twist
         q = pose.orientation

@@ -126,6 +126,8 @@ def test_the_log_of_a_run_is_read_and_only_in_still_water(tmp_path):
     ("none", PLAIN, "none'.* a CSV file of numbers"),
     ("flight.BIN", PLAIN, r"flight.BIN.*(uvms_drake\[logs\]|none: it is empty)"),
     ("run.csv", None, "--signals = None: .*run.csv"),
+    ("run.csv", PLAIN + "  - {signal: depth, columns: [altitude]}\n",
+     r"run.csv: depth = -2\.0: must be positive down"),
     ("run.csv", PLAIN.replace("r]", "heading]"), "run.csv: column = 'heading'.* one of time_s"),
     ("run.csv", PLAIN.rpartition("  -")[0], "run.csv: signals = .* joints among them"),
     ("run.csv", PLAIN.replace("[q0, q1, q2, q3]", "[]"), r"signals\[2\].columns = \[\]"),
@@ -135,7 +137,8 @@ def test_the_log_of_a_run_is_read_and_only_in_still_water(tmp_path):
 def test_bad_input_is_one_line_and_status_2(log, signals, line, tmp_path, capsys):
     time = np.arange(0.0, 3.0, 0.05)
     write_table(tmp_path / "run.csv", time_s=time, **{name: np.sin(time) for name in (
-        "roll", "pitch", "yaw", "p", "q", "r", "q0", "q1", "q2", "q3")})
+        "roll", "pitch", "yaw", "p", "q", "r", "q0", "q1", "q2", "q3")},
+                altitude=np.full(len(time), -2.0))
     (tmp_path / "flight.BIN").write_bytes(b"\xa3\x95\x80\x80\x59FMT\x00")
     np.savez(tmp_path / "bare.npz", time=time, state=np.zeros((len(time), 20)))
     np.savez(tmp_path / "empty.npz", time=time)
@@ -145,6 +148,21 @@ def test_bad_input_is_one_line_and_status_2(log, signals, line, tmp_path, capsys
     out, err = capsys.readouterr()
     assert err.count("\n") == 1 and not out and not output.exists()
     assert re.search(line, err), err
+
+
+def test_a_folder_may_have_the_files_of_a_dive_and_columns_of_text(tmp_path):
+    (tmp_path / "dive").mkdir()
+    time = np.arange(0.0, 3.0, 0.05)
+    write_table(tmp_path / "plain.csv", time_s=time, **{name: 0.1 * np.sin(time) for name in (
+        "roll", "pitch", "yaw", "p", "q", "r", "q0", "q1", "q2", "q3")})
+    header, *rows = (tmp_path / "plain.csv").read_text("utf-8").splitlines()
+    (tmp_path / "dive" / "all.csv").write_text("\n".join(
+        [f"frame_id,{header}", *(f"base_link,{row}" for row in rows)]), encoding="utf-8")
+    signals = load_file(signals_in(tmp_path, PLAIN.replace("],", "]}").replace("]}", "], file: F}")
+                                   .replace("F}", "/all.csv}")), LogSignals)
+    log = read_log(tmp_path / "dive", 4, signals)
+    np.testing.assert_allclose(log.state[:, 0], 0.1 * np.sin(log.time), atol=1e-3)
+    assert digest(tmp_path / "dive", signals)
 
 
 def test_the_help_has_the_signals_and_numbers_of_the_code_and_a_file_that_is_read(tmp_path, capsys):

@@ -141,6 +141,15 @@ def test_water_above_comes_out_above_and_a_push_ahead_lifts_the_bow(source, tmp_
     assert q_dot > 0.0  # The bow goes up: y points to starboard.
 
 
+def test_buoyancy_of_uuv_simulator_is_seen_from_the_centre_of_mass(tmp_path):
+    """5 cm above it, where the origin is 10 cm below: upright, as Gazebo has it."""
+    (tmp_path / "file.sdf").write_text(
+        sdf(uuv(FRD, center="0 0 0.05"), "<pose>0 0 0.1 0 0 0</pose>"), encoding="utf-8")
+    assert write_robot(tmp_path / "file.sdf", tmp_path / "scout") == 0
+    body = uv.Robot.load(tmp_path / "scout").uvms.hydrodynamics.bodies["vehicle"]
+    np.testing.assert_allclose(body.center_of_buoyancy, [0.0, 0.0, -0.15], atol=1e-9)
+
+
 @pytest.mark.parametrize("source", FILES)
 def test_the_list_says_whose_axes_were_taken(source, tmp_path):
     kind, text = FILES[source]

@@ -123,6 +123,8 @@ SPEED = ("<use_angvel_cmd>true</use_angvel_cmd><thrust_coefficient>0.02</thrust_
     (uuv(BASIC, "<thrustMax>32</thrustMax>"), {40: 32, 99: 32, -99: -32}, "one limit alone of p"),
     (uuv(TABLE, "<clampMin>-50</clampMin>", "<clampMax>75</clampMax>"), {99: 30, -99: -10}, ""),
     (uuv(TABLE, "<thrustMin>-15</thrustMin>", "<thrustMax>30</thrustMax>"), {99: 30, -99: -15}, ""),
+    (uuv(BASIC.replace("0.02", "-0.02"), "<clampMin>-50</clampMin>", "<clampMax>50</clampMax>",
+         "<thrustMin>-15</thrustMin>", "<thrustMax>30</thrustMax>"), {99: 15, -99: -30}, ""),
     (uuv(BASIC, "<clampMax>50</clampMax>", "<rotor_drag>7</rotor_drag>"), {}, "rotor_drag = 7 (li"),
 ])
 def test_limits_of_thrusters_are_taken_or_named(plugin, points, said, tmp_path, capsys):
@@ -336,6 +338,24 @@ def test_a_file_of_ours_that_is_alone_is_not_turned(tmp_path, capsys):
         return uv.UvmsModel(uv.read_uvms(str(robot))).task_pose(np.full(10, 0.2))
 
     np.testing.assert_allclose(tip(tmp_path / "robot"), tip("girona500_arm5e"), atol=1e-8)
+
+
+def test_a_joint_may_have_the_name_of_a_link(tmp_path, capsys):
+    """In URDF; SDFormat has one name for one thing."""
+    inertial = ('<inertial><mass value="{}"/><inertia ixx="0.5" iyy="0.6" izz="0.7" ixy="0" '
+                'ixz="0" iyz="0"/></inertial>')
+    file = tmp_path / "found.urdf"
+    file.write_text('<robot name="m">' + "".join(
+        f'<link name="{name}">{inertial.format(mass)}</link>'
+        for name, mass in (("hull", 20), ("elbow", 1), ("hand", 1))) + "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        '<origin xyz="0.3 0 0"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="9" velocity="1"/></joint>'
+        for name, parent, child in (("shoulder", "hull", "elbow"), ("elbow", "elbow", "hand")))
+        + "</robot>", encoding="utf-8")
+    taken(file, tmp_path, capsys)
+    names = [joint.name() for joint in uv.Robot.load(tmp_path / "robot").uvms.joints]
+    assert names == ["shoulder", "elbow_2"]
 
 
 # What the checks say ------------------------------------------------------------------------------

@@ -38,12 +38,13 @@ run of this program --signals names a YAML file, such as
     - {signal: attitude, columns: [qx, qy, qz, qw], file: _imu.csv, time: stamp, time_unit: ns}
     - {signal: joints, columns: [a, b, c, d], file: _arm.csv, time: t, unit: deg, delay: 0.1}
 
-Signals: joints, attitude (both needed), angular_velocity, velocity, depth, position (its depth),
-wrench (of the thrusters; without it the vehicle drifts), specific_force, force, armed. `file` is
-added to LOG; of ArduSub it is the message, as ATT or IMU[0], of ROS 2 the topic, and columns are
-fields, as Roll, orientation.x, position[0], time_s (of recording), header.stamp. Gyro and
-accelerometer are checked against the attitude where the log has them; senses of joints and wrench
-are taken as declared.
+Signals: joints, attitude (both needed), angular_velocity, velocity, depth (positive down), position
+(its depth), wrench (of the thrusters; without it the vehicle drifts), specific_force, force, armed.
+Velocity and depth are those of the vehicle's origin: a DVL or pressure sensor that is elsewhere has
+to be brought there before. `file` is added to LOG, as /imu.csv to a folder; of ArduSub it is the
+message, as ATT or IMU[0], of ROS 2 the topic, and columns are fields, as Roll, orientation.x,
+position[0], time_s (of recording), header.stamp. Gyro and accelerometer are checked against the
+attitude where the log has them; senses of joints and wrench are taken as declared.
 
 The water is taken to be at rest: the folder of a run with a current or waves is refused, but a bare
 log.npz or CSV does not show it. At least 12 windows of 8 s without contact are needed. An interval

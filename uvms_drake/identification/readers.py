@@ -17,6 +17,8 @@ from uvms_drake.station.scenario.scenario import load_scenario
 
 OWN_FILE = "log.npz"
 """Log of a run of this program."""
+HEIGHT = 0.3
+"""Height above the water below which a depth is still one [m]."""
 EXERTED = ("exerted", "tau")
 """Its generalised forces, the best first."""
 
@@ -26,7 +28,7 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
 
     Args:
         path: Folder or `log.npz` of a run of this program, a recording (see `recordings`), or CSV:
-            the path, to which `signals` adds the ends of its files.
+            the path, to which `signals` adds the ends of its files, as `/imu.csv` to a folder.
         joints: Number of joints of the robot.
         signals: Where the signals are; of a run of this program nothing.
 
@@ -35,7 +37,7 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
             water that moves.
         ScenarioError: The scenario in the folder of a run cannot be read.
     """
-    own = path / OWN_FILE if path.is_dir() else path
+    own = path / OWN_FILE if (path / OWN_FILE).is_file() else path
     if own.suffix == ".npz" and not is_recording(path):
         found = read_own(own, joints)
         if path.is_dir():
@@ -50,6 +52,10 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
                 f"{needed} among them")
     require(not joints or found["joints"][1].shape[1] == joints, f"{path}: joints",
             found.get("joints", (0, np.zeros((0, 0))))[1].shape[1], f"{joints} columns")
+    if "depth" in found:
+        usual = float(np.nanmedian(found["depth"][1]))
+        require(usual > -HEIGHT, f"{path}: depth", usual, "positive down, in m: an altitude, as "
+                "ArduSub's, is negative under water")
     armed = found.pop("armed", None)
     require(armed is None or "wrench" in found or not np.any(armed[1]), f"{path}: armed", 1,
             "0, or with the wrench of the thrusters: they are armed without commands")
@@ -93,7 +99,9 @@ def read_tables(path: Path, signals: LogSignals) -> dict[str, Samples]:
     """Returns the signals of a recording or of CSV files, in SI units and the declared axes."""
     ends = sorted({each.file for each in signals.signals})
     tables = recorded_tables(path, ends) if is_recording(path) else {
-        end: _table(Path(f"{path}{end}")) for end in ends}
+        end: _table(Path(f"{path}{end}"), {
+            column for each in signals.signals if each.file == end
+            for column in (each.time, *each.columns)}) for end in ends}
     found = dict[str, Samples]()
     for each in signals.signals:
         file, table = f"{path}{each.file}", tables[each.file]
@@ -106,16 +114,19 @@ def read_tables(path: Path, signals: LogSignals) -> dict[str, Samples]:
     return found
 
 
-def _table(path: Path) -> Table:
+def _table(path: Path, wanted: set[str]) -> Table:
+    """Returns the columns of a CSV file; those that are not wanted may have text, and are NaN."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header, *rows = csv.reader(file)
-        values = np.array([[float(cell or "nan") for cell in row] for row in rows if row])
-        require(values.ndim == 2 and values.shape[1] == len(header), "LOG", str(path),
+        cells = [row for row in rows if row]
+        require(bool(cells) and all(len(row) == len(header) for row in cells), "LOG", str(path),
                 "a table with as many numbers in each row as in its header")
+        return {name: np.array([float(cell or "nan") if name in wanted else np.nan
+                                for cell in column])
+                for name, column in zip(header, zip(*cells, strict=True), strict=True)}
     except (OSError, ValueError, csv.Error) as error:
         raise InvalidParameter("LOG", str(path), f"a CSV file of numbers ({error})") from None
-    return dict(zip(header, values.T, strict=True))
 
 
 def _increasing(time: np.ndarray, values: np.ndarray, key: str) -> Samples:
@@ -134,7 +145,7 @@ def digest(path: Path, signals: LogSignals | None) -> str:
     ends = [""] if signals is None else sorted({each.file for each in signals.signals}) or [""]
     for file in ([path] if path.suffix == ".npz" or (
             path.is_file() and is_recording(path)) else sorted(path.glob("*.*"))
-                 if is_recording(path) else [path / OWN_FILE] if path.is_dir() else
+                 if is_recording(path) else [path / OWN_FILE] if (path / OWN_FILE).is_file() else
                  [Path(f"{path}{end}") for end in ends]):
         found.update(file.read_bytes())
     return found.hexdigest()

@@ -4,6 +4,7 @@ The vehicle's frame is that of its link, turned to FRD; that of an arm's body is
 moves it, so that joints have no poses of their own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -122,14 +123,14 @@ def lump(tree: Tree, chain: Chain, waters: Waters, notes: Notes, flips: bool) ->
     return bodies
 
 
-def unique(names: list[str]) -> list[str]:
-    """Returns short names of letters, digits and _, all of them different."""
+def unique(names: list[str], others: Sequence[str] = ()) -> list[str]:
+    """Returns short names of letters, digits and _, all of them different, and no `others`."""
     found: list[str] = []
     for name in names:
         short = name.rsplit("::", 1)[-1].rsplit("/", 1)[-1]
         short = "".join(c if c.isascii() and c.isalnum() else "_" for c in short) or "link"
         taken, number = short, 1
-        while taken in found:
+        while taken in (*found, *others):
             number += 1
             taken = f"{short}_{number}"
         found.append(taken)

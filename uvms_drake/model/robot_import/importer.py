@@ -75,7 +75,8 @@ def import_robot(file: Path, name: str) -> Imported:
     # Pictures are spoken of last: the list begins with physics.
     pictures = drawn(bodies, name, notes)
     # The files.
-    joints = unique([joint.name for joint in chain.joints])
+    others = ["tip", *(body.name for body in bodies)]  # SDFormat has one name for one thing.
+    joints = unique([joint.name for joint in chain.joints], others)
     files = {f"{name}.sdf": format_sdf(name, file.name, bodies, joints, tip, pictures.shapes),
              "hydrodynamics.yaml": format_water(name, density, bodies),
              "package.xml": format_package(name, file.name)}

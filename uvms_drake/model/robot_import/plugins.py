@@ -4,7 +4,8 @@ gz-sim's Hydrodynamics has Fossen's derivatives: M_A = −X_u̇ and D = −X_u, 
 (its first version had +X_u̇, as some files still have). uuv_simulator's has M_A itself, and damping
 as derivatives, D = −(X_u + X_u|u| |u|). Both act at the link's origin, and so does SDFormat's
 `fluid_added_mass`, which is M_A; their axes are in `sources`. Here they are turned into the link's
-axes, with the physical signs: M_A and D are positive.
+axes, with the physical signs: M_A and D are positive. The centre of buoyancy of uuv_simulator is
+seen from the centre of mass: Gazebo's `AddForceAtRelativePosition` counts from there.
 
 A thruster pushes its link along the joint's axis, and so does a rotor that has no plugin. Early
 versions of uuv_simulator's, for Gazebo before 8, pushed along the link's own x.
@@ -164,7 +165,7 @@ def _read_uuv(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Note
             water.volume = link.mass / (waters.density or SEA)
         elif volume := node.number("volume"):  # That of a template is 0.
             water.volume = volume
-        water.center = node.numbers("center_of_buoyancy", 3, np.zeros(3))
+        water.center = link.com + node.numbers("center_of_buoyancy", 3, np.zeros(3))
         if (model := node.find("hydrodynamic_model")) is not None:
             _read_fossen(key, model, water, notes)
             waters.sources.add(UUV)
@@ -430,6 +431,8 @@ def _uuv_curve(plugin: Node, thruster: Thruster) -> None:
         thruster.force = share * plugin.numbers("conversion/outputValues")
     elif kind == "Basic":
         k = share * gain**2 * plugin.number("conversion/rotorConstant")
+        if k < 0.0 and thrusts is not None:  # The axis is turned, see `_parabola`.
+            thrusts = (-thrusts[1], -thrusts[0])
         if clamps is None and thrusts is not None and k > 0.0:
             clamps = tuple(np.sign(thrusts) * np.sqrt(np.abs(thrusts) / k))
         if clamps is not None and k != 0.0:

@@ -343,7 +343,7 @@ def _check_inertial(link: Node, inertial: Node, notes: robot_tree.Notes) -> None
 def _shape(node: Node, materials: dict[str, Node]) -> robot_tree.Shape | None:
     """Returns a solid; None if it is of a kind that is not known."""
     frame = getattr(node.find("pose"), "attributes", {}).get("relative_to", "")
-    require(not frame or node.tag != "collision", f"{node.place()} pose relative_to", frame,
+    require(not frame, f"{node.place()} pose relative_to", frame,
             "left out: a pose in the axes of the link")
     color = None
     for item in node.all("material"):
