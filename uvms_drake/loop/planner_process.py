@@ -113,7 +113,7 @@ def begun_again(first: MpcMemory, sample: Sample, memory: MpcMemory) -> MpcMemor
         sample: The sample.
         memory: The memory at the sample, with the plan to keep a place.
     """
-    if first.plan is None or memory.plan is None or first.report[1] != SOLVED or not memory.rests:
+    if first.plan is None or memory.plan is None or first.report[1] != SOLVED or not memory.at_rest:
         return None
     if not np.array_equal(first.plan.start, memory.plan.start):
         return None

@@ -143,6 +143,7 @@ def estimate_drawing(record: Record, certified: float | None = None) -> Drawing:
     marks = {name: times for name, times in marks_of(record).items() if times}
     strip, run = 0.25 * max(len(marks), 1), (float(time[0]), float(time[-1]))
     goal = record.desired_force[:, :3] @ contact.direction
+    # A wall that is stiffer than declared is seen, too.
     slopes = _stiffness(record)
     steepest = max(float(np.nanmax(each.y, initial=contact.stiffness)) for each in slopes)
     force = Panel(NORMAL_FORCE, time, [

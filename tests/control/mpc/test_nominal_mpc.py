@@ -479,7 +479,7 @@ def test_a_rest_stays_one_while_its_first_plan_is_computed(short_ocp, start, sam
     for k in range(1, samples):
         now = Sample(k * H, 0.0, {})
         memory = planner.between(now, planner.taken(now, memory))
-        assert memory.rests
+        assert memory.at_rest
         np.testing.assert_array_equal(
             np.concatenate(memory.plan.at((k + 0.5) * H)), np.append(at_rest, np.zeros(10)))
     late = planner.again(Sample(H, 0.0, {}), hovering(short_ocp, at_rest)[1])

@@ -201,7 +201,7 @@ class NominalMpc(WiredSystem):
             return self._step(state, sample, memory)
         except Exception as error:  # Whatever a planner raises, the last plan goes on.
             latest = self.ocp.hover + (0.999 + self.ocp.in_advance) * self.ocp.time_step
-            first = memory.rests and context.get_time() < latest
+            first = memory.at_rest and context.get_time() < latest
             if (isinstance(error, RunFailed) and (first or not supervised)) or (
                     self.raises and not supervised):
                 raise

@@ -98,7 +98,7 @@ class MpcMemory:
     computed in advance and not late."""
     awaits: bool = False
     """Whether the plan of the last sample is to come at the next one."""
-    rests: bool = False
+    at_rest: bool = False
     """Whether the plan keeps a place, until there is a first plan from it."""
 
 
@@ -197,7 +197,7 @@ class Planner:
         report = np.zeros(len(MPC_REPORT))
         report[:2] = sample.time, HOVERED
         return replace(memory, plan=ocp.resting_plan(sample.time, state, self._committed),
-                       report=report, coming=None, awaits=False, rests=True,
+                       report=report, coming=None, awaits=False, at_rest=True,
                        solve_seconds=self.clock() - sample.started)
 
     def again(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
@@ -206,7 +206,7 @@ class Planner:
         Raises:
             RunFailed: The robot has hovered until now, and there is no first plan.
         """
-        if memory.plan is not None and memory.rests:
+        if memory.plan is not None and memory.at_rest:
             hovering = np.concatenate(memory.plan.at(sample.time)[:2])
             start = self._measured_start(sample)
             return self._from_rest(
@@ -238,7 +238,7 @@ class Planner:
         """
         plan, report = memory.plan, memory.report.copy()
         report[0] = sample.time
-        if plan is not None and memory.rests:  # As at any time; not continued, it would move.
+        if plan is not None and memory.at_rest:  # As at any time; not continued, it would move.
             plan = replace(plan, start_time=sample.time)
         else:
             plan = self._guess(sample, memory, self._current(sample, memory).ocp)
@@ -254,10 +254,10 @@ class Planner:
             ocp = self._current(sample, coming).ocp
             new, last = (ocp.evaluate(plan.after(self._committed))
                          for plan in (coming.plan, memory.plan) if plan is not None)
-            if (coming.rests or not sample.given or ocp.is_sound(new)
+            if (coming.at_rest or not sample.given or ocp.is_sound(new)
                     or not ocp.is_sound(last)):
                 return coming
-        if not memory.awaits or memory.rests:
+        if not memory.awaits or memory.at_rest:
             return memory
         return self.pass_over(sample, memory, TIMED_OUT if coming is None else KEPT)
 
@@ -269,7 +269,7 @@ class Planner:
         plan, now = memory.plan, sample.time
         assert plan is not None
         ocp, h = self._current(sample, memory).ocp, plan.time_step
-        if memory.rests:
+        if memory.at_rest:
             plan = replace(plan, start_time=now)
         while plan.start_time + ocp.horizon * h < now + 0.5 * h:
             plan = ocp.continued(plan)  # Else the sum of h would drift off k h.
@@ -361,7 +361,7 @@ class Planner:
         return replace(
             memory, solves=memory.solves + 1, solve_seconds=self.clock() - sample.started,
             plan=guess if solution.plan is None else solution.plan.preceded(guess, self._committed),
-            rests=False,
+            at_rest=False,
             report=np.array([sample.time, float(status), value.cost, value.terminal_slack,
                              value.violation, solution.iterations,
                              float(not np.array_equal(memory.asked, memory.force)), solution.rows]))
