@@ -12,6 +12,7 @@ from support.scenarios import OF_A_STATION
 import uvms_drake as uv
 from uvms_drake.model.surface.contact_laws import Linear
 from uvms_drake.model.surface.geometry import Plane
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station import step_size
 from uvms_drake.station.step_size import (
     ACCURACY,
@@ -19,6 +20,7 @@ from uvms_drake.station.step_size import (
     largest_step,
     loop_rates,
     step_error,
+    way_to_force,
 )
 
 
@@ -103,6 +105,22 @@ def test_a_stiff_wall_is_the_integrators_where_a_held_command_does_not_cancel_it
     held = uv.load_scenario("girona500_ideal", [*stiff, "actuation=[{}]"])
     with pytest.raises(uv.InvalidParameter, match=r"^simulator\.max_step_size"):
         uv.with_step(held, uv.load_model(held))
+
+
+def test_the_rates_of_an_unknown_wall_are_those_of_a_press_on_it():
+    """The depth of its task says nothing: at it the tip would be off the wall."""
+    law = "surface.law=!Linear {stiffness: 4.0e5, transition: 1.0e-5}"
+    stiff = uv.load_scenario("girona500_real_loop", [law, "simulator.max_step_size=0.01"])
+    with pytest.raises(uv.InvalidParameter, match=r"^simulator\.max_step_size.*loop of law, surf"):
+        uv.with_step(stiff)
+    scenario = uv.load_scenario("girona500_real_loop")
+    surface, chi = check_surface(scenario.surface), np.array([-0.3, 0.1, 0.2, 0.0, 0.0, 0.0])
+    n = scenario.contact.direction
+    for force in (5.0, 20.0):
+        way = way_to_force(surface, chi, n, force)
+        assert surface.static_force(chi + way * np.pad(n, (0, 3))) == pytest.approx(force, rel=0.05)
+    away = chi - np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert way_to_force(surface, away, n, 5.0) == 0.0
 
 
 def sliding(friction, speed):

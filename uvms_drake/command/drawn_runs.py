@@ -243,7 +243,7 @@ def drawable(scenario: Scenario) -> Scenario:
 
 
 def check_repeatable(scenario: Scenario) -> None:
-    """Raises `InvalidParameter` for a part that is not drawn, or that no run can be repeated with."""
+    """Raises `InvalidParameter` for a part that is not drawn, or makes a run not repeatable."""
     require(not scenario.faults, "faults", [type(fault).__name__ for fault in scenario.faults],
             "left out: a campaign draws them")
     require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,

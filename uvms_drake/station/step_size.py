@@ -19,13 +19,15 @@ from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.common.wiring import release
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.station.contact.bounds import pressing_force
 from uvms_drake.station.controller import IMPLICIT
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model, make_ocp, true_surface
 from uvms_drake.station.scenario.scenario import Scenario, Start
+from uvms_drake.station.true_wall import FARTHEST, surface_depth
 
 ORDERS = {"explicit_euler": 1, "semi_explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3,
           "bogacki_shampine3": 3, "runge_kutta5": 5}
@@ -35,6 +37,8 @@ ACCURACY = 0.05
 """Largest |R(hλ) − exp(hλ)|: the relative error of a deviation in a step."""
 WITHOUT_ESTIMATE = ("explicit_euler", "semi_explicit_euler", "runge_kutta2")
 """Schemes without an estimate of the error: Drake takes fixed steps even if it is to control it."""
+WAYS = 1e-6, 0.5, 400
+"""Smallest and largest depth at which a force is looked for in a surface [m], and their number."""
 DIFFERENCE = 1e-6
 """Difference of a state, to differentiate the loop [m, rad, m/s, rad/s]."""
 
@@ -162,6 +166,11 @@ def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
                     mpc=replace(scenario.mpc, horizon=1))
     ocp = make_ocp(quiet, model)
     config = model.configuration(ocp.y_des)
+    wall = scenario.contact.declared_wall()
+    if wall is not None:  # The depth of a task says nothing of an unknown wall.
+        config[:3] += way_to_force(
+            check_surface(true_surface(scenario)), model.task_pose(config)[:6], wall.direction,
+            pressing_force(scenario)) * wall.direction
     station = make_station(
         replace(quiet, start=Start(eta=config[:6], q=config[6:])), model=model)
     simulator = Simulator(station)
@@ -172,6 +181,19 @@ def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
     finally:
         release(station)
     return np.append(rates, -friction_rate(scenario, model, config))
+
+
+def way_to_force(surface: Surface, chi: np.ndarray, direction: np.ndarray, force: float) -> float:
+    """Returns the way along n from χ (6,) to where a surface exerts a force [m], or its largest.
+
+    Zero if there is no surface.
+    """
+    touch = float(surface_depth(surface, chi[None], direction, FARTHEST)[0] - chi[:3] @ direction)
+    if not math.isfinite(touch):
+        return 0.0
+    ways = touch + np.geomspace(*WAYS)
+    forces = surface.static_force(chi + ways[:, None] * np.pad(direction, (0, 3)))
+    return float(ways[np.argmax(np.minimum(forces, force))])
 
 
 def fastest_part(law: AncillaryLaw, surface: Surface, rates: np.ndarray) -> str:
