@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from uvms_drake.command.campaign import take_workers
-from uvms_drake.command.files import folder, take_quiet
+from uvms_drake.command.files import folder, left_out, take_quiet
 from uvms_drake.command.progress import bar
 from uvms_drake.common.output import output_folder
 
@@ -20,7 +20,7 @@ def add_benchmark(commands: argparse._SubParsersAction) -> None:
     benchmark = commands.add_parser(
         "benchmark", allow_abbrev=False,
         help="compare controllers that press on a wall, on the same robots, cases and draws")
-    benchmark.set_defaults(command=run_benchmark)
+    benchmark.set_defaults(command=run_benchmark, parser=benchmark)
     benchmark.add_argument("--controllers", nargs="+", metavar="NAME",
                            help="names, or FILE.py:FUNCTION of a controller of one's own "
                                 "(default: all of this package)")
@@ -54,12 +54,15 @@ def run_benchmark(args: argparse.Namespace) -> int:
     from uvms_drake.campaign.pool import make_pool
     from uvms_drake.common.jsonable import write_json
 
-    pool = make_pool(args.workers, args.scheduler)
-    robots = args.robots or list(ROBOTS)
-    runs = runs_of(args.controllers or list(CONTROLLERS), robots, args.cases or list(CASES),
-                   args.runs, args.seed)
-    recorded = None if args.recorded is None else read_record(args.recorded, **{
-        key: getattr(args, key) for key in SELECTED if getattr(args, key)})
+    robots, recorded = args.robots or list(ROBOTS), None
+    if args.recorded is not None:
+        left_out(args, ("runs", "seed", "workers", "scheduler"), "with --recorded: nothing is run")
+        recorded = read_record(args.recorded, **{
+            key: getattr(args, key) for key in SELECTED if getattr(args, key)})
+    else:
+        pool = make_pool(args.workers, args.scheduler)
+        runs = runs_of(args.controllers or list(CONTROLLERS), robots, args.cases or list(CASES),
+                       args.runs, args.seed)
     own = (JSON_FILE, TABLE_FILE, CSV_FILE, OVERVIEW, *(figure_name(robot) for robot in robots))
     with output_folder(args.output, own) as output:
         with bar(args, "running") as progress:

@@ -59,10 +59,11 @@ def new_file(file: Path, option: str) -> Iterator[None]:
     with new_at(file, option):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.touch()
+        file.unlink()  # Else the end of the process would leave it empty.
     try:
         yield
     except BaseException:
-        file.unlink()
+        file.unlink(missing_ok=True)
         for path in above:
             path.rmdir()
         raise

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from uvms_drake.certificate.run_verdict import BROKEN
-from uvms_drake.command.files import folder, take_quiet
+from uvms_drake.command.files import folder, left_out, take_quiet
 from uvms_drake.command.progress import CERTIFYING, bar
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, require
@@ -62,7 +62,7 @@ def list_errata(args: argparse.Namespace) -> int:
 
 def run_own(args: argparse.Namespace, scenario: Scenario, source: str, path: Path) -> int:
     """Simulates a scenario by its own module, prints the summary, and writes the files."""
-    require(not args.meshcat, "--meshcat", True, "left out: it has a simulation of its own")
+    left_out(args, ("meshcat", "full", "no_replay"), "of a scenario with a simulation of its own")
     with reported_in(source), bar(args, "simulating") as progress:
         module = _module_of(scenario)
         with output_folder(path, module.FILES, replaces=True) as output:

@@ -51,7 +51,7 @@ def add_run(commands: argparse._SubParsersAction) -> None:
     run = commands.add_parser("run", help="simulate a scenario and write data and figures",
                               allow_abbrev=False, epilog=EPILOG,
                               formatter_class=argparse.RawDescriptionHelpFormatter)
-    run.set_defaults(command=run_scenario)
+    run.set_defaults(command=run_scenario, parser=run)
     files.take_scenario(run)
     run.add_argument("--output", type=files.folder, metavar="DIR",
                      help="folder to write to (default: out/<scenario>); files of a former run in "

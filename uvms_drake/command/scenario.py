@@ -134,7 +134,7 @@ def new_scenario(args: argparse.Namespace) -> int:
 
     file: Path = args.new
     require(0.0 < args.force < np.inf, "--force", args.force, "positive")
-    verdict = verdict_by(file, args.real_loop)
+    verdict, status = verdict_by(file, args.real_loop), 0
     # A scenario that `run` would refuse is refused here, and leaves no file.
     with new_file(file, "--new"):
         robot = sound_robot(args.robot)
@@ -152,9 +152,9 @@ def new_scenario(args: argparse.Namespace) -> int:
                 certificate = settle(found, text_of, file, progress)
                 if args.unknown_wall and certificate.failed is not None:
                     raise RunFailed(forbidding(found, certificate.failed))
-                verdict = certificate.verdict
+                verdict, status = certificate.verdict, 0 if certificate.certified else 1
     print(f"written to {file}; {verdict}")
-    return 0
+    return status
 
 
 def add_scenarios(commands: argparse._SubParsersAction) -> None:

@@ -21,7 +21,7 @@ def test_a_task_out_of_reach_differs_from_limits_that_cannot_be_kept():
     ocp, guess = first_guess("start.eta.0=-50")
     plan = SequentialConvexSolver(ocp).solve(guess, FIRST_SOLVE_ITERATIONS).plan
     why = infeasibility_reason(ocp, guess, plan, FEASIBLE)
-    assert "to stay is within the limits, but the task" in why
+    assert "to stay is within the limits, but the terminal set" in why
     assert "out of the reach of a plan of 3 s" in why
     assert "limits.u_" in why
 
@@ -32,6 +32,17 @@ def test_a_limit_that_is_broken_at_rest_is_named_with_its_first_instant_and_the_
     why = infeasibility_reason(ocp, guess, None, FEASIBLE)
     assert why.startswith("at rest, limits.u_roll (tightened by 0.16) is ")
     assert why.endswith("from t = 0.00 s on")
+
+
+def test_a_force_is_too_large_by_newtons():
+    """Of the surface, not by the depth that its rows are in."""
+    ocp, guess = first_guess()
+    inside = guess.redone(guess.start + 0.5 * np.eye(20)[0], guess.decision)
+    force = ocp.limits["static_force"]
+    ocp.limits = {"static_force": force}
+    pressed = float(force.surface.static_force(ocp.model.task_pose(inside.config[0])[:6]))
+    assert f"is exceeded by {pressed - force.upper[0]:.3g} N from t = 0.20 s" in (
+        infeasibility_reason(ocp, inside, None, FEASIBLE))
 
 
 def test_a_start_within_the_wall_is_named():

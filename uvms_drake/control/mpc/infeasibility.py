@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.limits import Limit
+from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model.contact_model import ContactModel
@@ -19,15 +20,18 @@ class LimitViolation(NamedTuple):
     time: float
     """First instant at which it does [s]."""
     amount: float
-    """Largest excess, in the limit's own unit."""
+    """Largest excess; of a force as a depth, see `StaticForce`."""
 
     @property
     def text(self) -> str:
         """Text with the limit, its tightening, the excess and its first instant."""
         margin = float(np.broadcast_to(self.limit.margin, self.limit.lower.shape)[self.part])
         tube = f" (tightened by {margin:.3g})" if margin > 0.0 else ""
-        return (f"limits.{self.limit.labels[self.part]}{tube} is exceeded by {self.amount:.3g} "
-                f"from t = {self.time:.2f} s on")
+        amount = self.amount * (self.limit.surface.stiffness_bound if isinstance(
+            self.limit, StaticForce) else 1.0)
+        unit = self.limit.units[self.part]
+        return (f"limits.{self.limit.labels[self.part]}{tube} is exceeded by {amount:.3g}"
+                f"{' ' * bool(unit)}{unit} from t = {self.time:.2f} s on")
 
 
 def first_violation(ocp: Ocp, plan: Plan, allowed: float) -> LimitViolation | None:
@@ -63,6 +67,8 @@ def infeasibility_reason(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: floa
         return "the solver finds no plan; weights, stiffness and time step may be badly scaled"
     away = first_violation(ocp, plan, allowed)
     reason = "the plan found ends outside of its terminal set" if away is None else away.text
+    if away is not None and ocp.evaluate(plan).terminal_slack <= 0.0:
+        return f"{reason}, though the plan that was found ends in its terminal set"
     reach, slack = ocp.horizon * ocp.time_step, ocp.evaluate(guess).terminal_slack
-    return (f"{reason}; to stay is within the limits, but the task, ‖ξ‖_P = {slack:.3g} away, "
-            f"is out of the reach of a plan of {reach:.3g} s")
+    return (f"{reason}; to stay is within the limits, but the terminal set, ‖ξ‖_P = {slack:.3g} "
+            f"away, is out of the reach of a plan of {reach:.3g} s")

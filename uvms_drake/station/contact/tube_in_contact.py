@@ -98,12 +98,13 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
     turned = force(float(found.speeds[0])).size * (
         omega * age * (np.sin(contact.angle) + mu * np.cos(contact.angle)) / np.hypot(1.0, mu)
         + 0.5 * omega**2 * (age**2 + approach.lag**2))
+    readings = max(round(bounds.mean_time(scenario) / contact.period), 1)
     return HoldRadii(
         time=found.time + bounds.mean_time(scenario),
         depth=found.bounds.depth, position=found.bounds.position,
         advance=float(found.speeds[0]), standing=float(bounds.STANDING[0]),
         reading=error_along(reading.error, contact.tool_angle) + reading.payload[0] + float(turned),
-        age=age, since=0.5 * (bounds.mean_time(scenario) + contact.period)), condition
+        age=age, since=0.5 * contact.period * (1 + readings)), condition
 
 
 def force_bounds(scenario: Scenario) -> MeasuredForceBounds | None:
