@@ -153,7 +153,7 @@ AT = IN_CONTACT
 EVENTS = {  # Flows come on top of the declared current of 0.1 m/s across.
     **{f"wall {times} ×": Event((f"surface.law.stiffness={700.0 * times:g}",), leaves=0.5)
        for times in (5, 20, 100)},
-    "wall 20 × at 0.1 m/s": Event(("surface.law.stiffness=14000",
+    "wall 20 × at the largest speed": Event(("surface.law.stiffness=14000",
                                    "mpc.weight_y.0=60000", "mpc.weight_zeta.0=0.01"), leaves=0.5),
     "wave 0.2 m/s, 6 s, from the start": Event(flow("[0.2,0,0]", 0.0, "6.0"), 0.0, off=0.35),
     "the same from 22 s, along x": Event(flow("[0.2,0,0]", AT, "6.0"), AT, off=0.35),

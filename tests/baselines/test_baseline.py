@@ -25,6 +25,7 @@ from uvms_drake.baselines.prescribed_performance import (
     funnel,
     transformed,
 )
+from uvms_drake.baselines.shared_laws import ForceFeedforward, VehicleHold
 
 X = np.array([1.0, 0.0, 0.0])
 
@@ -85,7 +86,7 @@ def test_every_baseline_can_stop_before_a_touch_is_seen(name):
     assert baseline.GetOutputPort("reference").Eval(context)[7] == 0.0
 
 
-def test_a_stop_clears_what_the_law_remembers_and_no_other():
+def test_a_stop_clears_what_laws_remember_but_the_place_of_the_vehicle():
     class Counting(Constant):
         def updated(self, now, memory, limited):
             return memory + 1.0
@@ -98,7 +99,10 @@ def test_a_stop_clears_what_the_law_remembers_and_no_other():
     force = baseline.GetInputPort("force_measured")
     force.FixValue(context, np.concatenate([31.0 * X, np.zeros(3)]))
     simulator.AdvanceTo(6.0 * PERIOD)
-    assert list(context.get_discrete_state_vector().value()[-2:]) == [0.0, 5.0]
+    assert list(context.get_discrete_state_vector().value()[-2:]) == [0.0, 0.0]
+    kept = np.arange(6.0)
+    np.testing.assert_array_equal(VehicleHold(gains.hold).stopped(kept), kept)
+    np.testing.assert_array_equal(ForceFeedforward().stopped(np.array([20.0])), [0.0])
     assert baseline.GetOutputPort("memory").Eval(context) == 0.0
 
 

@@ -293,6 +293,6 @@ class Baseline(WiredSystem):
         memories = [law.updated(now, memory, limited) for law, memory in zip(
             self._laws, self._memories(context), strict=True)]
         if np.isinf(old[-1]) and np.isfinite(approach[-1]):
-            main = self._names.index("law")
-            memories[main] = self._laws[main].stopped(memories[main])
+            memories = [law.stopped(memory) for law, memory in zip(
+                self._laws, memories, strict=True)]
         state.set_value(np.concatenate([approach, *memories]))

@@ -168,7 +168,7 @@ class Law(ABC):
         return memory
 
     def stopped(self, memory: np.ndarray) -> np.ndarray:
-        """Returns the memory (m,) that is left by a stop: no integral of the force."""
+        """Returns the memory (m,) that is left by a stop: no integral, no force fed forward."""
         return np.zeros_like(memory)
 
 

@@ -52,6 +52,10 @@ class VehicleHold(Law):
             self._gains.k * self._error(now) + self._gains.integral * memory))
         return out
 
+    def stopped(self, memory: np.ndarray) -> np.ndarray:
+        """Returns the integral, which a stop leaves: it has the weight in it."""
+        return memory
+
     def updated(self, now: Measured, memory: np.ndarray, limited: bool) -> np.ndarray:
         """Returns the next integral of the velocity's error (6,) [m, rad]."""
         return integrated(memory, self._error(now), self._gains.clamp, limited)
