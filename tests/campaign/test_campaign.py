@@ -16,6 +16,7 @@ from uvms_drake.campaign.harness import RUNS_FILE, runs
 from uvms_drake.campaign.pool import local_pool
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.summary import all_well, summarise_campaign
+from uvms_drake.certificate.certify import certified_once
 from uvms_drake.command.drawn_runs import drawable, replayed
 from uvms_drake.command.main import main
 from uvms_drake.common.output import MANIFEST_FILE
@@ -119,11 +120,17 @@ def test_without_a_bound_every_run_counts():
 
 @pytest.mark.long
 def test_many_runs_stay_within_every_bound(tmp_path):
-    """The whole campaign has a hundred runs; these are of the declared tube, which is certified."""
-    campaign = make_campaign(drawable(uv.load_scenario("girona500_contact")), 0, None)
+    """The whole campaign has a hundred runs; these are of the declared tube, which is certified.
+
+    They reach what the disturbance takes of its radius: the rest is for a sensor whose errors are
+    all at their bounds at once, and opposed, which no draw is.
+    """
+    scenario = drawable(uv.load_scenario("girona500_contact"))
+    campaign, parts = make_campaign(scenario, 0, None), certified_once(scenario).budget["position"]
     results = runs(range(MANY), partial(run_one, campaign), tmp_path, local_pool())
     summary = summarise_campaign(campaign, results)
     assert all_well(summary), summary["counts"]
     assert summary["counts"]["mpc_failures"] == 0
     assert summary["walls"]["touched"] == MANY
-    assert 0.1 < summary["distributions"]["ratio_set"]["max"] < 1.0
+    least = parts["d"] / sum(parts.values())
+    assert least < summary["distributions"]["ratio_set"]["max"] < 1.0

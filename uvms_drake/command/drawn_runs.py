@@ -75,7 +75,7 @@ from uvms_drake.setup.calibrate import (
     calibrate,
 )
 from uvms_drake.setup.calibrated_file import calibrated_text
-from uvms_drake.station.contact.bounds import largest_force
+from uvms_drake.station.contact.bounds import largest_force, sensed_contact
 from uvms_drake.station.problem import check_inputs
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario, scenario_of
@@ -219,6 +219,10 @@ def check_declared(scenario: Scenario) -> None:
             asked = getattr(scenario.draws, key)
             require(asked is not None, f"draws.{key}", asked, "declared: the distribution of a "
                     "certificate in probability must not depend on the tube")
+        contact, speed = sensed_contact(scenario), scenario.draws.speed
+        room = contact.speed - (tube.depth_speed or 0.0)
+        require(speed is not None and speed <= room + 1e-9, "draws.speed", speed,
+                f"at most {room:.3g} m/s, contact.speed less tube.depth_speed: a plan is no faster")
         most = largest_force(scenario)
         key, force = force_to_admit(scenario)
         require(force < most, key, force,

@@ -47,7 +47,7 @@ class MissionControl(WiredSystem):
     - `force_last_valid`: 𝔉_s (6) [N, N m], of a `HoldLastValue`.
     - `touched`, `force_lost` (1): those of a `ContactEstimator`.
     - `stop` (1): above zero, the mission goes home.
-    - `safety` (5): of a `Supervisor`; with its retreat the mission is over.
+    - `safety` (5): of a `Supervisor`; its retreat ends the step, or the mission, by `on_retreat`.
     - `desired_force` (6): 𝔉_des along n [N].
     - `place` (3): place across n at which to press, in Σ_I [m]; it moves along a line in a slide.
     - `deepest` (1): largest target depth along n [m]; inf: any.

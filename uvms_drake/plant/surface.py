@@ -154,7 +154,8 @@ def displaced(surface: Surface, error: SurfaceError) -> Surface:
     if error.size == 0.0:
         return surface
     R, anchor = rotation_by(error.turn), np.asarray(surface.anchor, dtype=float)
-    return surface.stiffened(error.stiffness).moved(R, anchor - R @ anchor + error.shift)
+    stiff = surface if error.stiffness == 1.0 else surface.stiffened(error.stiffness)
+    return stiff.moved(R, anchor - R @ anchor + error.shift)
 
 
 def rotation_by(turn: np.ndarray) -> np.ndarray:

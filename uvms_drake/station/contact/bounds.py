@@ -73,7 +73,7 @@ def _read_of_payload(scenario: Scenario, reading: ForceReading) -> tuple[float, 
     payload = scenario.model_error.payload
     if not payload.present:
         return 0.0, 0.0
-    water = sum(wave.frequency * float(np.hypot(wave.speed, wave.speed)) for wave in scenario.waves)
+    water = sum(wave.frequency * float(wave.speed) for wave in scenario.waves)
     force, torque = payload.largest_hold(
         read_uvms(scenario.model).hydrodynamics.fluid_density, STANDARD_GRAVITY, water)
     times = 2.0 if reading.tare > 0.0 else 1.0

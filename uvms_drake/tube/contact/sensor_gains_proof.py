@@ -185,11 +185,11 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
         first, claims[:PROVABLE] = PROVABLE, provable
 
     def check() -> tuple[Estimate, ...]:
-        second = searched_again(claims, lambda which, attempt: second_over_joints(
-            lambda x: sizes(x)[:, which], *box, seed, attempt))
+        second = searched_again(claims[first:], lambda which, attempt: second_over_joints(
+            lambda x: sizes(x)[:, first + which], *box, seed, attempt))
         if not proof.proven:  # The values of an attempt count, too.
             second[:PROVABLE] = np.maximum(second[:PROVABLE], proof.largest * provable)
-        return extremes_of("norms of M⁻¹J_Eᵀ", claims[first:], second[first:])
+        return extremes_of("norms of M⁻¹J_Eᵀ", claims[first:], second)
 
     return Claimed(suprema_of(claims), proof.proven, check)
 
