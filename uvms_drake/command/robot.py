@@ -241,16 +241,16 @@ def identify_robot(args: argparse.Namespace) -> int:
     logs = [read_log(path, len(robot.uvms.joints), signals) for path in args.logs]
     output = args.output or Path("out") / f"{robot.name}-identified"
     names = [FILE, UNKNOWNS_FILE, DATA_FILE, PAGE_FILE, *FIGURES]
-    with bar(args, "identifying") as progress:
-        found = identify(robot, logs, args.confidence, progress)
-    # The table, then the files, all or none.
-    digests = {log.name: digest(Path(log.name), signals) for log in found.used}
-    for line in (*map(format_result, found.results), *(f"not used: {each}"
-                                                       for each in found.refused)):
-        print(line)
-    print("held-out prediction, rms: " + ", ".join(
-        f"{name} {size:.3g}" for name, size in validation_rms(found).items()))
+    # The table, then the files, all or none; a folder that cannot take them is refused before.
     with output_folder(output, names) as staged:
+        with bar(args, "identifying") as progress:
+            found = identify(robot, logs, args.confidence, progress)
+        digests = {log.name: digest(Path(log.name), signals) for log in found.used}
+        for line in (*map(format_result, found.results), *(f"not used: {each}"
+                                                           for each in found.refused)):
+            print(line)
+        print("held-out prediction, rms: " + ", ".join(
+            f"{name} {size:.3g}" for name, size in validation_rms(found).items()))
         write_files(found, digests, staged.folder)
         write_page(found, digests, staged.folder)
     print(f"written to {output}: {', '.join(names)}", file=sys.stderr)
