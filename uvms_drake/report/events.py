@@ -144,9 +144,7 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
     """
     scenario, norms = record.scenario, record.tube_deviation
     floor = diagram.monitor_floor(diagram.set_wise_radii(scenario.tube, scenario.ancillary))
-    watched = record.followed & (record.time >= diagram.monitor_begin(
-        scenario.mpc.hover, bool(record.certified)))
-    left = beyond(norms, bounds, MONITOR_SLACK, floor) & watched[:, None]
+    left = beyond(norms, bounds, MONITOR_SLACK, floor) & signals.watched(record)[:, None]
     ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)
 
     def text(when: slice) -> str:

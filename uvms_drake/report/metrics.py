@@ -26,7 +26,7 @@ from uvms_drake.report.tube_use import largest_use, rows_left
 from uvms_drake.station.contact.bounds import mean_time
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
-from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
+from uvms_drake.station.diagram import bounds_disturbance
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.parts import faults_at
@@ -263,8 +263,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
     """
     tube, (row, use) = record.scenario.tube, largest_use(record)
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
-    watched = record.followed & (record.time >= monitor_begin(
-        record.scenario.mpc.hover, bool(record.certified)))
+    watched = signals.watched(record)
     return {
         "certified": bool(record.certified),
         "law": record.scenario.law,

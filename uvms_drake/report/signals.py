@@ -12,7 +12,7 @@ from uvms_drake.mission.law import REASONS, RUNNING
 from uvms_drake.mission.system import PROGRESS
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.law import Surface, check_surface
-from uvms_drake.station.diagram import bounds_disturbance
+from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
 from uvms_drake.station.problem import limits_of, true_surface
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
@@ -32,6 +32,12 @@ def disturbance_above(record: Record) -> np.ndarray:
         return np.zeros(len(record.time), dtype=bool)
     effective = declared.norm(record.effective_disturbance)
     return effective > (1.0 + BOUND_SLACK) * declared.d_bound + BOUND_FLOOR
+
+
+def watched(record: Record) -> np.ndarray:
+    """Returns whether the tube is watched (T,): after the hover, while the plan is followed."""
+    begin = monitor_begin(record.scenario.mpc.hover, bool(record.certified))
+    return record.followed & (record.time >= begin)
 
 
 def real_limits(record: Record) -> dict[str, Limit]:

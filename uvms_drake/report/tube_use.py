@@ -8,7 +8,8 @@ from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.station.diagram import monitor_begin, monitor_floor, set_wise_radii
+from uvms_drake.report.signals import watched
+from uvms_drake.station.diagram import monitor_floor, set_wise_radii
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.supervision import MONITOR_SLACK
@@ -56,16 +57,14 @@ def largest_use(record: Record) -> tuple[str | None, float | None]:
 
 def _largest(record: Record) -> dict[str, tuple[float, float]]:
     """Returns the largest deviation of each row of `tube_use` and its radius, by name."""
-    watched = record.followed & (record.time >= monitor_begin(
-        record.scenario.mpc.hover, bool(record.certified)))
-    if not np.any(watched):
+    if not np.any(is_watched := watched(record)):
         return {}
     tube, law = resolved_radii(record.scenario.tube), record.scenario.ancillary
     norms, radii = deviations(record), radii_of(tube)
     for field, radius in set_wise_radii(tube, law).items():
         name = {"task": "e"}.get(field, field)
         norms[name], radii[name] = record.tube_deviation[:, FIELDS.index(field)], radius
-    return {name: (float(np.max(norms[name][watched])), radius)
+    return {name: (float(np.max(norms[name][is_watched])), radius)
             for name, radius in radii.items() if name in norms}
 
 

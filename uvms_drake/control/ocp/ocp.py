@@ -171,7 +171,6 @@ class Ocp:
     """Largest violation of a sound plan."""
     moved: np.ndarray = np.empty(0, dtype=int)
     """Components of y_des by which a plan moves its reference, by a (m,)."""
-    terminal_penalty: ClassVar[float] = TERMINAL_PENALTY
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):

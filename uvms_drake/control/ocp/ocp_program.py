@@ -30,7 +30,7 @@ from uvms_drake.common.bindings import named
 from uvms_drake.common.differentiable import differentiable
 from uvms_drake.control.convex.staged_program import LinearLimits, NormLimit
 from uvms_drake.control.ocp.limit_stack import LimitStack, RowGroup
-from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.plan.plan import Plan, advance, advance_derivatives
 from uvms_drake.control.plan.points import Points, Slopes
 from uvms_drake.model.frames.euler import wrap_angle
@@ -347,7 +347,7 @@ class OcpProgram(MathematicalProgram):
         """Adds terminal cost, terminal set and its slack, and the offset cost."""
         stages, end = self._stages, self._stages.end
         ocp, x, m = stages.ocp, stages.first[end], len(stages.a)
-        named(self.AddLinearCost([ocp.terminal_penalty], 0.0, self.s), "slack_penalty")
+        named(self.AddLinearCost([TERMINAL_PENALTY], 0.0, self.s), "slack_penalty")
         named(self.AddBoundingBoxConstraint(0.0, np.inf, self.s), "slack")
         if m:
             self._add_cost("offset_cost", stages.offset_cost, stages.a)
