@@ -220,9 +220,9 @@ def check_declared(scenario: Scenario) -> None:
             require(asked is not None, f"draws.{key}", asked, "declared: the distribution of a "
                     "certificate in probability must not depend on the tube")
         contact, speed = sensed_contact(scenario), scenario.draws.speed
-        room = contact.speed - (tube.depth_speed or 0.0)
-        require(speed is not None and speed <= room + 1e-9, "draws.speed", speed,
-                f"at most {room:.3g} m/s, contact.speed less tube.depth_speed: a plan is no faster")
+        left = contact.speed - (tube.depth_speed or 0.0)
+        require(speed is not None and speed <= left + 1e-9, "draws.speed", speed,
+                f"at most {left:.3g} m/s, contact.speed less tube.depth_speed: a plan is no faster")
         most = largest_force(scenario)
         key, force = force_to_admit(scenario)
         require(force < most, key, force,

@@ -346,7 +346,7 @@ class OcpProgram(MathematicalProgram):
     def _add_end(self) -> None:
         """Adds terminal cost, terminal set and its slack, and the offset cost."""
         stages, end = self._stages, self._stages.end
-        ocp, x, m = stages.ocp, stages.first[end], len(stages.a)
+        x, m = stages.first[end], len(stages.a)
         named(self.AddLinearCost([TERMINAL_PENALTY], 0.0, self.s), "slack_penalty")
         named(self.AddBoundingBoxConstraint(0.0, np.inf, self.s), "slack")
         if m:
