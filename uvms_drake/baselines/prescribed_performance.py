@@ -65,7 +65,7 @@ def transformed(error: np.ndarray, rho: np.ndarray) -> np.ndarray:
 
 
 class PrescribedPerformance(Law):
-    """u = −K₂ ρ_ζ⁻¹ r ε of ζ − ζ_r, ζ_r of the task's rate −K₁ ρ⁻¹ r ε; kinematics alone.
+    """u = −K₂ ε of ζ − ζ_r, ζ_r of the task's rate −K₁ ε, the plain form; kinematics alone.
 
     The first number of its memory is the number of exits of all funnels; the others are 1 for a
     funnel that its error is outside of.

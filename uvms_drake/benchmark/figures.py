@@ -93,8 +93,8 @@ def draw_overview(summary: dict[str, Any]) -> Figure:
     axes[-1].set_xticks(range(len(cases)), [case.replace("_", " ") for case in cases],
                         rotation=40, ha="right")
     figure.colorbar(drawn, ax=list(axes), pad=0.01, extend="both",
-                    label="rms error of the force\nafter settling [%]")
-    figure.supxlabel("framed: a limit is broken;  –: a run failed or never touched", fontsize=7)
+                    label="rms error of the force\nin the last seconds [%]")
+    figure.supxlabel("framed: a limit is broken;  –: half of the runs failed or never touched", fontsize=7)
     return figure
 
 

@@ -108,7 +108,8 @@ class NominalMpc(WiredSystem):
         planner: Function from memory and sample to the memory after it.
         computer: Computer of plans `in_advance`, of which a late one times out; None: they are
             computed here.
-        raises: Whether an exception of the planner is raised; else it is a failed sample.
+        raises: Whether an exception of the planner is raised; else it is a failed sample, but for
+            `RunFailed` without a supervisor.
 
     Args:
         solver: Solves the problem; its `ocp` is the problem.
