@@ -247,7 +247,7 @@ def missions() -> str:
     found = json.loads(Path("out/missions/runs/campaign.json").read_text("utf-8"))["results"]
     ended = "\n".join(
         f"| {run['index']} | {run['error'] or run['mission']['outcome']} | "
-        + (f"{run['mission']['over_s'] or '–'} | {max(run['use'].values()):.2f} |"
+        + (f"{format(run['mission']['over_s'] or np.nan, '.1f')} | {max(run['use'].values()):.2f} |"
            if run["error"] is None else "– | – |")
         for run in found)
     return "\n\n".join((

@@ -210,8 +210,8 @@ class Baseline(WiredSystem):
     - `memory` (m): states of the law named "law".
 
     The discrete state is that of the approach (10) and the memories of the laws. The first
-    initialisation sets x_d to the measured tip; it is NaN before. A stop clears the memory of the
-    law named "law", as that defines it.
+    initialisation sets x_d to the measured tip; it is NaN before. A stop clears the memory of
+    each law, as that defines it.
 
     Args:
         model: The controller's model; its contact is not used.

@@ -94,7 +94,8 @@ def draw_overview(summary: dict[str, Any]) -> Figure:
                         rotation=40, ha="right")
     figure.colorbar(drawn, ax=list(axes), pad=0.01, extend="both",
                     label="rms error of the force\nin the last seconds [%]")
-    figure.supxlabel("framed: a limit is broken;  –: half of the runs failed or never touched", fontsize=7)
+    figure.supxlabel("framed: a limit is broken;  –: half of the runs failed or never touched",
+                     fontsize=7)
     return figure
 
 

@@ -219,7 +219,7 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace, event: float 
     """
     # Force and contact along the declared direction, from the true signals.
     contact, n = sensed_contact(scenario), sensed_contact(scenario).direction
-    now, signals = trace.time, trace.signals
+    now, signals, steps = trace.time, trace.signals, trace.step_seconds
     force = signals["force"][:, :3] @ n
     off = np.abs(force - pressing_force(scenario))
     settled = settling_index(off, scenario.task.force_tolerance)
@@ -256,8 +256,8 @@ def measure(scenario: Scenario, model: ContactModel, trace: Trace, event: float 
         "saturated": float(np.mean(_saturated(signals, len(now)))),
         "chatter": _chatter(now, signals["tau"], read_gains(scenario.model).largest),
         "energy": float(np.trapezoid(np.sum(np.abs(exerted * zeta), axis=1), now)),
-        "step_ms": 1e3 * float(np.median(trace.step_seconds)),
-        "worst_step_ms": 1e3 * float(np.max(trace.step_seconds)),
+        "step_ms": 1e3 * float(np.median(steps)) if len(steps) else None,
+        "worst_step_ms": 1e3 * float(np.max(steps)) if len(steps) else None,
     }
 
 

@@ -221,7 +221,8 @@ def check_declared(scenario: Scenario) -> None:
                     "certificate in probability must not depend on the tube")
         contact, speed = sensed_contact(scenario), scenario.draws.speed
         left = contact.speed - (tube.depth_speed or 0.0)
-        require(speed is not None and speed <= left + 1e-9, "draws.speed", speed,
+        assert speed is not None
+        require(speed <= left + 1e-9, "draws.speed", speed,
                 f"at most {left:.3g} m/s, contact.speed less tube.depth_speed: a plan is no faster")
         most = largest_force(scenario)
         key, force = force_to_admit(scenario)
@@ -264,6 +265,9 @@ def complete(args: argparse.Namespace, campaign: Campaign, number: int, output: 
     Returns the summary, the times, the table of both, and the names of the files.
     """
     keep_setup(output, campaign)
+    if certificate is not None:  # A run can be repeated before the last one is done.
+        with output_folder(output, [CERTIFICATE_FILE]) as first:
+            write_certificate(certificate, first.folder)
     with bar(args, "running") as progress:
         results = runs(range(number), partial(run_one, campaign), output, pool, progress=progress)
     times = summarise_times([result.pop("times") for result in results])
@@ -282,16 +286,15 @@ def replay_run(args: argparse.Namespace) -> int:
     left_out(args, set(vars(args)) - {"command", "parser", "scenario", "output", "replay", "quiet"},
              "with --replay: the campaign in the folder determines it")
     _, _, campaign = asked(args, OWN_FOLDER)
-    certificate = (read_certificate(campaign / CERTIFICATE_FILE)
-                   if read_setup(campaign).certified else None)
     record = replayed(campaign, args.replay)
+    certificate = read_certificate(campaign / CERTIFICATE_FILE) if record.certified else None
     path = campaign / f"run-{args.replay}"
     with output_folder(path, (*DATA_FILES, *picture_files(), CERTIFICATE_FILE)) as output:
         if certificate is not None:
             write_certificate(certificate, output.folder)
         summary = write_data(record, output, certificate)
         write_pictures(record, certificate, output.folder, summary, figures=True, replay=False)
-    return print_outcome(summary, path, output.kept)
+    return print_outcome(summary, path, output.kept, full=True)
 
 
 def replayed(folder: Path, index: int) -> Record:

@@ -48,7 +48,7 @@ def new_at(path: Path, option: str = "--new") -> Iterator[None]:
 
 @contextlib.contextmanager
 def new_file(file: Path, option: str) -> Iterator[None]:
-    """Makes room for the file of a scenario that a block writes, and is there only if it succeeds.
+    """Checks that a file can be written, and removes what a block has written of it if it fails.
 
     Raises:
         InvalidParameter: It is there already, or cannot be written.
@@ -151,13 +151,14 @@ def write_data(record: Record, output: Output, certificate: AnyCertificate | Non
     from uvms_drake.report.signals import has_mission
 
     save_record(record, output.folder)
-    (output.folder / TABLE_FILE).write_text(format_log(record), encoding="utf-8")
-    output.keep(replaces=True)
-    summary = summary_of(record, certificate)
-    if has_mission(record):
-        (output.folder / INSPECTION_FILE).write_text(format_inspection(record), encoding="utf-8")
-    write_json(summary, output.folder / SUMMARY_FILE)
-    output.keep(replaces=True)
+    try:
+        (output.folder / TABLE_FILE).write_text(format_log(record), encoding="utf-8")
+        if has_mission(record):
+            (output.folder / INSPECTION_FILE).write_text(format_inspection(record), "utf-8")
+        summary = summary_of(record, certificate)
+        write_json(summary, output.folder / SUMMARY_FILE)
+    finally:
+        output.keep(replaces=True)
     return summary
 
 

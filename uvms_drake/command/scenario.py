@@ -126,7 +126,7 @@ def place_words(scenario: Scenario) -> list[str]:
 
 
 def new_scenario(args: argparse.Namespace) -> int:
-    """Writes a scenario in which a robot presses on a wall, and which a run takes."""
+    """Writes a scenario in which a robot presses on a wall; 1 if its certificate does not hold."""
     from uvms_drake.plant.model_check import sound_robot
     from uvms_drake.setup.first_scenario import first_scenario
     from uvms_drake.setup.settle import forbidding, settle

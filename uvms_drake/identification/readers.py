@@ -18,7 +18,7 @@ from uvms_drake.station.scenario.scenario import load_scenario
 OWN_FILE = "log.npz"
 """Log of a run of this program."""
 HEIGHT = 0.3
-"""Height above the water below which a depth is still one [m]."""
+"""Largest height above the surface that the median of a depth may have [m]."""
 EXERTED = ("exerted", "tau")
 """Its generalised forces, the best first."""
 
@@ -53,9 +53,10 @@ def read_log(path: Path, joints: int, signals: LogSignals | None) -> Log:
     require(not joints or found["joints"][1].shape[1] == joints, f"{path}: joints",
             found.get("joints", (0, np.zeros((0, 0))))[1].shape[1], f"{joints} columns")
     if "depth" in found:
-        usual = float(np.nanmedian(found["depth"][1]))
-        require(usual > -HEIGHT, f"{path}: depth", usual, "positive down, in m: an altitude, as "
-                "ArduSub's, is negative under water")
+        depths = found["depth"][1]
+        usual = float(np.median(depths[np.isfinite(depths)])) if np.isfinite(depths).any() else 0.0
+        require(not usual <= -HEIGHT, f"{path}: depth", usual, "positive down, in m from the "
+                "surface: an altitude, as ArduSub's, is negative under water")
     armed = found.pop("armed", None)
     require(armed is None or "wrench" in found or not np.any(armed[1]), f"{path}: armed", 1,
             "0, or with the wrench of the thrusters: they are armed without commands")

@@ -37,7 +37,7 @@ class Mode(StrEnum):
     """Kind of a command."""
 
     RUNNING = "running"
-    """The law's, about the plan."""
+    """The law's, about the plan; after a failed first one that is to keep the place."""
     HOVERING = "hovering"
     """Likewise, and the plan is to keep the place until observers have settled, see `mpc.hover`."""
     REPEATED = "repeated"

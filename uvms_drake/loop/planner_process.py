@@ -133,7 +133,8 @@ def serve(descriptor: int) -> None:
         mpc: NominalMpc = make_tube(
             scenario, model, make_ocp(scenario, model)).GetSubsystemByName("nominal_mpc")
     except Exception as error:
-        pipe.send(f"the process has no planner, whose parts it loads from `modules`: {error}")
+        pipe.send("the process has no planner (it loads parts from `modules` alone): "
+                  f"{type(error).__name__}: {' '.join(str(error).split())}")
         return
     with suppress(EOFError, OSError):
         while True:

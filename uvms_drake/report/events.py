@@ -132,7 +132,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
         yield _Signal("input_filtered", record.signals["input_filtered"][:, 0] > 0.0,
                       lambda when: "the supervisor keeps the joints off their stops")
     for name, limit in signals.constraints(record).items():
-        yield _Signal("limit_violated", limit.margin < 0.0,
+        yield _Signal("limit_violated", ~(limit.margin >= 0.0),
                       partial(_limit_text, name, -limit.margin))
 
 

@@ -51,7 +51,7 @@ def largest_use(record: Record) -> tuple[str | None, float | None]:
     """
     use = {name: largest / radius for name, (largest, radius) in _largest(record).items()
            if radius > 0.0 and not (record.certified and name.startswith(INPUTS))}
-    worst = max(use, key=lambda name: use[name], default=None)
+    worst = max(use, key=lambda name: np.nan_to_num(use[name], nan=np.inf), default=None)
     return worst, None if worst is None else use[worst]
 
 

@@ -127,7 +127,7 @@ class ForceSensor(wrist_sensor.WristSettings, sensor_actuator.Sensor):
         constant, likely = parts.bias + rounding, parts.bias
         if count:
             deviations = max(3.0, self.noise_multiple) / max(self.noise_multiple, 1e-9)
-            likely = rounding + deviations / np.sqrt(count) * parts.bias
+            likely = rounding + min(deviations / np.sqrt(count), 1.0) * parts.bias
         repeated = repeat_probability(self.least_noise * np.asarray(self.noise, dtype=float),
                                       self.noise_multiple, self.resolution)
         return sensor_actuator.ForceReading(

@@ -16,7 +16,8 @@ from a reading of a joint to its torque,
 
 A pilot run with 1.5 times the delays of clock and thrusters is made for each of `SCALES`; taken is
 that with the smallest 1.5 M/L of its largest row, of those of at most 1/1.5 of the first that
-fails. Nothing of this is a guarantee: the runs of a certificate are drawn from another seed.
+fails above one that works. Nothing of this is a guarantee: the runs of a certificate are drawn from
+another seed.
 """
 
 import hashlib
@@ -29,7 +30,7 @@ import numpy as np
 
 from uvms_drake.actuation import SampledCommand, Thrusters
 from uvms_drake.campaign.campaign import Campaign, make_campaign
-from uvms_drake.campaign.drawn_contact import force_to_admit
+from uvms_drake.campaign.drawn_contact import drawn_forces, force_to_admit
 from uvms_drake.campaign.draws import first_feasible
 from uvms_drake.campaign.failures import failures_of
 from uvms_drake.campaign.harness import runs
@@ -208,6 +209,10 @@ def check_real(scenario: Scenario) -> ContactModel:
     for key in ("speed", *(() if scenario.mission.steps else ("force",))):
         require(getattr(scenario.draws, key) is not None, f"draws.{key}", None,
                 "declared: nothing that is measured determines it")
+    if not scenario.mission.steps:
+        least, tolerance = drawn_forces(scenario)[0], scenario.task.force_tolerance
+        require(least > tolerance, "task.force_tolerance", tolerance,
+                f"below {least:.3g} N, the least desired force that is drawn")
     wall = sensed_contact(scenario)
     require(wall.friction == 0.0 or wall.tangential_lag > 0.0, "contact.tangential_lag",
             wall.tangential_lag, "positive: a sampled law that cancels friction makes the tip "
@@ -426,8 +431,8 @@ def best_gains(scenario: Scenario, model: ContactModel, available: dict[str, flo
         said.append(f"{scale:g}: {'; '.join(bad) or f'1.5 M/L = {scores[scale]:.2g}'}")
     # Below the first that works a scale fails for it is too soft.
     works = [scale for scale in SCALES if scores[scale] < SLOWER]
-    failing = min((scale for scale in SCALES if scale not in works and scale > works[0]),
-                  default=np.inf) if works else 0.0
+    failing = min((scale for scale in SCALES if scale not in works and scale > min(works)),
+                  default=np.inf) if works else np.nan
     good = [scale for scale in works if scale <= failing / SLOWER]
     if not good:
         raise RunFailed(f"no gains, by scale: {', '.join(said)}")

@@ -67,7 +67,7 @@ def infeasibility_reason(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: floa
         return "the solver finds no plan; weights, stiffness and time step may be badly scaled"
     away = first_violation(ocp, plan, allowed)
     reason = "the plan found ends outside of its terminal set" if away is None else away.text
-    if away is not None and ocp.evaluate(plan).terminal_slack <= 0.0:
+    if away is not None and ocp.evaluate(plan).terminal_slack <= allowed:
         return f"{reason}, though the plan that was found ends in its terminal set"
     reach, slack = ocp.horizon * ocp.time_step, ocp.evaluate(guess).terminal_slack
     return (f"{reason}; to stay is within the limits, but the terminal set, ‖ξ‖_P = {slack:.3g} "

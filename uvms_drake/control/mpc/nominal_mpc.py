@@ -42,8 +42,9 @@ class NominalMpc(WiredSystem):
     Without a first plan there is no fallback: `RunFailed`.
 
     Before the problem's `hover` the plan is to keep the place measured at initialization, for
-    observers to settle; if the first plan after it fails, it is `RunFailed`, too. Later, from where
-    a retreat has ended, it is a failed sample: the place is kept, and the next sample tries again.
+    observers to settle; if the first plan after it fails, it is `RunFailed`, too. With a supervisor
+    one that fails later, as of a slow `computer` or from where a retreat has ended, is a failed
+    sample: the place is kept, and the next sample tries again.
     Coordinates that nothing drives are where the task has them.
 
     The first n intervals of a plan may be committed: each plan then has those of the last one, and

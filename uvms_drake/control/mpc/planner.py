@@ -272,7 +272,8 @@ class Planner:
         if memory.at_rest:
             plan = replace(plan, start_time=now)
         while plan.start_time + ocp.horizon * h < now + 0.5 * h:
-            plan = ocp.continued(plan)  # Else the sum of h would drift off k h.
+            plan = ocp.continued(plan)
+            # Else the sum of h would drift off k h.
             plan = replace(plan, start_time=now - round((now - plan.start_time) / h) * h)
         report = memory.report.copy()
         report[:2] = now, status

@@ -433,8 +433,8 @@ def _uuv_curve(plugin: Node, thruster: Thruster) -> None:
         k = share * gain**2 * plugin.number("conversion/rotorConstant")
         if k < 0.0 and thrusts is not None:  # The axis is turned, see `_parabola`.
             thrusts = (-thrusts[1], -thrusts[0])
-        if clamps is None and thrusts is not None and k > 0.0:
-            clamps = tuple(np.sign(thrusts) * np.sqrt(np.abs(thrusts) / k))
+        if clamps is None and thrusts is not None and k != 0.0:
+            clamps = tuple(np.sign(thrusts) * np.sqrt(np.abs(thrusts) / abs(k)))
         if clamps is not None and k != 0.0:
             _parabola(thruster, k, *clamps)
     elif kind == "Bessa" and clamps is not None:

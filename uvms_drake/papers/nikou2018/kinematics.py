@@ -12,6 +12,7 @@ is run by `kinematic_run.py`, and `kinematic_certificate.py` has the theorem.
 
 import time
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -438,10 +439,11 @@ def posed(scenario: Scenario) -> tuple[ContactModel, np.ndarray, Bounds]:
     """
     model = load_model(replace(scenario, simulation=""))
     for key, values in differing_keys([Scenario(), scenario]).items():
-        root = key.partition(".")[0]
-        if root in WITHOUT or ".".join(key.split(".")[:2]) in WITHOUT:
+        words = key.split(".")
+        name = next((name for name in (words[0], ".".join(words[:2])) if name in WITHOUT), None)
+        if name is not None:
             is_part = "-" in values  # Of a kind that is not there by default.
-            raise InvalidParameter(root if is_part else key, getattr(scenario, root) if is_part
+            raise InvalidParameter(name if is_part else key, attrgetter(name)(scenario) if is_part
                                    else yaml_load_data(f"value: {values[1]}")["value"],
                                    "left out, where the velocity is the input")
     require(isinstance(scenario.ancillary, Transpose | Resolved), "ancillary",
