@@ -100,7 +100,8 @@ def test_no_value_of_a_message_is_an_object_of_python(value, text):
 
 @pytest.mark.parametrize(("scenario", "settings", "text"), [
     ("girona500_contact", ["sensing.0.range=[15,15,15,1,1,1]"],
-     "sensing[0].range = [15., 15., 15., 1., 1., 1.]: must be more than 33.8 N"),
+     "sensing[0].range = [15., 15., 15., 1., 1., 1.]: must be more than 33.8 N "
+     "at the tip"),
     ("girona500_contact", ["sensing=[!Navigation {}]"],
      "sensing = [!Navigation]: must be with a part that measures the force"),
     ("paper_kinematic", ["model_error.mass=1.1"], "model_error.mass = 1.1: must be left out"),

@@ -233,8 +233,7 @@ def _disturbance(bound: Disturbance, unknowns: Unknowns, size: int) -> Iterator[
                f"{np.hypot(*current[:2]):.3g} m/s horizontally, {abs(current[2]):.3g} m/s up or "
                "down", OPERATOR)
     if unknowns.waves:
-        yield ("disturbance", "of that, a regular wave as declared, along the current if there is "
-               "one", OPERATOR)
+        yield "disturbance", "of that, a regular wave as declared, from anywhere", OPERATOR
     if error.size > 0.0:
         yield ("disturbance", "of that, mass, water and joint friction of the robot that are off "
                "by the sizes of model_error", MAKER)
@@ -294,5 +293,8 @@ def _uncounted(unknowns: Unknowns, actuation: Sequence[Actuator]) -> list[tuple[
     counted = all(isinstance(part, IdealWrench) for part in actuation)
     sizes = {"current": float(np.linalg.norm(unknowns.current)),
              "waves": largest_speed(unknowns.waves), "model_error": unknowns.error.size}
-    return [(key, "counted only where the command acts at once", 0.0 if counted else size)
-            for key, size in sizes.items()]
+    several = len(unknowns.waves) + np.any(unknowns.current) > 1 and sizes["waves"]
+    return [*((key, "counted only where the command acts at once", 0.0 if counted else size)
+              for key, size in sizes.items()),
+            *([("waves", "each wave and a current have a phase and a heading of their own",
+                sizes["waves"])] if several else [])]

@@ -104,7 +104,7 @@ class UnmodelledBounds:
             damping=getattr(surface, "dissipation", 0.0),
             missed=NO_CHANGE if sensed is None else ForceChange(
                 sensed.rate * sensed.age + sensed.ripple
-                + max(0.0, sensed.ripple - 2.0 * sensed.rate * sensed.lag),
+                + max(0.0, sensed.ripple - sensed.rate * sensed.lag),
                 sensed.tangential_rate * sensed.age + 2.0 * sensed.tangential_ripple,
                 sensed.tool_angle))
 
@@ -157,8 +157,6 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
     Raises:
         InvalidParameter: The surface is a spring, whose torques no bound counts.
     """
-    require(len(scenario.waves) <= 1, "waves", len(scenario.waves), "one, whose phase is searched "
-            "for: of several each has its own (certify --runs N draws them)")
     require(not isinstance(basis.model.surface, BilateralSpring),
             "surface", "BilateralSpring", "one without torques, for a certificate with declared "
             "unknowns (model_error, current, waves)")

@@ -48,7 +48,7 @@ def new_at(path: Path, option: str = "--new") -> Iterator[None]:
 
 @contextlib.contextmanager
 def new_file(file: Path, option: str) -> Iterator[None]:
-    """Checks that a file can be written, and removes what a block has written of it if it fails.
+    """Checks that a file can be written, and removes it again if the block raises.
 
     Raises:
         InvalidParameter: It is there already, or cannot be written.

@@ -16,8 +16,7 @@ from a reading of a joint to its torque,
 
 A pilot run with 1.5 times the delays of clock and thrusters is made for each of `SCALES`; taken is
 that with the smallest 1.5 M/L of its largest row, of those of at most 1/1.5 of the first that
-fails above one that works. Nothing of this is a guarantee: the runs of a certificate are drawn from
-another seed.
+fails. Nothing of this is a guarantee: the runs of a certificate are drawn from another seed.
 """
 
 import hashlib
@@ -209,6 +208,7 @@ def check_real(scenario: Scenario) -> ContactModel:
     for key in ("speed", *(() if scenario.mission.steps else ("force",))):
         require(getattr(scenario.draws, key) is not None, f"draws.{key}", None,
                 "declared: nothing that is measured determines it")
+    # Forces of which a run cannot tell whether they are exerted.
     if not scenario.mission.steps:
         least, tolerance = drawn_forces(scenario)[0], scenario.task.force_tolerance
         require(least > tolerance, "task.force_tolerance", tolerance,

@@ -186,7 +186,7 @@ def _press_control(scenario: Scenario) -> PressControl:
     for key, part in keyed("sensing", scenario.sensing).items():
         if reading is not None and part.reading(0.0, 0.0) is not None:
             require(needed < reading.largest, f"{key}.range", getattr(part, "range", part),
-                    f"more than {needed:.3g} N")
+                    f"more than {needed:.3g} N at the tip, also by its torques over the mounting")
     for i, step in enumerate(scenario.mission.steps):
         require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                 f"less than {largest:.3g} N, like task.force")

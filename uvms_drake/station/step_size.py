@@ -168,9 +168,13 @@ def _rates_at_task(scenario: Scenario, model: ContactModel) -> np.ndarray:
     config = model.configuration(ocp.y_des)
     wall = scenario.contact.declared_wall()
     if wall is not None:  # The depth of a task says nothing of an unknown wall.
-        config[:3] += way_to_force(
-            check_surface(true_surface(scenario)), model.task_pose(config)[:6], wall.direction,
-            pressing_force(scenario)) * wall.direction
+        force = max([pressing_force(scenario), *(
+            step.strongest for step in scenario.mission.steps)])
+        n, chi = wall.direction, model.task_pose(config)[:6]
+        away = n @ (model.task_pose(scenario.start.config)[:3] - chi[:3])
+        chi[:3] += away * n
+        config[:3] += (away + way_to_force(
+            check_surface(true_surface(scenario)), chi, n, force)) * n
     station = make_station(
         replace(quiet, start=Start(eta=config[:6], q=config[6:])), model=model)
     simulator = Simulator(station)

@@ -112,7 +112,7 @@ class ForceChange(NamedTuple):
     """Largest change of a sensed force since the mean of it that is read."""
 
     normal: float
-    """ρ(T + h) + a + ⟨a − 2ρT⟩₊, of the size of the normal force [N]."""
+    """ρ(T + h) + a + ⟨a − ρT⟩₊, of the size of the normal force [N]."""
     tangential: float
     """ρ′(T + h) + 2a′, of the rest [N]."""
     tool_angle: float

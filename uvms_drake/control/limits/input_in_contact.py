@@ -47,8 +47,8 @@ class ForceCone:
         psi = np.arctan(surface.friction)
         require(surface.angle + psi < 0.5 * np.pi, "angle", surface.angle,
                 f"below π/2 − atan(friction), {0.5 * np.pi - psi:.3g}")
-        largest = force * np.hypot(1.0, surface.friction) * np.cos(max(0.0, psi - surface.angle))
-        return ForceCone(surface.direction, float(largest), float(surface.angle + psi))
+        return ForceCone(surface.direction, force * surface.largest_share,
+                         float(surface.angle + psi))
 
 
 @dataclass

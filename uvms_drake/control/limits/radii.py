@@ -20,7 +20,7 @@ class HoldRadii:
     advance: float = 0.0
     """⟨±𝔭̇⟩ of the real tip [m/s], with the speed of a plan that stands."""
     standing: float = 0.0
-    """⟨±𝔭̄̇⟩ of a plan that stands, at most [m/s]."""
+    """|n·𝔭̄̇| + 2α‖P_t𝔭̄̇‖ of a plan that stands, at most [m/s]."""
     reading: float = 0.0
     """|n·𝔢| of the error 𝔢 of a reading [N]."""
     age: float = 0.0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.limits.radii import HoldRadii
 from uvms_drake.control.plan.plan import off_parabola, stopping_distance
@@ -100,7 +101,7 @@ def hold_radii(scenario: Scenario, law: HoldLaw, approach: MeasuredForceBounds, 
         + 0.5 * omega**2 * (age**2 + approach.lag**2))
     readings = max(round(bounds.mean_time(scenario) / contact.period), 1)
     return HoldRadii(
-        time=found.time + bounds.mean_time(scenario),
+        time=found.time + readings * contact.period,
         depth=found.bounds.depth, position=found.bounds.position,
         advance=float(found.speeds[0]), standing=float(bounds.STANDING[0]),
         reading=error_along(reading.error, contact.tool_angle) + reading.payload[0] + float(turned),
@@ -235,17 +236,19 @@ def _unevenness(scenario: Scenario, tube: LawTube, force: MeasuredForceBounds, j
                 ) -> float:
     """Returns the largest variation of the tip's acceleration between two readings [m/s²].
 
-    A knot of a plan is between two readings unless its step is a multiple of their period, and
-    so is a reading of the sensor. The velocity of a plan is within its limit at its knots.
+    A knot of a plan is between two readings unless its step is a multiple of their period. The
+    velocity of a plan is within its limit at its knots.
     """
     contact, step = bounds.sensed_contact(scenario), scenario.mpc.time_step
     if tube.along is None:
         return np.inf
+    require(_multiple(force.period, contact.period), "contact.period", contact.period,
+            f"the period of the force sensor, {force.period:g} s, or a whole part of it: a reading "
+            "between two instants jumps")
     planned = jerk * contact.period
     if not _multiple(step, contact.period):
         planned += 2.0 * (2.0 * contact.largest_advance / step + 0.5 * jerk * step)
-    return unevenness(tube.along, force, contact.period, planned, contact.walls.tilt,
-                      read_between=not _multiple(force.period, contact.period))
+    return unevenness(tube.along, force, contact.period, planned, contact.walls.tilt)
 
 
 def _multiple(longer: float, period: float) -> bool:

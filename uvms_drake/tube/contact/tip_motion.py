@@ -1,4 +1,4 @@
-"""Motion of the tip between two instants: jerk of its plan, unevenness of its acceleration along n.
+"""Motion of the tip between two instants: jerk of its plan, unevenness of its acceleration.
 
 The jerk bounds the deviation of a plan from a parabola between two knots. The safe region takes the
 tip's velocity between two readings of the force as that on the line between the velocities at the
@@ -122,7 +122,7 @@ class TipAcceleration:
 
 
 def unevenness(tip: TipAcceleration, force: MeasuredForceBounds, period: float, planned: float,
-               tilt: float = 0.0, *, read_between: bool) -> float:
+               tilt: float = 0.0) -> float:
     """Returns a [m/s²], such that ⟨v⟩ is off the line between two readings by at most ah/4.
 
     With d and ω of `TipAcceleration`, the largest A and A_n of the rows n + αu, u ⟂ n, each that of
@@ -130,8 +130,7 @@ def unevenness(tip: TipAcceleration, force: MeasuredForceBounds, period: float, 
 
         a = 2√(1 + α²)d + A_n a_n + 2A a′ + ½h(A_n ρ + A(ρ′ + ωF̄)) + p,                      (4)
 
-    but for the change of the feedback within h, which is assumed to add nothing. A reading of the
-    sensor in between adds 2A(ε_f + a′) + A_n(a_n + ρh_s), h_s the sensor's period.
+    but for the change of the feedback within h, which is assumed to add nothing.
 
     Args:
         tip: The deviation of the tip.
@@ -139,14 +138,10 @@ def unevenness(tip: TipAcceleration, force: MeasuredForceBounds, period: float, 
         period: h, between two readings [s].
         planned: p, largest variation of ⟨·⟩ of the plan's acceleration within h [m/s²].
         tilt: α of ⟨v⟩.
-        read_between: Whether the sensor may give a reading between two instants of h.
     """
     A, A_n = (along + tilt * whole for along, whole in (tip.by_force, tip.by_normal))
     # Steady changes count half: a line fits them best.
     steady = A_n * force.rate + A * (force.tangential_rate + tip.turning * force.size)
     jumps = (2.0 * np.hypot(1.0, tilt) * tip.other + A_n * force.ripple
              + 2.0 * A * force.tangential_ripple)
-    if read_between:
-        jumps += (2.0 * A * (force.error + force.tangential_ripple)
-                  + A_n * (force.ripple + force.rate * force.period))
     return float(jumps + 0.5 * period * steady + planned)
