@@ -381,6 +381,6 @@ def test_the_scope_has_the_least_of_the_wrench_that_thrusters_lack():
     (["waves=[{amplitude: 0.05}, {amplitude: 0.02, period: 3}]"], False),
     (["waves=[{amplitude: 0.05}]", "current=[0.05, 0, 0]"], False)])
 def test_waves_of_phases_and_headings_of_their_own_are_not_counted_together(settings, counted):
-    conditions = assumed_conditions(uv.load_scenario("girona500_contact", settings))
+    conditions = assumed.assumed_conditions(uv.load_scenario("girona500_contact", settings))
     assert [each.name for each in conditions if not each.holds] == ([] if counted else [
         "waves, each wave and a current have a phase and a heading of their own"])
