@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
 from uvms_drake.control.mpc.planner import committed_intervals
 from uvms_drake.control.ocp.ocp import Ocp
@@ -168,6 +168,14 @@ def drawn_forces(scenario: Scenario) -> tuple[float, float]:
     asked = scenario.draws.force
     low, high = np.minimum(FORCES, largest_force(scenario)) if asked is None else asked
     return float(low), float(high)
+
+
+def check_forces(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` for a range of forces that a run cannot tell from none."""
+    if scenario.contact.declared_wall() is not None and not scenario.mission.steps:
+        least, tolerance = drawn_forces(scenario)[0], scenario.task.force_tolerance
+        require(least > tolerance, "task.force_tolerance", tolerance,
+                f"below {least:.3g} N, the least desired force that is drawn")
 
 
 def force_to_admit(scenario: Scenario) -> tuple[str, float]:

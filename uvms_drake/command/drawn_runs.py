@@ -20,7 +20,7 @@ from uvms_drake.campaign.campaign import (
     read_setup,
     require_same_code,
 )
-from uvms_drake.campaign.drawn_contact import drawn_forces, force_to_admit
+from uvms_drake.campaign.drawn_contact import check_forces, force_to_admit
 from uvms_drake.campaign.draws import vary
 from uvms_drake.campaign.failures import certificate_in_probability
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
@@ -240,10 +240,7 @@ def drawable(scenario: Scenario) -> Scenario:
     """Returns the scenario with its integration step; raises if it cannot be drawn or repeated."""
     check_repeatable(scenario)
     scenario = with_step(scenario, check_inputs(scenario))
-    if scenario.contact.declared_wall() is not None and not scenario.mission.steps:
-        least, tolerance = drawn_forces(scenario)[0], scenario.task.force_tolerance
-        require(least > tolerance, "task.force_tolerance", tolerance,
-                f"below {least:.3g} N, the least desired force that is drawn")
+    check_forces(scenario)
     return scenario
 
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from uvms_drake.actuation import SampledCommand, Thrusters
 from uvms_drake.campaign.campaign import Campaign, make_campaign
-from uvms_drake.campaign.drawn_contact import drawn_forces, force_to_admit
+from uvms_drake.campaign.drawn_contact import check_forces, force_to_admit
 from uvms_drake.campaign.draws import first_feasible
 from uvms_drake.campaign.failures import failures_of
 from uvms_drake.campaign.harness import runs
@@ -208,11 +208,7 @@ def check_real(scenario: Scenario) -> ContactModel:
     for key in ("speed", *(() if scenario.mission.steps else ("force",))):
         require(getattr(scenario.draws, key) is not None, f"draws.{key}", None,
                 "declared: nothing that is measured determines it")
-    # Forces of which a run cannot tell whether they are exerted.
-    if not scenario.mission.steps:
-        least, tolerance = drawn_forces(scenario)[0], scenario.task.force_tolerance
-        require(least > tolerance, "task.force_tolerance", tolerance,
-                f"below {least:.3g} N, the least desired force that is drawn")
+    check_forces(scenario)
     wall = sensed_contact(scenario)
     require(wall.friction == 0.0 or wall.tangential_lag > 0.0, "contact.tangential_lag",
             wall.tangential_lag, "positive: a sampled law that cancels friction makes the tip "
