@@ -299,7 +299,7 @@ def test_a_funnel_narrows_and_the_transformed_error_rises_without_bound_inside()
 
 
 @pytest.mark.parametrize(("name", "stiffness"), [
-    pytest.param("sliding_decoupled", 1000.0, marks=pytest.mark.slow),
+    pytest.param("sliding_decoupled", 1000.0, marks=pytest.mark.long),
     pytest.param("sliding_decoupled", 5000.0, marks=pytest.mark.long),
     pytest.param("sliding_coupled", 1000.0, marks=pytest.mark.long)])
 def test_sliding_is_reached_and_the_force_is_exact(name, stiffness):

@@ -266,8 +266,8 @@ def test_the_sum_has_to_fit_into_the_share_and_the_verdict_says_by_how_much(basi
     assert advice.endswith("--set model_error.share=0.95")
 
 
-@pytest.mark.parametrize("name", [
-    pytest.param("current", marks=pytest.mark.long), "friction"])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["current", "friction"])
 def test_the_disturbance_that_is_advised_takes_the_unknowns_and_little_more(name, basis):
     scenario = uv.load_scenario(NAME, [*FEW, *CASES[name]])
     given = declared.fitting_disturbance(

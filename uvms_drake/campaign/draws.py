@@ -219,10 +219,9 @@ def declared_distribution(scenario: Scenario) -> Iterator[str]:
            "feasible first plan within the tube is repeated")
     yield from about_drawn(scenario)
     if sizes := _sizes(scenario.unknowns, largest_error(scenario.actuation)):
-        yield (f"unknown, up to: {', '.join(sizes)}; each of either sign, but a payload, friction "
-               "of the joints and waves from none up, and no factor below "
-               f"{LEAST_FACTOR:g}; of its full size with the probability {AT_FULL_SIZE:g}, else of "
-               "a uniform part of it")
+        yield (f"unknown, up to: {', '.join(sizes)}; each of either sign where it has one, and no "
+               f"factor below {LEAST_FACTOR:g}; of its full size with the probability "
+               f"{AT_FULL_SIZE:g}, else of a uniform part of it")
     if (found := scenario.identified) is not None:
         yield from (found.log_sentences()[0], found.excitation(scenario.limits))
     yield (f"corners: with the probability {CORNER:g} all unknowns, and all parameters of the "

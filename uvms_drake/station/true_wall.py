@@ -156,7 +156,8 @@ def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray, fart
     """
     along = np.pad(direction, (0, 3))
     steps = np.linspace(-AROUND, farthest, 1 + round((AROUND + farthest) / STEP))
-    inside = np.array([surface.penetration(chi + step * along) > 0.0 for step in steps])
+    inside = (surface.penetration(chi + steps[:, None] * along)[:, None] > 0.0 if len(chi) == 1 else
+              np.array([surface.penetration(chi + step * along) > 0.0 for step in steps]))
     first = np.argmax(inside, axis=0)
     low, high = steps[first - 1], steps[first]
     for _ in range(HALVINGS):
