@@ -81,16 +81,14 @@ def radii_of(tube: TubeRadii) -> dict[str, float]:
 
 
 def deviations(record: Record) -> dict[str, np.ndarray]:
-    """Returns |real − nominal| (T,) of velocities, angles, depth and inputs, by `TubeRadii`.
-
-    Those of forces are left out without a radius of `tau`.
-    """
+    """Returns |real − nominal| (T,) of velocities, angles, depth and inputs, by `TubeRadii`."""
     model, contact = record.model, record.scenario.contact.declared_wall()
     nominal = model.kinematics(record.nominal_config)
     angles = np.abs(pose_difference(record.config, record.nominal_config)[:, 3:6])
     off = record.zeta - record.nominal_zeta
     tip = (times(model.tip_kinematics(record.config).J_chi[:, :3], record.zeta)
            - times(nominal.J_chi[:, :3], record.nominal_zeta))
+    planned = times(model.mass_matrix(nominal), record.nominal_input)
     found = {"nu1": np.linalg.norm(off[:, :3], axis=1), "nu2": np.linalg.norm(off[:, 3:6], axis=1),
              "qdot": np.linalg.norm(off[:, 6:], axis=1), "roll": angles[:, 0],
              "pitch": angles[:, 1], "tip_speed": np.linalg.norm(tip, axis=1)}
@@ -100,10 +98,7 @@ def deviations(record: Record) -> dict[str, np.ndarray]:
                   "depth_speed": np.abs(tip @ n), "between_knots": off_knots(
                       record.time, record.chi_nominal[:, :3] @ n, planned_speed @ n,
                       record.scenario.mpc.time_step)}
-    errors = {"u": record.u - record.nominal_input}
-    if record.scenario.tube.tau is not None:
-        errors["tau"] = record.tau - times(model.mass_matrix(nominal), record.nominal_input)
-    for name, error in errors.items():
+    for name, error in (("u", record.u - record.nominal_input), ("tau", record.tau - planned)):
         found |= {f"{name}_{channel}": np.abs(row) for channel, row in zip(
             input_names(model.num_joints), error.T, strict=True)}
     return found
