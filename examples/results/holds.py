@@ -96,9 +96,9 @@ def main() -> None:
           "where there is none. Approach,\ntouch and target are those of the nominal loop, and "
           "*after the touch* is when its hold is in force.\n\n"
           "Since the page before, the declared error of a reading of `girona500_contact` is 4.25 N "
-          "(with 4.2 N its certificate did not\nhold: the tip's speed across the direction was left "
-          "out between two readings), and *likely* counts the rounding of a tare in\nfull, as its "
-          "samples may all be rounded alike.\n\n"
+          "(with 4.2 N its certificate did not\nhold: the tip's speed across the direction was "
+          "left out between two readings), and *likely* counts the rounding of a tare in\nfull, as "
+          "its samples may all be rounded alike.\n\n"
           "| scenario | F [N] | in motion [N] | in a hold [N] | from [s] | likely [N] "
           "| friction [N/s, N] | approach [mm/s] | touch, target [s] | after the touch [s] |\n"
           "|---|---|---|---|---|---|---|---|---|---|")

@@ -261,7 +261,7 @@ def of_theory(scale: float):
 
 
 @pytest.mark.parametrize(("scale", "gravity"), [
-    pytest.param(1.0, False, marks=pytest.mark.slow),
+    pytest.param(1.0, False, marks=pytest.mark.long),
     pytest.param(3.0, False, marks=pytest.mark.long),
     pytest.param(0.3, True, marks=pytest.mark.long)])
 def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gravity):
