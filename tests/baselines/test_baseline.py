@@ -260,10 +260,8 @@ def of_theory(scale: float):
     return gains
 
 
-@pytest.mark.parametrize(("scale", "gravity"), [
-    pytest.param(1.0, False, marks=pytest.mark.long),
-    pytest.param(3.0, False, marks=pytest.mark.long),
-    pytest.param(0.3, True, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize(("scale", "gravity"), [(1.0, False), (3.0, False), (0.3, True)])
 def test_no_funnel_is_left_in_continuous_time_without_limits(scale, gravity):
     """From contact, with f_d − f within ρ₀. Gains of 0.3 alone need a ξ beyond its clamp."""
     gains = of_theory(scale)
@@ -298,10 +296,9 @@ def test_a_funnel_narrows_and_the_transformed_error_rises_without_bound_inside()
 # Sliding is reached, and the parallel composition has no steady error of the force.
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "stiffness"), [
-    pytest.param("sliding_decoupled", 1000.0, marks=pytest.mark.long),
-    pytest.param("sliding_decoupled", 5000.0, marks=pytest.mark.long),
-    pytest.param("sliding_coupled", 1000.0, marks=pytest.mark.long)])
+    ("sliding_decoupled", 1000.0), ("sliding_decoupled", 5000.0), ("sliding_coupled", 1000.0)])
 def test_sliding_is_reached_and_the_force_is_exact(name, stiffness):
     gains = read_gains(ROBOT)
     if name == "sliding_coupled":  # Here no thruster lags: the gains of the decoupled law.

@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.station.contact.bounds`: numbers that margins and conditions are made of."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -8,12 +10,15 @@ from uvms_drake.certificate.certify import declared_set
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.frames.euler import rate_matrix
 from uvms_drake.model.frames.spatial import times
+from uvms_drake.station.contact import tube_in_contact
 from uvms_drake.station.contact.bounds import (
     between_knots,
     largest_reading_error,
 )
 from uvms_drake.station.contact.tube_in_contact import force_bounds
 from uvms_drake.station.problem import limits_of
+from uvms_drake.tube.contact.tip_motion import TipAcceleration
+from uvms_drake.tube.law_tube import LawTube
 
 
 def test_the_error_of_a_reading_grows_with_the_time_between_two():
@@ -60,3 +65,12 @@ def test_limits_of_angles_leave_room_for_plans_between_their_knots():
         np.testing.assert_allclose(left[name], taken, atol=1e-12)
         assert limits[name].tightened(tube).between_knots_margin == pytest.approx(taken)
         assert all(radius == pytest.approx(taken) for _, radius, _ in limits[name].margins(tube))
+
+
+def test_a_reading_between_two_instants_of_the_estimator_is_refused():
+    tube = LawTube(TubeRadii(), (), {}, along=TipAcceleration((0.2, 0.3), (0.2, 0.3), 0.7, 0.2))
+    for period, refused in ((0.01, False), (0.005, False), (0.004, True)):
+        scenario = uv.load_scenario("girona500_contact", [f"contact.period={period}"])
+        with pytest.raises(uv.InvalidParameter, match=r"^contact\.period = 0\.004: must be the "
+                           "period of the force sensor, 0.01 s") if refused else nullcontext():
+            assert tube_in_contact._unevenness(scenario, tube, force_bounds(scenario), 1.0) > 0.4

@@ -22,7 +22,7 @@ from uvms_drake.report import signals
 from uvms_drake.report.contact_check import departures, has_stood, summarise_bands
 from uvms_drake.report.events import events
 from uvms_drake.report.mission import summarise_mission
-from uvms_drake.report.tube_use import largest_use, rows_left
+from uvms_drake.report.tube_use import largest_deviations, largest_use, rows_left
 from uvms_drake.station.contact.bounds import mean_time
 from uvms_drake.station.contact.drawn_mission import ends_of
 from uvms_drake.station.contact.drawn_surfaces import across, ball_about, is_member, membership
@@ -261,7 +261,8 @@ def summarise_tube(record: Record) -> dict[str, object]:
     `TubeMonitor`. `left` are the certified rows that the monitor does not watch and that were left.
     `largest_use` is the largest of all rows over its radius, of the row `most_used`.
     """
-    tube, (row, use) = record.scenario.tube, largest_use(record)
+    tube, found = record.scenario.tube, largest_deviations(record)
+    row, use = largest_use(record, found)
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
     watched = signals.watched(record)
     return {
@@ -273,7 +274,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
         "exits": int(report["set_exits"]),
         "first_exit_s": report["set_first_exit"],
         "exits_along_the_run": int(report["trajectory_exits"]),
-        "left": rows_left(record) if record.certified else [],
+        "left": rows_left(record, found) if record.certified else [],
         "worst_ratio": _worst_ratios(record, report),
         "most_used": row, "largest_use": use,
         "disturbance_excesses": int(report["disturbance_exits"]),

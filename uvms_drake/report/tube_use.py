@@ -14,6 +14,8 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.supervision import MONITOR_SLACK
 
+Largest = dict[str, tuple[float, float]]
+"""Largest deviation of each row of `tube_use` and its radius, by name."""
 INPUTS = ("u_", "tau_")
 """Beginnings of the names of rows of inputs."""
 ROUNDING = 1e-9
@@ -28,10 +30,10 @@ def tube_use(record: Record) -> dict[str, float]:
     contact those along its direction are left out.
     """
     return {name: largest / max(radius, ROUNDING)
-            for name, (largest, radius) in _largest(record).items()}
+            for name, (largest, radius) in largest_deviations(record).items()}
 
 
-def rows_left(record: Record) -> list[str]:
+def rows_left(record: Record, found: Largest) -> list[str]:
     """Returns the rows of velocities, angles and depth whose radius a run has left, by name.
 
     Rows of inputs are none of them: the force of the contact is in the law's command, too, and the
@@ -39,23 +41,23 @@ def rows_left(record: Record) -> list[str]:
     """
     tube = resolved_radii(record.scenario.tube)
     rows, floor = radii_of(tube), monitor_floor(set_wise_radii(tube, record.scenario.ancillary))
-    return [name for name, (largest, radius) in _largest(record).items()
+    return [name for name, (largest, radius) in found.items()
             if name in rows and not name.startswith(INPUTS)
             and largest > (1.0 + MONITOR_SLACK) * radius + floor]
 
 
-def largest_use(record: Record) -> tuple[str | None, float | None]:
+def largest_use(record: Record, found: Largest) -> tuple[str | None, float | None]:
     """Returns the row with the largest deviation over its radius, and that ratio; None: no radius.
 
     With a certificate for the worst case rows of inputs are none of them, see `rows_left`.
     """
-    use = {name: largest / radius for name, (largest, radius) in _largest(record).items()
+    use = {name: largest / radius for name, (largest, radius) in found.items()
            if radius > 0.0 and not (record.certified and name.startswith(INPUTS))}
     worst = max(use, key=lambda name: np.nan_to_num(use[name], nan=np.inf), default=None)
     return worst, None if worst is None else use[worst]
 
 
-def _largest(record: Record) -> dict[str, tuple[float, float]]:
+def largest_deviations(record: Record) -> Largest:
     """Returns the largest deviation of each row of `tube_use` and its radius, by name."""
     if not np.any(is_watched := watched(record)):
         return {}
