@@ -160,7 +160,7 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
     require(not isinstance(basis.model.surface, BilateralSpring),
             "surface", "BilateralSpring", "one without torques, for a certificate with declared "
             "unknowns (model_error, current, waves)")
-    bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.seed)
+    bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.certificate.seed)
     effects = unknown_effects(scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
     carried = payload_acceleration(scenario, bounds, effects)
     check = together(*bounds.checks)
