@@ -180,7 +180,7 @@ def basis():
 
 
 def bounds_in(scenario, basis):
-    return declared.UnmodelledBounds(scenario.model, basis, RADII, scenario.seed)
+    return declared.UnmodelledBounds(scenario.model, basis, RADII)
 
 
 def effects_of(scenario, basis):

@@ -81,15 +81,14 @@ class UnmodelledBounds:
         robot: Name or folder of the robot.
         basis: Basis of its tube.
         radii: Its tube, which bounds the feedback.
-        seed: Seed of the searches.
 
     Attributes:
         checks: Second searches for all that was claimed.
     """
 
-    def __init__(self, robot: str, basis: Basis, radii: TubeRadii, seed: int):
+    def __init__(self, robot: str, basis: Basis, radii: TubeRadii):
         self.robot, self.basis, self.model = robot, basis, basis.model
-        self._seed, self._motions = seed, MotionSet(basis.model, basis.declared)
+        self._motions = MotionSet(basis.model, basis.declared)
         self.checks = list[Check]()
         tube, n = resolved_radii(radii), basis.model.num_joints
         off = np.concatenate([
@@ -126,8 +125,9 @@ class UnmodelledBounds:
     def _claimed(self, name: str, function: Function, box: tuple[np.ndarray, np.ndarray]
                  ) -> np.ndarray:
         """Returns claims of the largest values of a function of points."""
+        settings = self.basis.settings
         claims, check = claimed_over_joints(
-            name, function, *box, self.basis.settings.safety_factor, self._seed)
+            name, function, *box, settings.safety_factor, settings.seed)
         self.checks.append(check)
         return claims
 
@@ -160,7 +160,7 @@ def declared_effects(scenario: Scenario, basis: Basis, radii: TubeRadii
     require(not isinstance(basis.model.surface, BilateralSpring),
             "surface", "BilateralSpring", "one without torques, for a certificate with declared "
             "unknowns (model_error, current, waves)")
-    bounds = UnmodelledBounds(scenario.model, basis, radii, scenario.certificate.seed)
+    bounds = UnmodelledBounds(scenario.model, basis, radii)
     effects = unknown_effects(scenario.unknowns, bounds, weights_of(scenario.disturbance, basis))
     carried = payload_acceleration(scenario, bounds, effects)
     check = together(*bounds.checks)
