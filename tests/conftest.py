@@ -22,7 +22,7 @@ from uvms_drake.model.uvms import Uvms
 from uvms_drake.station.problem import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 
-GIRONA = "girona500_arm5e"
+GIRONA, BLUEROV = "girona500_arm5e", "bluerov2_alpha5"
 STIFFNESS = 1000.0  # N/m
 
 
@@ -35,6 +35,12 @@ SMOKE = {
     "certificate/test_certificate.py", "report/test_summary.py", "report/test_log_export.py",
     "command/test_progress.py", "visual/test_server.py"}
 """Files of the smoke subset (`pytest -m smoke`), one or two of every room, without slow tests."""
+DEAREST = {
+    "test_tutorials.py", "certificate/test_certify.py", "command/test_drawn_runs.py",
+    "command/test_fuzz.py", "control/ocp/test_scp.py", "identification/test_identify.py",
+    "loop/test_controller.py", "setup/test_first_scenario.py", "tube/test_covering.py",
+    "tube/test_terminal_set.py"}
+"""Files that take longest: each is of one process, so that they begin first."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -43,13 +49,17 @@ def pytest_collection_modifyitems(items):
 
     So the last tests to run are short, and all processes end together.
     """
+    def path_of(item) -> str:
+        return item.path.relative_to(Path(__file__).parent).as_posix()
+
     for item in items:
-        path = item.path.relative_to(Path(__file__).parent).as_posix()
+        path = path_of(item)
         if path in SMOKE and not any(map(item.get_closest_marker, ("slow", "long"))):
             item.add_marker(pytest.mark.smoke)
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    items.sort(key=lambda item: (item.get_closest_marker("slow") is None,
+                                 path_of(item) not in DEAREST))
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -107,9 +117,13 @@ def parsed_once(girona_robot: Robot) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yaml, "load", once(yaml.load))
         patch.setattr(yaml, "compose", once(yaml.compose))
-        load = Robot.load
-        patch.setattr(Robot, "load", staticmethod(
-            lambda model: girona_robot if model == GIRONA else load(model)))
+        load, robots = Robot.load, {GIRONA: girona_robot}
+
+        def loaded(model) -> Robot:
+            if model == BLUEROV and model not in robots:
+                robots[model] = load(model)
+            return robots[model] if model in (GIRONA, BLUEROV) else load(model)
+        patch.setattr(Robot, "load", staticmethod(loaded))
         yield
 
 

@@ -45,7 +45,7 @@ ERRORS = ("added_mass=[1.03]", "linear_drag=[1.3]", "quadratic_drag=[1.3]")
 RUNS = {"girona500_contact": (12, 14.0), "girona500_contact_uncertain": (6, 14.0),
         "current": (2, 14.0), "mass": (3, 14.0), "added mass": (3, 14.0), "payload": (3, 14.0),
         "girona500_tip_first": (3, 16.0), "bluerov2_contact": (3, 16.0),
-        "jacket_inspection": (2, 16.0), "girona500_stiff": (1, 28.0),
+        "jacket_inspection": (2, 16.0), "girona500_stiff": (2, 60.0),
         **dict.fromkeys(BY_AXIS, (18, 8.0))}
 """Number of runs and their duration [s]: of a scenario, or of an unknown of `unknowns.CASES`. Those
 by axis have one error each, of one coefficient along one axis."""

@@ -14,7 +14,7 @@ NOT_CERTIFIED = ("girona500_real_loop", "bluerov2_real_loop", "jacket_inspection
                  "paper_kinematic")
 OF_THE_PAPER = "paper_kinematic_certified"
 """Has a simulation, and a summary, of its own."""
-CHEAP = ("girona500_bilateral", 0)
+CHEAP = ("girona500_ideal", 0)
 
 
 @pytest.mark.parametrize(("name", "seed"), [

@@ -154,8 +154,9 @@ def tip_of(q: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("name", "limits"), [
-    ("above", (3.4, 5.0)), ("below", (-5.0, -3.4)), ("wide", (-5.7, 0.0)),
-    ("turns", (5.0, 15.0)), ("one_end", (3.4, np.inf))])
+    ("above", (3.4, 5.0)), ("wide", (-5.7, 0.0)), ("one_end", (3.4, np.inf)),
+    pytest.param("below", (-5.0, -3.4), marks=pytest.mark.long),
+    pytest.param("turns", (5.0, 15.0), marks=pytest.mark.long)])
 def test_joints_beyond_half_a_turn_have_a_sheet_and_a_scenario(name, limits, tmp_path):
     """Reach by plain NumPy on a grid of postures; a joint with one limit turns once from there."""
     case = f"limits_beyond_pi/{name if name in ('above', 'below', 'wide') else 'above'}"
@@ -252,7 +253,7 @@ def test_the_forces_that_are_advised_can_be_done_and_those_beyond_cannot(tmp_pat
         assert (said(tmp_path, robot, force, capsys) == "") == possible, force
 
 
-@pytest.mark.parametrize("force", [1.0, 60.0])
+@pytest.mark.parametrize("force", [1.0, pytest.param(60.0, marks=pytest.mark.long)])
 def test_the_motor_that_is_advised_is_strong_enough(force, tmp_path, capsys):
     needed = re.search(r"or ([\d.]+) N m along q1\n", said(
         tmp_path, copied(UP, tmp_path / "weak"), force, capsys))[1]

@@ -117,7 +117,7 @@ def test_a_disturbance_that_the_thrusters_cannot_reject_is_taken_with_a_warning(
     assert "along sway" in caplog.text
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_readmes_problem_certifies_and_its_plant_and_controller_press():
     wall = uv.UnilateralPlane(stiffness=2000.0)
     press = uv.make_scenario(GIRONA, wall, force=12.0, posture=POSTURE,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
-from support.scenarios import OF_A_STATION
+from support.scenarios import UNLIKE_FIRST
 
 import uvms_drake as uv
 
@@ -75,7 +75,7 @@ def test_its_force_sensor_measures_the_payload_of_the_plant_as_that_of_the_stati
     assert np.linalg.norm(read[0]) > 10.0
 
 
-@pytest.mark.parametrize("name", OF_A_STATION)
+@pytest.mark.parametrize("name", UNLIKE_FIRST)
 def test_it_is_made_for_every_shipped_scenario_with_the_ports_of_its_docstring(name):
     scenario = uv.load_scenario(name)
     controller = uv.make_controller(scenario)

@@ -161,8 +161,13 @@ def test_the_plant_does_what_is_said(name, model):
         np.testing.assert_allclose(d, c[i] + A[i] @ s, atol=1e-7)
 
 
+ALIKE = ("added mass", "trim", "payload", "current")
+"""Cases with the same function as another: of the robot as mass, of the water as a wave."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=pytest.mark.long) if name in ALIKE else name for name in CASES])
 def test_no_motion_is_beyond_the_claim_and_some_come_close(name, model):
     load, errors = CASES[name].load(model), CASES[name].errors
     motions = MotionSet(model, DECLARED, [-1.0] * errors)

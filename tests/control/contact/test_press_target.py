@@ -108,8 +108,8 @@ def test_without_readings_it_retreats_from_the_wall_or_from_the_last_reading():
 
 
 @pytest.mark.parametrize(("stiffness", "furthest", "duration"), [
-    (800.0, 0.4, 12.0), pytest.param(2000.0, 0.25, 13.0, marks=pytest.mark.slow),
-    pytest.param(6000.0, 0.08, 14.0, marks=pytest.mark.slow), (20000.0, 0.04, 14.0)])
+    (800.0, 0.4, 12.0), pytest.param(2000.0, 0.25, 13.0, marks=pytest.mark.long),
+    pytest.param(6000.0, 0.08, 14.0, marks=pytest.mark.long), (20000.0, 0.04, 14.0)])
 def test_it_presses_on_any_wall_without_ever_pressing_too_hard(stiffness, furthest, duration):
     """Fifty walls each: place, slopes, damping, noise, error of the tip, desired force, all random.
 

@@ -149,10 +149,12 @@ BEFORE, AT, WHILE = 1.0, 2.5, 5.0
 DURATION = 1.5  # s
 FAULTS = {"lost": LostForce, "frozen": FrozenForce,
           "jumped": partial(JumpedForce, jump=-0.5 * SENSING.noise * np.eye(6)[0])}
+MARKS = {("frozen", AT): (), ("lost", WHILE): pytest.mark.slow, ("jumped", WHILE): pytest.mark.slow}
+"""Marks of faults at their instants; others are `long`."""
 
 
 @pytest.mark.parametrize(("kind", "start"), [
-    pytest.param(kind, start, marks=[] if (kind, start) == ("frozen", AT) else pytest.mark.slow)
+    pytest.param(kind, start, marks=MARKS.get((kind, start), pytest.mark.long))
     for kind in FAULTS for start in (BEFORE, AT, WHILE)])
 def test_a_sensor_that_fails_for_a_while_presses_no_harder_and_it_goes_on_afterwards(kind, start):
     """It leaves the wall if readings are missing; covered faults change nothing."""

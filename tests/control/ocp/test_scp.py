@@ -145,7 +145,8 @@ def forces(ocp: Ocp, plan: Plan) -> np.ndarray:
                             np.concatenate([begin, end])))
 
 
-@pytest.mark.parametrize(("where", "i"), [("off", 2), ("on", 0)])
+@pytest.mark.parametrize(("where", "i"), [
+    pytest.param("off", 2, marks=pytest.mark.long), ("on", 0)])
 def test_limits_on_forces_are_kept_at_the_cost_of_the_nonlinear_program(
         short_ocp, start_plans, fast, where, i):
     """With 4/5 of the forces that the plan without such limits takes, in all channels."""
@@ -162,7 +163,8 @@ ANGLES = {"roll": 3, "pitch": 4, "q_lower": 7, "q_upper": 8}
 """Limits that are to be active, and the coordinate that each is about."""
 
 
-@pytest.mark.parametrize("kind", ANGLES)
+@pytest.mark.parametrize("kind", [
+    "roll", "q_upper", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("pitch", "q_lower"))])
 def test_limits_on_attitude_and_joints_are_kept_at_the_cost_of_the_nonlinear_program(
         short_ocp, start_plans, fast, kind):
     """In the state from which the angle goes furthest, half as far."""
@@ -188,7 +190,8 @@ def test_limits_on_attitude_and_joints_are_kept_at_the_cost_of_the_nonlinear_pro
     assert limited.evaluation.cost > free.evaluation.cost
 
 
-@pytest.mark.parametrize("surface", ["plane", "spring"])
+@pytest.mark.parametrize("surface", [
+    "plane", pytest.param("spring", marks=pytest.mark.long)])
 def test_a_limit_on_the_force_is_kept_at_the_cost_of_the_nonlinear_program(
         short_ocp, start_plans, surface):
     """With 9/10 of the value of the plan without the limit at its second knot or later."""

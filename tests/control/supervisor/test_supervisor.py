@@ -464,11 +464,12 @@ def test_a_wall_5_or_20_times_as_stiff_is_left_at_once(stiffness, seen):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scenario", "seconds"), [
-    (REAL, 5.0), pytest.param("girona500_contact", 7.5, marks=pytest.mark.long)])
-def test_without_a_trip_a_run_is_the_same_to_the_bit(scenario, seconds):
+@pytest.mark.parametrize(("scenario", "hover", "seconds"), [
+    (REAL, 1.0, 2.0), pytest.param("girona500_contact", 4.0, 7.5, marks=pytest.mark.long)])
+def test_without_a_trip_a_run_is_the_same_to_the_bit(scenario, hover, seconds):
     """Through hover and approach, and a touch with an ideal wrench."""
-    one, other = (simulated(scenario, seconds, HOVERS, *more) for more in ((), (OFF,)))
+    one, other = (simulated(scenario, seconds, f"mpc.hover={hover}", *more)
+                  for more in ((), (OFF,)))
     assert one.trip == np.inf and "safety" not in other.signals
     for field in dataclasses.fields(other):
         value = getattr(other, field.name)

@@ -189,8 +189,9 @@ class AncillaryFeedback(WiredSystem):
         # Both motions; a lost state is that of the plan, or of the retreat's reference at rest.
         mode, isolated, config, rate = WATCHING, 0, np.zeros(0), np.zeros(0)
         if self._safety is not None:
-            mode, isolated, *reference = self._retreat_port.Eval(context)
-            config, rate = np.split(np.array(reference), 2)
+            retreat = self._retreat_port.Eval(context)
+            (mode, isolated), reference = retreat[:2], retreat[2:]
+            config, rate = reference[: self._model.size], reference[self._model.size:]
         lost = not is_finite(self._state_port.Eval(context))
         if lost:
             rate = np.zeros_like(rate)
