@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, EventStatus
+from pydrake.systems.framework import Context
 from pydrake.systems.framework import State as ContextState
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.common.wiring import WiredSystem
+from uvms_drake.common.wiring import WiredSystem, output_of
 from uvms_drake.mission.law import Due, Measured, State, advance, begin, due_at
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.signals.sensor_actuator import CAUSES, SAFETY
@@ -93,10 +93,10 @@ class MissionControl(WiredSystem):
             ("due_place", 3, 0.0, lambda due: self._origin + due.place @ across),
             ("due_force", 1, 0.0, lambda due: [due.force]),
         ):
-            self.DeclareVectorOutputPort(name, size, self._of_due(calc, preview), known)
-        self.DeclareVectorOutputPort("resume", 1, lambda c, out: out.SetFromVector(
-            [float(self._now(c).waits)]), known)
-        self.DeclareVectorOutputPort("progress", len(PROGRESS), self._calc_progress, known)
+            output_of(self, name, size, self._of_due(calc, preview), known)
+        output_of(self, "resume", 1, lambda c: [float(self._now(c).waits)], known)
+        output_of(self, "progress", len(PROGRESS), lambda c: [
+            float(getattr(self._now(c), name)) for name in PROGRESS], known)
 
     def _tip(self, context: Context) -> np.ndarray:
         """Returns depth and place of the tip (3,) [m]; NaN if the state is not finite."""
@@ -112,7 +112,7 @@ class MissionControl(WiredSystem):
             return remembered
         return begin(self._mission, self._tip(context), context.get_time())
 
-    def _update(self, context: Context, state: ContextState) -> EventStatus:
+    def _update(self, context: Context, state: ContextState) -> None:
         force, stop = self._force_port.Eval(context), self._stop_port
         safety = self._safety_port.Eval(context) if self._safety_port.HasValue(context) else (0, 0)
         measured = Measured(
@@ -123,13 +123,8 @@ class MissionControl(WiredSystem):
             retreated=bool(safety[0] > 0.0), stiffer=safety[1] in STIFFER)
         after, _ = advance(self._mission, self._now(context), measured, context.get_time())
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
-        return EventStatus.Succeeded()
 
     def _of_due(self, of: Callable[[Due], np.ndarray | list[float]], preview: float
-                    ) -> Callable[[Context, BasicVector], None]:
-        return lambda context, output: output.SetFromVector(
-            of(due_at(self._mission, self._now(context), context.get_time() + preview)))
-
-    def _calc_progress(self, context: Context, output: BasicVector) -> None:
-        now = self._now(context)
-        output.SetFromVector([float(getattr(now, name)) for name in PROGRESS])
+                    ) -> Callable[[Context], np.ndarray | list[float]]:
+        return lambda context: of(
+            due_at(self._mission, self._now(context), context.get_time() + preview))

@@ -94,7 +94,7 @@ class DryJoints(WiredSystem):
         super().__init__()
         friction.torques(len(uvms.joints))
         self._friction, nv = friction, plant.num_velocities()
-        self._rows = [joint.velocity_start() for joint in uvms.joints]
+        self._rows = np.array([joint.velocity_start() for joint in uvms.joints], dtype=int)
         self._first = plant.num_positions()
         self._port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         output_of(self, "generalized_force", nv, self._force, {self._port.ticket()})

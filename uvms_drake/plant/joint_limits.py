@@ -115,8 +115,9 @@ class LimitedJoints(WiredSystem):
     def __init__(self, plant: MultibodyPlant, uvms: Uvms, limits: JointLimits):
         super().__init__()
         self._limits, self._size = limits, 6 + len(uvms.joints)
-        self._q = [joint.position_start() for joint in uvms.joints]
-        self._rates = [plant.num_positions() + joint.velocity_start() for joint in uvms.joints]
+        self._q, self._rates = np.array([
+            (joint.position_start(), plant.num_positions() + joint.velocity_start())
+            for joint in uvms.joints], dtype=int).reshape(-1, 2).T
         self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._tau_port = self.DeclareVectorInputPort("tau", self._size)
         output_of(self, "exerted", self._size, self._exerted, {self.all_input_ports_ticket()})

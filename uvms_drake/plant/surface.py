@@ -7,7 +7,7 @@ that of a `Surface`.
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, cast
+from typing import Annotated
 
 import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
@@ -32,7 +32,7 @@ def pose(context: Context, tip: Frame, R_TW: RotationMatrix = AXES_OF_WORLD
     """Returns χ (6,) [m, rad] of a frame and R_WE (3, 3); for the arguments see below."""
     X_WE = tip.CalcPoseInWorld(context).GetAsMatrix34()
     R_WE = X_WE[:, :3]
-    return np.append(X_WE[:, 3], euler_angles(R_TW.matrix() @ R_WE)), R_WE
+    return np.concatenate([X_WE[:, 3], euler_angles(R_TW.matrix() @ R_WE)]), R_WE
 
 
 def pose_and_jacobian(
@@ -49,10 +49,16 @@ def pose_and_jacobian(
         tip: E.
         R_TW: Attitude of W in T.
     """
-    W, (chi, R_WE) = plant.world_frame(), pose(context, tip, R_TW)
-    J = plant.CalcJacobianSpatialVelocity(
-        context, JacobianWrtVariable.kV, tip, _ORIGIN, W, W)
-    return chi, np.concatenate([J[3:], rate_matrix(chi[3:]) @ R_WE.T @ J[:3]])
+    chi, R_WE = pose(context, tip, R_TW)
+    return chi, _jacobian(plant, context, tip, chi, R_WE)
+
+
+def _jacobian(plant: MultibodyPlant, context: Context, tip: Frame, chi: np.ndarray,
+              R_WE: np.ndarray) -> np.ndarray:
+    """Returns J_χ (6, nv), see above, at χ (6,) and R_WE (3, 3) of the Context."""
+    W = plant.world_frame()
+    J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, tip, _ORIGIN, W, W)
+    return np.concatenate([J[3:], rate_matrix(chi[3:]) @ R_WE.T @ J[:3]])
 
 
 class CompliantSurface(WiredSystem):
@@ -100,31 +106,29 @@ class CompliantSurface(WiredSystem):
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states())
         inputs = {self.all_input_ports_ticket()}
-        self._chi = cached(
-            self, "χ", lambda c: pose(self._placed(c)[0], self._tip, self._R_TW)[0], inputs)
+        self._pose = cached(self, "χ and R_WE", self._placed, inputs)
         touch = cached(self, "reaction and 𝔉", self._touch, inputs)
         now = {touch.ticket()}
         output_of(self, "generalized_force", plant.num_velocities(),
                   lambda c: touch.Eval(c)[0], now)
         output_of(self, "force", 6, lambda c: touch.Eval(c)[1], now)
-        output_of(self, "penetration", 1, lambda c: [self._law.penetration(self._chi.Eval(c))],
-                  {self._chi.ticket()})
-        output_of(self, "chi", 6, self._chi.Eval, {self._chi.ticket()})
+        output_of(self, "penetration", 1, lambda c: [self._law.penetration(self._pose.Eval(c)[0])],
+                  {self._pose.ticket()})
+        output_of(self, "chi", 6, lambda c: self._pose.Eval(c)[0], {self._pose.ticket()})
 
-    def _placed(self, context: Context) -> tuple[Context, np.ndarray]:
-        """Returns a Context of the plant in the present state, and v (nv,)."""
-        state = cast(np.ndarray, self._plant_state_port.Eval(context))
+    def _placed(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        """Returns χ (6,) and R_WE (3, 3), with the workspace in the present state."""
         workspace = self._workspace.Eval(context).context
-        self._plant.SetPositionsAndVelocities(workspace, state)
-        return workspace, state[-self._plant.num_velocities():]
+        self._plant.SetPositionsAndVelocities(workspace, self._plant_state_port.Eval(context))
+        return pose(workspace, self._tip, self._R_TW)
 
     def _touch(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
         """Returns −J_χᵀ 𝔉 (nv,) and 𝔉 (6,)."""
-        if self._law.is_clear(self._chi.Eval(context)[:3]):
-            return np.zeros(self._plant.num_velocities()), np.zeros(6)
-        workspace, v = self._placed(context)
-        chi, J = pose_and_jacobian(self._plant, workspace, self._tip, self._R_TW)
-        force = self._law.force(chi, J @ v)
+        (chi, R_WE), nv = self._pose.Eval(context), self._plant.num_velocities()
+        if self._law.is_clear(chi[:3]):
+            return np.zeros(nv), np.zeros(6)
+        J = _jacobian(self._plant, self._workspace.Eval(context).context, self._tip, chi, R_WE)
+        force = self._law.force(chi, J @ self._plant_state_port.Eval(context)[-nv:])
         return -force @ J, force
 
 

@@ -15,16 +15,14 @@ Newman (1977), *Marine Hydrodynamics*, chapter 6.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydrake.systems.framework import Context
 
 from uvms_drake.common.constraints import Between, Finite, NotNegative, Positive, Vector
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.schema import check_values
-from uvms_drake.common.wiring import WiredSystem, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.model.signals.fault import Fault
 from uvms_drake.model.uvms import STANDARD_GRAVITY
 
@@ -147,10 +145,8 @@ class WaterMotion(WiredSystem):
         super().__init__()
         for wave in waves:
             check_values(wave)
-        self._current, self._waves = vector("current", current, 3), list(waves)
-        when = self.time_ticket() if self._waves else self.nothing_ticket()
-        for i, name in enumerate(("current", "current_acceleration")):
-            output_of(self, name, 3, partial(self._motion, i), {when})
-
-    def _motion(self, i: int, context: Context) -> np.ndarray:
-        return water_motion(self._current, self._waves, context.get_time())[i]
+        steady, waves = vector("current", current, 3), list(waves)
+        motion = cached(self, "v_c and v̇_c", lambda c: water_motion(steady, waves, c.get_time()),
+                        {self.time_ticket() if waves else self.nothing_ticket()})
+        output_of(self, "current", 3, lambda c: motion.Eval(c)[0], {motion.ticket()})
+        output_of(self, "current_acceleration", 3, lambda c: motion.Eval(c)[1], {motion.ticket()})

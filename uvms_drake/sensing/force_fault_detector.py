@@ -16,7 +16,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, EventStatus
+from pydrake.systems.framework import Context, DiscreteValues
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.finite import is_finite
@@ -176,19 +176,18 @@ class ForceFaultDetector(WiredSystem):
         state = context.get_discrete_state(0).value()
         return RepeatCount(state[:12].reshape(2, 6), state[12:])
 
-    def _look(self, context: Context, state: DiscreteValues) -> EventStatus:
+    def _look(self, context: Context, state: DiscreteValues) -> None:
         config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
         if not is_finite(config):  # Nor does the sensor take a sample for its tare.
-            return EventStatus.Succeeded()
+            return
         turns = context.get_discrete_state(1).value()
         state.set_value(1, turns + 1.0)
         if turns[0] < self._passed or not is_finite(force):
-            return EventStatus.Succeeded()
+            return
         # A frozen reading is constant in its own axes, and moves with the attitude in others.
         in_tip = force_in_tip(self._model.task_pose(config)[:6], force @ self._from_task)
         last, times = counted(self._remembered(context), np.array([force, in_tip]))
         state.set_value(0, np.concatenate([last.ravel(), times]))
-        return EventStatus.Succeeded()
 
     def _status(self, context: Context, force: np.ndarray) -> ForceStatus:
         return status(force, self._remembered(context).times, self._repeats, self._largest)

@@ -22,7 +22,7 @@ seed and of the time, so that ε needs no state.
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import pairwise
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -165,15 +165,6 @@ class LostDvl(Dvl):
         return j
 
 
-class NavigationError(NamedTuple):
-    """Drawn errors of a navigation, within their bounds."""
-
-    drift: np.ndarray
-    """Rates of the drift (3,) [m/s]."""
-    bias: np.ndarray
-    """Bias a of the accelerometers (3,) [m/s²]."""
-
-
 @dataclass
 class Navigation(Sensor):
     """State of a navigation filter, with its errors.
@@ -213,11 +204,6 @@ class Navigation(Sensor):
         """Returns the assumption that it breaks."""
         return "the proofs take the state for known at all times"
 
-    def imperfection(self, seed: int) -> NavigationError:
-        """Returns the errors of a seed's navigation, uniform within their bounds."""
-        drift, bias = _rates(seed)
-        return NavigationError(self.drift.rate * drift, self.dvl.growth * bias)
-
     def error(self, key: str, count: int, seed: int, time: float) -> np.ndarray:
         """Returns the error of a sample; see (1) and (2).
 
@@ -233,11 +219,11 @@ class Navigation(Sensor):
             stream = STREAM, 2, CHANNELS.index(key), round(time * channel.rate)
             error += channel.noise * self._unit(count, seed, stream)
         if key == "position":
-            error += self.drift.at(time, self.imperfection(seed).drift)
+            error += self.drift.at(time, self.drift.rate * _rates(seed)[0])
         if key == "velocity":
             j = self.dvl.last_fix(time, seed)
             error += self.dvl.noise * self._unit(3, seed, (STREAM, 3, j))
-            error += self.imperfection(seed).bias * (time - j / self.dvl.rate)
+            error += self.dvl.growth * _rates(seed)[1] * (time - j / self.dvl.rate)
         return error
 
     def _unit(self, count: int, seed: int, key: tuple[int, ...]) -> np.ndarray:

@@ -164,7 +164,8 @@ ANGLES = {"roll": 3, "pitch": 4, "q_lower": 7, "q_upper": 8}
 
 
 @pytest.mark.parametrize("kind", [
-    "roll", "q_upper", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("pitch", "q_lower"))])
+    "roll", "q_upper",
+    *(pytest.param(kind, marks=pytest.mark.long) for kind in ("pitch", "q_lower"))])
 def test_limits_on_attitude_and_joints_are_kept_at_the_cost_of_the_nonlinear_program(
         short_ocp, start_plans, fast, kind):
     """In the state from which the angle goes furthest, half as far."""

@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, DiscreteValues
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, unit_vector
-from uvms_drake.common.wiring import WiredSystem, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 
 GIVEN, CUT, ACROSS, LOST = range(4)
 """Outcomes of a desired force: accepted, clipped, without its part across n, or not finite."""
@@ -66,10 +66,10 @@ class DesiredForce(WiredSystem):
         self._port = self.DeclareVectorInputPort("desired_force", 6)
         self.DeclareDiscreteState([float(GIVEN)])
         self.DeclarePerStepDiscreteUpdateEvent(self._tell)
-        asked = {self._port.ticket()}
+        self._given = cached(self, "the accepted force", self._along, {self._port.ticket()})
         output_of(self, "accepted_force", 6, lambda c: np.append(
-            self._along(c)[0] * self._direction, np.zeros(3)), asked)
-        output_of(self, "along", 1, lambda c: [self._along(c)[0]], asked)
+            self._given.Eval(c)[0] * self._direction, np.zeros(3)), {self._given.ticket()})
+        output_of(self, "along", 1, lambda c: [self._given.Eval(c)[0]], {self._given.ticket()})
 
     def _along(self, context: Context) -> tuple[float, int]:
         if not self._port.HasValue(context):
@@ -77,7 +77,7 @@ class DesiredForce(WiredSystem):
         return along_of(self._port.Eval(context), self._direction, self._largest)
 
     def _tell(self, context: Context, state: DiscreteValues) -> None:
-        given, became = self._along(context)
+        given, became = self._given.Eval(context)
         if became not in (GIVEN, int(context.get_discrete_state_vector()[0])):
             warn(context.get_time(), {
                 LOST: "the desired force is not finite: none is given",

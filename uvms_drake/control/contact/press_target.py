@@ -15,14 +15,13 @@ control/contact/theory.md#retreat-without-readings. The target is in no limit of
 """
 
 import math
-from functools import partial
 
 import numpy as np
 from pydrake.systems.framework import Context
 
 from uvms_drake.common.errors import require, unit_vector, vector
 from uvms_drake.common.finite import is_finite
-from uvms_drake.common.wiring import WiredSystem, output_of
+from uvms_drake.common.wiring import WiredSystem, cached, output_of
 from uvms_drake.control.contact.contact_state import EstimatorSettings
 
 SEARCH_DEPTH = 0.1
@@ -150,26 +149,29 @@ class PressTarget(WiredSystem):
         self._ports = {name: self.DeclareVectorInputPort(name, size) for name, size in (
             ("reading", 4), ("mean_reading", 4), ("touched", 1), ("stiffness_used", 1), ("tilt", 3),
             ("contact_depth", 1), ("safe_depth", 1), ("force_lost", 1))}
-        for name, reading, clipped in (
-                ("target", "mean_reading", True), ("unclipped_target", "mean_reading", False),
-                ("target_of_reading", "reading", False)):
-            output_of(self, name, 3, partial(self._target, reading, clipped),
-                      {self.all_input_ports_ticket()})
+        line = cached(self, "the place's part across n", self._line, {self._place_port.ticket()})
+        depth = cached(self, "the depth by the mean reading", lambda c: self._depth(
+            c, line.Eval(c), "mean_reading"), {self.all_input_ports_ticket()})
+        inputs = {self.all_input_ports_ticket()}
+        output_of(self, "target", 3, lambda c: (
+            self._clipped(c, depth.Eval(c)) * self._direction + line.Eval(c)), inputs)
+        output_of(self, "unclipped_target", 3, lambda c: (
+            depth.Eval(c) * self._direction + line.Eval(c)), inputs)
+        output_of(self, "target_of_reading", 3, lambda c: (
+            self._depth(c, line.Eval(c), "reading") * self._direction + line.Eval(c)), inputs)
 
-    def _target(self, reading: str, clipped: bool, context: Context) -> np.ndarray:
-        """Returns the target by one of the readings, not deeper than `deepest` if `clipped`."""
-        line = self._line(context)
-        depth = self._depth(context, line, reading)
-        if clipped and self._deepest_port.HasValue(context):
-            deepest = self._deepest_port.Eval(context)
-            depth = np.where(np.isfinite(deepest), np.minimum(depth, deepest), depth)
-        target: np.ndarray = depth * self._direction + line
-        return target
+    def _clipped(self, context: Context, depth: np.ndarray) -> np.ndarray:
+        """Returns a depth (1,), not deeper than `deepest`."""
+        if not self._deepest_port.HasValue(context):
+            return depth
+        deepest = self._deepest_port.Eval(context)
+        return np.where(np.isfinite(deepest), np.minimum(depth, deepest), depth)
 
     def _depth(self, context: Context, line: np.ndarray, of: str) -> np.ndarray:
+        """Returns the target's depth (1,) by one of the readings."""
         estimate = {name: port.Eval(context) for name, port in self._ports.items()}
         readings = {name: estimate.pop(name) for name in ("reading", "mean_reading")}
-        (*tip, force), tilt = readings[of], estimate.pop("tilt")
+        tip, force, tilt = readings[of][:3], readings[of][3], estimate.pop("tilt")
         depth, (lost,) = self._direction @ tip, estimate.pop("force_lost")
         reading, off = np.array([depth, force]), tip - depth * self._direction - line
         if lost:

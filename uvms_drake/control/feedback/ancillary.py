@@ -153,7 +153,10 @@ class AncillaryFeedback(WiredSystem):
         super().__init__()
         check_values(law)
         self._model, self._law = model, law
-        self._limits = None if limits is None else _input_limits(limits, model.num_joints)
+        self._limits = None
+        if limits is not None:
+            whole = _input_limits(limits, model.num_joints)
+            self._limits = whole, _of_joints(*whole)
         self._safety, self._allocation = safety, allocation
         self._retreat_law = law_of_retreat(law, model.num_joints)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
@@ -206,7 +209,8 @@ class AncillaryFeedback(WiredSystem):
             del given["contact"]
         if lost and mode != WATCHING:
             given["contact"] = np.zeros(6)
-        _ = now.J_x_dot, now.y  # Shared with monitor and observer.
+        for name in self._law.shared:
+            getattr(now, name)
         now = now.given(**given)
         # The command, within limits.
         if mode != WATCHING:
@@ -215,8 +219,8 @@ class AncillaryFeedback(WiredSystem):
             wanted = self._of_law(context, now) if self._safety is None else (
                 self._wanted_safely(context, now))
         if self._limits is not None:
-            wanted = _cut(wanted, *(
-                self._limits if now.wrench is None else _of_joints(*self._limits)))
+            whole, of_joints = self._limits
+            wanted = _cut(wanted, *(whole if now.wrench is None else of_joints))
         if self._safety is None:
             return wanted
         return self._kept_within(wanted, now, self._safety, mode != WATCHING or wanted.raised,

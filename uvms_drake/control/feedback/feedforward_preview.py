@@ -127,8 +127,8 @@ class FeedforwardPreview(WiredSystem):
             self._direction, float(reading[3]), stiffness * (self._direction + tilt))
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        state = self._state_port.Eval(context)
-        now = (*np.split(state, 2), self._acceleration_port.Eval(context))
+        state, size = self._state_port.Eval(context), self._model.size
+        now = state[:size], state[size:], self._acceleration_port.Eval(context)
         output.SetFromVector(previewed_forces(
             self._model, self._plan_port.Eval(context), context.get_time(), self._preview, now,
             self._pressed(context)))

@@ -12,7 +12,6 @@ from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.containers import namedview
 from pydrake.common.value import Value
 from pydrake.systems import framework
 
@@ -35,9 +34,6 @@ TUBE_REPORT = (
     *(f"worst_{bound}_{field}" for bound in ALARMS[:2] for field in FIELDS), "worst_disturbance")
 """Entries about the samples so far: number of exits, time of the first one [s] (inf: none), largest
 ratios of deviation and bound, and largest ‖Ŵ⁻¹d‖₂/d̃."""
-
-TubeReport = namedview("TubeReport", TUBE_REPORT)
-"""Report (19,) by the names of `TUBE_REPORT`."""
 
 FLOOR = 1e-9
 """Deviation that counts as rounding where a bound is zero."""
@@ -227,7 +223,7 @@ class TubeMonitor(WiredSystem):
                     and self._safety_port.Eval(context)[0] > 0.0)
         counts = context.get_time() >= self._begin and not retreats
         norms = self._deviation.Eval(context).norms if counts else np.zeros(len(FIELDS))
-        bounds = np.array([self._radii, self._bounds(context)])
+        bounds = np.array([self._radii, self.GetOutputPort("bound").Eval(context)])
         set_wise, along = np.any(beyond(norms, bounds, self._slack, self._floor), axis=1)
         d = 0.0
         if self._disturbance_port.HasValue(context) and not retreats:

@@ -19,6 +19,7 @@ control/laws/theory.md#law-tip-first.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -76,7 +77,7 @@ class TipFirst(AncillaryLaw):
 
     def gains(self, key: str, num_joints: int) -> np.ndarray:
         """Returns a gain of `BlockGains` for each row of y (6+n,)."""
-        return np.repeat([getattr(self.vehicle, key), getattr(self.tip, key)], [6, num_joints])
+        return _of_rows(getattr(self.vehicle, key), getattr(self.tip, key), num_joints)
 
     def observed(self, model: UvmsModel) -> Observed | None:  # noqa: D102  see AncillaryLaw
         rates = self.gains("observer", model.num_joints)
@@ -114,6 +115,14 @@ class TipFirst(AncillaryLaw):
             tau += now.preview
         tau[undriven] = 0.0
         return Command(np.linalg.solve(M, tau), tau, M)
+
+
+@lru_cache(maxsize=64)
+def _of_rows(vehicle: float, tip: float, num_joints: int) -> np.ndarray:
+    """Returns a gain of the vehicle's rows and then of the tip's (6+n,), read-only."""
+    gains = np.repeat([vehicle, tip], [6, num_joints])
+    gains.setflags(write=False)
+    return gains
 
 
 def _solve(A: np.ndarray, right: np.ndarray, q: np.ndarray) -> np.ndarray:

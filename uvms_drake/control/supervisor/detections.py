@@ -4,6 +4,7 @@ A threshold follows from the declared data, see `station.supervision.thresholds_
 measured on board: state, force, commands, plans, estimates; nothing is known of the truth.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -144,7 +145,7 @@ def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:
     follows = seen.time >= limits.begin
     off = np.nan_to_num(seen.off) / limits.off if follows else np.zeros(3)
     drift = np.nan_to_num(seen.drift)
-    force = np.inf if seen.saturated else np.nan_to_num(seen.force)
+    force = np.inf if seen.saturated else 0.0 if math.isnan(seen.force) else seen.force
     return np.array([
         force / limits.force,
         force / largest_force(readings, limits) if (
@@ -152,7 +153,7 @@ def ratios(seen: Seen, readings: np.ndarray, limits: Thresholds) -> np.ndarray:
         *off,
         seen.fix_age / limits.fix,
         max(np.linalg.norm(each) / limit
-            for each, limit in zip(np.split(drift, 2), limits.drift, strict=True)),
+            for each, limit in zip((drift[:3], drift[3:]), limits.drift, strict=True)),
         np.inf if seen.raised else 0.0,
         seen.cut_time / limits.cut,
         seen.plan_age / limits.plan if follows else 0.0,

@@ -18,6 +18,7 @@ the approach was the proof that it is free; it needs no plan, no force and no mo
 reference rests while the state is lost, leads by a leash, and keeps the joints off their stops.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -124,6 +125,11 @@ def initial_watch(size: int) -> Watch:
                  np.zeros(size), np.zeros(size), np.zeros(3), np.zeros(2), np.zeros(2))
 
 
+def since_last(clocks: np.ndarray, now: float) -> float:
+    """Returns the time since the last update [s]; zero before the first one."""
+    return 0.0 if math.isnan(clocks[0]) else now - clocks[0]
+
+
 def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
             settings: RetreatSettings, model: UvmsModel) -> Watch:
     """Returns the memory after measurements: the state machine of the module.
@@ -140,7 +146,7 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     rows = before.readings.reshape(-1, 6)
     present = np.array([seen.time, *seen.tip, seen.force, seen.advance])
     recent = rows[rows[:, 0] >= seen.time - WINDOW]
-    clocks, since = before.clocks.copy(), np.nan_to_num(seen.time - before.clocks[0])
+    clocks, since = before.clocks.copy(), since_last(before.clocks, seen.time)
     clocks[0] = seen.time
     if seen.force > limits.touch:
         clocks[1] = seen.time
@@ -262,8 +268,11 @@ class Supervisor(WiredSystem):
         known = {self.xd_ticket()}
         output_of(self, "safety", len(SAFETY), lambda c: self._watch(c).safety, known)
         output_of(self, "safety_ratio", len(CAUSES), lambda c: self._watch(c).largest, known)
-        output_of(self, "retreat", 2 + 2 * size, lambda c: np.concatenate(
-            [self._watch(c).safety[[0, 4]], self._watch(c).config, self._watch(c).rate]), known)
+        output_of(self, "retreat", 2 + 2 * size, self._retreat, known)
+
+    def _retreat(self, context: Context) -> np.ndarray:
+        watch = self._watch(context)
+        return np.concatenate([watch.safety[[0, 4]], watch.config, watch.rate])
 
     @staticmethod
     def _watch(context: Context) -> Watch:
@@ -276,7 +285,7 @@ class Supervisor(WiredSystem):
     def _update(self, context: Context, state: DiscreteValues) -> None:
         before, now = self._watch(context), context.get_time()
         clocks = before.clocks.copy()
-        since = np.nan_to_num(now - clocks[0])
+        since = since_last(clocks, now)
         measured, report = (self._ports[name].Eval(context) for name in ("state", "report"))
         # Ages: of the state, of the plan, of a cut command and of a lost force.
         if is_finite(measured) or np.isnan(clocks[2]):

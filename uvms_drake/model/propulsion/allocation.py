@@ -150,16 +150,12 @@ class Allocation:
     def _B(self) -> np.ndarray:
         return self.thrusters.B[self.thrusters.driven]
 
-    @functools.cached_property
-    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.thrusters.lower, self.thrusters.upper
-
     def forces(self, wrench: np.ndarray) -> np.ndarray:
         """Returns the forces (m,) [N] for a wrench τ_v (6,) in axes of B about Bo [N, N m].
 
         They are NaN if it is.
         """
-        lower, upper = self._limits
+        lower, upper = self.thrusters.lower, self.thrusters.upper
         forces = self.matrix @ wrench + self.bias
         if not np.any((forces < lower) | (forces > upper)):
             return forces

@@ -119,12 +119,12 @@ class ThrusterModel:
         """Indices of the undriven axes."""
         return np.setdiff1d(np.arange(len(thruster_file.AXES)), self.driven)
 
-    @property
+    @cached_property
     def lower(self) -> np.ndarray:
         """Least forces (m,) [N], zero or negative."""
         return np.array([curve.force[0] for curve in self.curves])
 
-    @property
+    @cached_property
     def upper(self) -> np.ndarray:
         """Largest forces (m,) [N]."""
         return np.array([curve.force[-1] for curve in self.curves])

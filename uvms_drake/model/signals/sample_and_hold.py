@@ -80,11 +80,10 @@ class SampledVector(WiredSystem):
 
     - `vector`, `hold` (size).
 
-    The discrete state is the held vector (size); for each clock whether it has a sample (1 or 0
-    each); and a group for each with the number k of the last sample, NaN if there is none (1), and
-    the samples in transit, each at k modulo their number. A delayed sample is due at the first step
-    of the simulation that begins at its instant but for rounding: of two periodic events that are
-    as near as that, Drake may leave one out.
+    The discrete state is the held vector (size); for each clock the number k of its last sample,
+    NaN if there is none; and a group for each with the samples in transit, each at k modulo their
+    number. A delayed sample is due at the first step of the simulation that begins at its instant
+    but for rounding: of two periodic events that are as near as that, Drake may leave one out.
 
     Args:
         size: Size of the vector.
@@ -97,10 +96,9 @@ class SampledVector(WiredSystem):
         self._clocks, self._rows = list(clocks), [_index(clock.rows) for clock in clocks]
         self._port = self.DeclareVectorInputPort("vector", size)
         self.DeclareDiscreteState(size)  # group 0
-        self.DeclareDiscreteState(len(clocks))  # group 1
+        self.DeclareDiscreteState(np.full(len(clocks), np.nan))  # group 1
         for i, clock in enumerate(self._clocks):
-            self.DeclareDiscreteState(  # group 2 + i
-                np.append(np.nan, np.zeros(clock.kept * len(clock.rows))))
+            self.DeclareDiscreteState(clock.kept * len(clock.rows))  # group 2 + i
             self.DeclarePeriodicDiscreteUpdateEvent(clock.period, 0.0, partial(self._sample, i))
             if (event := clock.passing_on) is not None:  # Only ends a step there.
                 self.DeclarePeriodicPublishEvent(*event, lambda context: None)
@@ -114,7 +112,7 @@ class SampledVector(WiredSystem):
 
     def _samples(self, state: np.ndarray, i: int) -> np.ndarray:
         """Returns the samples (kept, rows) in a group of the state, a view."""
-        return state[1:].reshape(self._clocks[i].kept, -1)
+        return state.reshape(self._clocks[i].kept, -1)
 
     def _measured(self, context: Context, i: int) -> np.ndarray:
         """Returns a present sample (rows,), or its error."""
@@ -124,29 +122,29 @@ class SampledVector(WiredSystem):
                         else self._port.Eval(context)[self._rows[i]])
 
     def _sample(self, i: int, context: Context, state: DiscreteValues) -> None:
-        clock, group = self._clocks[i], state.get_mutable_value(2 + i)
+        clock, numbers = self._clocks[i], state.get_mutable_value(1)
         k, sample = round(context.get_time() / clock.period), self._measured(context, i)
-        is_first = math.isnan(group[0])
-        self._samples(group, i)[slice(None) if is_first else k % clock.kept] = sample
-        group[0] = k
+        is_first = math.isnan(numbers[i])
+        samples = self._samples(state.get_mutable_value(2 + i), i)
+        samples[slice(None) if is_first else k % clock.kept] = sample
+        numbers[i] = k
         if clock.delay == 0.0 or is_first:
             state.get_mutable_value(0)[self._rows[i]] = sample
-            state.get_mutable_value(1)[i] = 1.0
 
     def _pass_on(self, context: Context, state: DiscreteValues) -> None:
         now, hold = context.get_time(), state.get_mutable_value(0)
-        for i, clock in enumerate(self._clocks):
-            if clock.delay > 0.0:
-                group = context.get_discrete_state(2 + i).value()
-                if not math.isnan(last := group[0]):
-                    k = math.floor((now - clock.delay) / clock.period + SAME)
-                    hold[self._rows[i]] = self._samples(group, i)[min(k, int(last)) % clock.kept]
+        numbers = context.get_discrete_state(1).value().tolist()
+        for i, (clock, last) in enumerate(zip(self._clocks, numbers, strict=True)):
+            if clock.delay > 0.0 and not math.isnan(last):
+                k = math.floor((now - clock.delay) / clock.period + SAME)
+                samples = self._samples(context.get_discrete_state(2 + i).value(), i)
+                hold[self._rows[i]] = samples[min(k, int(last)) % clock.kept]
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         hold = context.get_discrete_state(0).value().copy()
-        taken = context.get_discrete_state(1).value().tolist()
-        if 0.0 in taken:
-            for i in (i for i, each in enumerate(taken) if each == 0.0):
+        numbers = context.get_discrete_state(1).value().tolist()
+        if math.isnan(sum(numbers)):
+            for i in (i for i, last in enumerate(numbers) if math.isnan(last)):
                 hold[self._rows[i]] = self._measured(context, i)
         if self._propagated:
             now = self._port.Eval(context)

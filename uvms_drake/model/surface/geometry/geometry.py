@@ -83,8 +83,9 @@ class Geometry(ABC):
 
     def depth_and_gradient(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ (...) [m], negative outside, and ∇δ (..., 3) at points of Σ_I (..., 3)."""
-        depth, gradient = self.local_depth(self.local(position))
-        return depth, gradient @ self.axes
+        axes = self.axes
+        depth, gradient = self.local_depth((position - self.point) @ axes.T)
+        return depth, gradient @ axes
 
     def depth(self, position: np.ndarray) -> np.ndarray:
         """Returns δ (...) [m] at points of Σ_I (..., 3)."""
