@@ -43,10 +43,9 @@ class ZeroOrderHoldOcp(Ocp):
         begin, end = super()._inputs_at(plan, knots)
         return 0.5 * (begin + end), 0.5 * (begin + end)
 
-    def _inputs_by(self, plan: Plan, knots: Points, f_y: np.ndarray, f_zeta: np.ndarray,
-                   xi_z: np.ndarray) -> Inputs:
+    def _inputs_by(self, plan: Plan, knots: Points, xi_z: np.ndarray) -> Inputs:
         """Returns the constant ū and its derivatives, twice."""
-        at, y_z, zeta_z, u_z = super()._inputs_by(plan, knots, f_y, f_zeta, xi_z)
+        at, y_z, zeta_z, u_z = super()._inputs_by(plan, knots, xi_z)
         begin, end = np.split(u_z, 2)
         return Inputs(at, y_z, zeta_z, np.tile(0.5 * (begin + end), (2, 1, 1)))
 

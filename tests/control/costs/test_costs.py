@@ -90,8 +90,8 @@ def test_the_program_has_the_slope_of_the_cost(name, term, derivative):
 def test_the_closed_form_of_the_task_is_the_model_of_its_residual():
     _, ocp, guess = with_terms("girona500_ideal")
     plan = moving(guess)
-    program, model = ocp.staged_program(plan), ocp.linearise(plan)
-    ends, *by_z = ocp.linearised_inputs(plan, model, program.A, program.B)
+    program, knots = ocp.staged_program(plan), ocp.points(plan).knots
+    ends, *by_z = ocp.linearised_inputs(plan, knots, program.A, program.B)
     points, chain = ends.subset(slice(5), ends.u[:5]), [each[:5] for each in by_z]
     for found, expected in zip(
             uv.CostTerm.quadratic(ocp.task_cost, points, Slopes(*chain), 0.2),

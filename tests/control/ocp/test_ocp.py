@@ -53,10 +53,12 @@ def forces(ocp, plan) -> np.ndarray:
 # First-order model -------------------------------------------------------------------------------
 
 
-def test_every_derivative_is_that_of_differences(ocp, plan, derivative):
+def test_every_derivative_is_that_of_differences(plan, derivative):
     """Of the next y and of the drift, by y with the 𝔮 that belongs to it, by ζ and by ζ̇."""
-    model, linear = ocp.model, ocp.linearise(plan)
-    y, zeta = linear.knots.y, plan.zeta
+    ocp = uv.make_ocp(uv.load_scenario("girona500_ideal", ["mpc.horizon=4"]))
+    model, knots, program = ocp.model, ocp.points(plan).knots, ocp.staged_program(plan)
+    y, zeta, (f_y, f_zeta) = knots.y, plan.zeta, ocp._drift_slopes(plan, knots)
+    y_y, y_zeta, y_zeta_dot = program.A[:, :10, :10], program.A[:, :10, 10:], program.B[:, :10]
 
     def after(dy=0.0, dzeta=0.0, da=0.0):
         start = model.configuration(y[:-1] + dy)
@@ -66,10 +68,10 @@ def test_every_derivative_is_that_of_differences(ocp, plan, derivative):
         return model.drift(model.configuration(y + dy), zeta + dzeta)
 
     for of, argument, found, step in (
-            (after, "dy", linear.dy_dy, 1e-3), (after, "dzeta", linear.dy_dzeta, 1e-3),
-            (after, "da", linear.dy_da, 1e-3), (drift, "dy", linear.f_y, 1e-4),
-            (drift, "dzeta", linear.f_zeta, 1e-6),
-            (lambda dy: model.configuration(y + dy), "dy", linear.knots.config_y, 1e-3)):
+            (after, "dy", y_y, 1e-3), (after, "dzeta", y_zeta, 1e-3),
+            (after, "da", y_zeta_dot, 1e-3), (drift, "dy", f_y, 1e-4),
+            (drift, "dzeta", f_zeta, 1e-6),
+            (lambda dy: model.configuration(y + dy), "dy", knots.config_y, 1e-3)):
         for j, d in enumerate(np.eye(10)):
             expected = derivative(lambda s, of=of, key=argument, d=d: of(**{key: s * d}), step)
             np.testing.assert_allclose(

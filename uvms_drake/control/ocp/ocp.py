@@ -86,26 +86,6 @@ class MpcConfig:
     certificate: the proofs are about the task's cost alone."""
 
 
-@dataclass(frozen=True)
-class Linearisation:
-    """First-order model of motion and drift about a plan; index k is the knot or interval."""
-
-    knots: Points
-    """Points of the N+1 knots; Euler angles of y within π of the desired ones."""
-    dy_dy: np.ndarray
-    """∂ȳ_{k+1}/∂ȳ_k (N, 6+n, 6+n)."""
-    dy_dzeta: np.ndarray
-    """∂ȳ_{k+1}/∂ζ̄_k (N, 6+n, 6+n)."""
-    dy_da: np.ndarray
-    """∂ȳ_{k+1}/∂ζ̄̇_k (N, 6+n, 6+n)."""
-    f: np.ndarray
-    """Drift f at the knots (N+1, 6+n) [m/s², rad/s²]."""
-    f_y: np.ndarray
-    """∂f/∂ȳ at the knots (N+1, 6+n, 6+n)."""
-    f_zeta: np.ndarray
-    """∂f/∂ζ̄ at the knots (N+1, 6+n, 6+n)."""
-
-
 class PlanPoints(NamedTuple):
     """Points of a plan at which it has limits and costs."""
 
@@ -300,33 +280,24 @@ class Ocp:
         """Returns the blocks of ξ."""
         return Slopes(*np.split(np.eye(self.state_size), 2))
 
-    def linearise(self, plan: Plan, knots: Points | None = None) -> Linearisation:
-        """Returns the first-order model of motion and drift; `knots` are its points, if known."""
-        knots = knots or self._knots(plan)
-        config = knots.config
-        y_config = self.model.extended(knots.kinematics.J_chi[1:])
-        y_config[..., :6] = y_config[..., :6] @ block_diagonal(
-            np.swapaxes(knots.kinematics.R_WB[1:], -1, -2), inverse_rate_matrix(config[1:, 3:6]))
-        by_config, by_zeta, by_zeta_dot = (y_config @ rate for rate in advance_derivatives(
-            config[:-1], plan.zeta[:-1], plan.zeta_dot, self.time_step))
-        return Linearisation(knots, by_config @ knots.config_y[:-1], by_zeta, by_zeta_dot,
-                             knots.drift, *self._drift_slopes(plan, knots))
-
     def staged_program(self, plan: Plan, points: PlanPoints | None = None) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of ζ̄̇."""
         points = points or self.points(plan)
-        model = self.linearise(plan, points.knots)
-        N, size, h = self.horizon, self.model.size, self.time_step
-        eye = np.eye(size)
+        knots, N, size = points.knots, self.horizon, self.model.size
+        # The next (ȳ, ζ̄) by ȳ and ζ̄, and by ζ̄̇.
+        y_config = self.model.extended(knots.kinematics.J_chi[1:])
+        y_config[..., :6] = y_config[..., :6] @ block_diagonal(
+            np.swapaxes(knots.kinematics.R_WB[1:], -1, -2),
+            inverse_rate_matrix(knots.config[1:, 3:6]))
+        by_config, by_zeta, by_zeta_dot = (y_config @ rate for rate in advance_derivatives(
+            knots.config[:-1], plan.zeta[:-1], plan.zeta_dot, self.time_step))
         A, B = np.zeros((N, 2 * size, 2 * size)), np.zeros((N, 2 * size, size))
-        A[:, :size] = np.concatenate([model.dy_dy, model.dy_dzeta], axis=2)
-        A[:, size:, size:] = eye
-        B[:, :size], B[:, size:] = model.dy_da, h * eye
-        return self._program(
-            plan, A, B, points, self.linearised_inputs(plan, model, A, B))
+        A[:, :size] = np.concatenate([by_config @ knots.config_y[:-1], by_zeta], axis=2)
+        A[:, size:, size:] = np.eye(size)
+        B[:, :size], B[:, size:] = by_zeta_dot, self.time_step * np.eye(size)
+        return self._program(plan, A, B, points, self.linearised_inputs(plan, knots, A, B))
 
-    def linearised_inputs(self, plan: Plan, model: Linearisation, A: np.ndarray,
-                          B: np.ndarray) -> Inputs:
+    def linearised_inputs(self, plan: Plan, knots: Points, A: np.ndarray, B: np.ndarray) -> Inputs:
         """Returns ū at both ends of the intervals and its derivatives by (ξ, ζ̄̇) at the first.
 
         A and B are the derivatives of ξ at the last.
@@ -335,7 +306,7 @@ class Ocp:
         xi_z = np.zeros((2 * N, 2 * size, 3 * size))
         xi_z[:N, :, : 2 * size] = np.eye(2 * size)
         xi_z[N:, :, : 2 * size], xi_z[N:, :, 2 * size:] = A, B
-        return self._inputs_by(plan, model.knots, model.f_y, model.f_zeta, xi_z)
+        return self._inputs_by(plan, knots, xi_z)
 
     def interval_inputs(self, plan: Plan, knots: Points) -> Inputs:
         """Returns ū at both ends of the intervals, which need not meet, and its derivatives.
@@ -343,10 +314,9 @@ class Ocp:
         Those by (y, ζ) at the first, ζ̄̇, and (y, ζ) at the last.
         """
         N, size = len(plan.zeta_dot), self.model.size
-        f_y, f_zeta = self._drift_slopes(plan, knots)
         xi_z = np.zeros((2 * N, 2 * size, 5 * size))
         xi_z[:N, :, : 2 * size] = xi_z[N:, :, 3 * size:] = np.eye(2 * size)
-        return self._inputs_by(plan, knots, f_y, f_zeta, xi_z)
+        return self._inputs_by(plan, knots, xi_z)
 
     def _drift_slopes(self, plan: Plan, knots: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns ∂f/∂ȳ and ∂f/∂ζ̄ at the knots (N+1, 6+n, 6+n)."""
@@ -354,19 +324,16 @@ class Ocp:
             plan.config, plan.zeta, knots.drift, knots.kinematics, knots.inverse_mass)
         return f_config @ knots.config_y, f_zeta
 
-    def _inputs_by(self, plan: Plan, knots: Points, f_y: np.ndarray, f_zeta: np.ndarray,
-                   xi_z: np.ndarray) -> Inputs:
+    def _inputs_by(self, plan: Plan, knots: Points, xi_z: np.ndarray) -> Inputs:
         """Returns ū at both ends of the intervals and its derivatives by z, the third part ζ̄̇.
 
         Args:
             plan: The plan.
             knots: Its knots.
-            f_y: ∂f/∂ȳ there.
-            f_zeta: ∂f/∂ζ̄ there.
             xi_z: ∂ξ/∂z at the beginnings, then at the ends (2N, 2(6+n), size of z).
         """
         N, size = len(plan.zeta_dot), self.model.size
-        f_xi = np.concatenate([f_y, f_zeta], axis=2)
+        f_xi = np.concatenate(self._drift_slopes(plan, knots), axis=2)
         # ∂ū/∂z = ∂ζ̄̇/∂z − ∂f/∂ξ ∂ξ/∂z.
         u_z = np.concatenate([-f_xi[:-1] @ xi_z[:N], -f_xi[1:] @ xi_z[N:]])
         u_z[..., 2 * size: 3 * size] += np.eye(size)
