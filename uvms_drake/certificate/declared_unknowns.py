@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.limits import TubeRadii, resolved_radii
@@ -28,7 +27,7 @@ from uvms_drake.plant.model_error import (
     AxisFactors,
     ModelError,
     Unknowns,
-    add_simulated_uvms,
+    simulated_uvms,
 )
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, rounded_up, setting
@@ -109,10 +108,7 @@ class UnmodelledBounds:
 
     def true(self, **error: Any) -> UvmsModel:
         """Returns the robot with a model error."""
-        plant = MultibodyPlant(time_step=0.0)
-        uvms = add_simulated_uvms(plant, self.robot, ModelError(**error))
-        plant.Finalize()
-        return UvmsModel(uvms)
+        return UvmsModel(simulated_uvms(self.robot, ModelError(**error)))
 
     def largest(self, source: "Source", weights: np.ndarray) -> UnknownEffect:
         """Returns bounds of |dᵢ| and of ‖Ŵ⁻¹d‖₂, estimated, for the diagonal of Ŵ."""

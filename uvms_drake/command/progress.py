@@ -62,18 +62,6 @@ class Bar:
             self._is_open = False
 
 
-class _Above(logging.Handler):
-    """Passes log messages to a `Bar`."""
-
-    def __init__(self, bar: Bar):
-        super().__init__()
-        self._bar = bar
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Writes the message above the bar."""
-        self._bar.say(self.format(record))
-
-
 def bar(args: argparse.Namespace, title: str, *, is_steady: bool = True) -> closing[Bar]:
     """Returns the context of a command's bar on stderr, or nowhere with --quiet; see `Bar`."""
     stream = io.StringIO() if args.quiet else sys.stderr
@@ -83,7 +71,11 @@ def bar(args: argparse.Namespace, title: str, *, is_steady: bool = True) -> clos
 @contextmanager
 def alarms_above(bar: Bar) -> Iterator[None]:
     """Shows the warnings of the package's logger above the bar, inside the block."""
-    handler = _Above(bar)
+    class Above(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            bar.say(self.format(record))
+
+    handler = Above()
     LOGGER.addHandler(handler)
     try:
         yield

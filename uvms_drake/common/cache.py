@@ -65,13 +65,12 @@ def source_digest(*others: str, without: tuple[str, ...] = ()) -> str:
         others: Patterns of further files, such as `*.yaml` for scenarios and gains.
         without: Rooms that do not count.
     """
-    folder = FOLDER
     digest = hashlib.sha256()
     for path in sorted({path for pattern in ("*.py", "elements.yaml", *others)
-                        for path in folder.rglob(pattern)}):
-        if path.relative_to(folder).parts[0] in without:
-            continue
-        digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
+                        for path in FOLDER.rglob(pattern)}):
+        name = path.relative_to(FOLDER)
+        if name.parts[0] not in without:
+            digest.update(str(name).encode() + path.read_bytes())
     return digest.hexdigest()
 
 

@@ -10,7 +10,6 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.model.links import Links, read_links
 from uvms_drake.model.robot import Robot
@@ -21,7 +20,7 @@ from uvms_drake.plant.model_error import (
     LEAST_FACTOR,
     AxisFactors,
     ModelError,
-    add_simulated_uvms,
+    simulated_uvms,
 )
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -76,10 +75,7 @@ def parameters_of(robot: Robot | str) -> tuple[Links, list[Parameter]]:
     robot = Robot.load(robot) if isinstance(robot, str) else robot
     base, found = read_links(robot.uvms), list[Parameter]()
     for name, error, value, unit in _candidates(robot):
-        plant = MultibodyPlant(0.0)
-        uvms = add_simulated_uvms(plant, robot, error)
-        plant.Finalize()
-        links = read_links(uvms)
+        links = read_links(simulated_uvms(robot, error))
         if any(not np.array_equal(getattr(base, part), getattr(links, part))
                for part in ("inertia", "weight", "drag_linear", "drag_quadratic")):
             found.append(Parameter(name, error, links, value, unit))

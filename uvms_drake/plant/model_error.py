@@ -122,6 +122,14 @@ def add_simulated_uvms(plant: MultibodyPlant, robot: Robot | str, error: ModelEr
     return with_payload(plant, uvms, error.payload) if error.payload.present else uvms
 
 
+def simulated_uvms(robot: Robot | str, error: ModelError | None) -> Uvms:
+    """Returns the same in a finalized plant of its own."""
+    plant = MultibodyPlant(time_step=0.0)
+    uvms = add_simulated_uvms(plant, robot, error)
+    plant.Finalize()
+    return uvms
+
+
 def _check_scaled(plant: MultibodyPlant, files: RobotFiles, factor: float) -> None:
     """Raises unless the inertias of all bodies are those of the robot's files, scaled."""
     known = MultibodyPlant(plant.time_step())

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.actuation import Thrusters
 from uvms_drake.actuation.thrusters import largest_error
@@ -21,7 +20,7 @@ from uvms_drake.control.supervisor.supervisor import Safety
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
+from uvms_drake.plant.model_error import ModelError, simulated_uvms
 from uvms_drake.plant.waves import Wave, largest_speed
 from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.contact.bounds import (
@@ -251,11 +250,8 @@ def unknown_forces(scenario: Scenario, model: ContactModel, config: np.ndarray
     for error in (*(ModelError(**{name: getattr(unknown, name)}) for name in STATIC),
                   *(ModelError(buoyancy_shift=part) for part in np.diag(unknown.buoyancy_shift))):
         if error.size > 0.0:
-            plant = MultibodyPlant(time_step=0.0)
-            uvms = add_simulated_uvms(plant, scenario.model, error)
-            plant.Finalize()
             true, known = (each.inverse_dynamics(each.kinematics(config), still, still, np.zeros(6))
-                           for each in (UvmsModel(uvms), model))
+                           for each in (UvmsModel(simulated_uvms(scenario.model, error)), model))
             yield true - known
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from uvms_drake.common.errors import InvalidFile
+from uvms_drake.common.schema import suggestion
 from uvms_drake.model.description.elements import (
     REFUSED,
     SDFORMAT,
@@ -192,9 +193,8 @@ def _check_value(node: Node, text: str, value: Value, owner: str, key: str, foun
     words = text.split()
     if value.words:
         if text.strip() not in value.words and not found.foreign:
-            close = difflib.get_close_matches(text.strip(), value.words, n=1)
-            found.refuse(node, owner, key, text, f"one of {', '.join(value.words)}" + (
-                f" (did you mean '{close[0]}'?)" if close else ""))
+            found.refuse(node, owner, key, text, f"one of {', '.join(value.words)}"
+                         + suggestion(text.strip(), list(value.words)))
         return
     if value.numbers == 0:
         if not words and not (found.foreign and node.tag in ("visual", "collision")):

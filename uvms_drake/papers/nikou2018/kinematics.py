@@ -19,7 +19,6 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.common.yaml import yaml_load_data
 from pydrake.math import RollPitchYaw, RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.systems import framework
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
@@ -42,7 +41,7 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import configuration_rate, configuration_rate_matrix
 from uvms_drake.papers.nikou2018.transpose import Transpose
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
-from uvms_drake.plant.model_error import add_simulated_uvms
+from uvms_drake.plant.model_error import simulated_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 from uvms_drake.report.compare import differing_keys
 from uvms_drake.station.problem import load_model
@@ -372,9 +371,8 @@ class DisturbedKinematics(WiredSystem):
 
     def __init__(self, robot: str, start: np.ndarray, task_frame: np.ndarray):
         super().__init__()
-        self._plant = MultibodyPlant(time_step=0.0)
-        self._uvms = add_simulated_uvms(self._plant, robot, None)
-        self._plant.Finalize()
+        self._uvms = simulated_uvms(robot, None)
+        self._plant = self._uvms.plant
         self._context, self._coordinates = self._plant.CreateDefaultContext(), Coordinates(
             self._uvms)
         self._R_TW = RotationMatrix(RollPitchYaw(task_frame)).inverse()

@@ -4,7 +4,7 @@ An override is a text such as `surface.stiffness=2000`. Values are checked elsew
 """
 
 import contextlib
-import difflib
+import os
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from uvms_drake.common.errors import (
     shortened,
 )
 from uvms_drake.common.program import FOLDER
-from uvms_drake.common.schema import parse_yaml, read_yaml
+from uvms_drake.common.schema import parse_yaml, read_yaml, suggestion
 from uvms_drake.model.description.robot_files import shipped_robots
 from uvms_drake.station.scenario.modules import from_folder
 
@@ -66,24 +66,20 @@ def scenario_path(name_or_path: str, key: str = "scenario") -> Path:
     """
     shipped = shipped_scenarios()
     path = shipped.get(name_or_path, Path(name_or_path))
-    there = False
-    with contextlib.suppress(OSError, ValueError):  # A name that is too long, or with NUL in it.
-        if path.is_file():
-            return path
-        there = path.exists()
+    if os.path.isfile(path):  # No error for a name that is too long, or with NUL in it.
+        return path
     if name_or_path in GONE_SCENARIOS:
         raise ScenarioError(f"{key} = {name_or_path!r}: must be {GONE_SCENARIOS[name_or_path]}; "
                             "it is not shipped any more")
-    close = difflib.get_close_matches(name_or_path, shipped, n=1)
     known = f"one of {', '.join(shipped)}"
-    if there:
+    if os.path.exists(path):
         allowed = f"a file: this is {'a folder' if path.is_dir() else 'none'}"
     elif len(path.parts) > 1 or path.suffix in (".yaml", ".yml"):
         allowed = f"a file that exists, or {known}"
     else:
         allowed = f"{known}, or a YAML file that exists"
     raise ScenarioError(f"{key} = {shortened(name_or_path)!r}: must be {allowed}"
-                        + (f" (did you mean '{close[0]}'?)" if close else ""))
+                        + suggestion(name_or_path, list(shipped)))
 
 
 def scenario_source(name_or_path: str, options: Sequence[str] = ()) -> str:
@@ -129,8 +125,9 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
                                "`base: girona500_ideal`")
     own = {key: value for key, value in raw.items() if not str(key).startswith("_")}
     robot = own.get("model")
-    if isinstance(robot, str) and robot not in shipped_robots() and _is_folder(path.parent / robot):
-        own["model"] = str(path.parent / robot)
+    if isinstance(robot, str) and robot not in shipped_robots() and (
+            os.path.isdir(folder := path.parent / robot) and folder.name):
+        own["model"] = str(folder)
     if isinstance(own.get("modules"), list):
         own["modules"] = [from_folder(str(each), path.parent) for each in own["modules"]]
     if "base" not in own:
@@ -157,12 +154,6 @@ def base_of(raw: object, path: Path) -> Path | None:
     folder = path.parent / base
     named = base in shipped_scenarios() or (not Path(base).suffix and not folder.exists())
     return scenario_path(base if named else str(folder), "base")
-
-
-def _is_folder(path: Path) -> bool:
-    with contextlib.suppress(OSError, ValueError):  # A name that is too long, or with NUL in it.
-        return path.is_dir() and path.name != ""
-    return False
 
 
 def not_inherited(file: str) -> dict[str, list[str]]:
