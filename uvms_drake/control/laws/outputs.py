@@ -82,26 +82,12 @@ ROLL, PITCH = 3, 4
 def outputs_of(now: Pair, rows: np.ndarray) -> Outputs:
     """Returns the outputs of a pair of motions; `rows` (n,) are the tip's in (χ, q)."""
     error = pose_difference(*now.config)[:6], pose_difference(*now.y)[rows]
-    return Outputs(np.concatenate(error), *output_motion(
-        now.config, now.zeta, now.J_x, now.J_x_dot, rows))
-
-
-def output_motion(config: np.ndarray, zeta: np.ndarray, J_x: np.ndarray, J_x_dot: np.ndarray,
-                  rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns ẏ (..., 6+n), J_y (..., 6+n, 6+n) and J̇_y ζ (..., 6+n).
-
-    Args:
-        config: 𝔮 (..., 6+n).
-        zeta: ζ (..., 6+n).
-        J_x: J_x(𝔮) (..., 6+n, 6+n).
-        J_x_dot: Rate of J_x (..., 6+n, 6+n).
-        rows: The tip's rows in (χ, q) (n,).
-    """
-    rate, J, bias = vehicle_motion(config, zeta)
-    J_s = J_x[..., rows, :]
-    return (np.concatenate([rate, times(J_s, zeta)], axis=-1),
-            np.concatenate([J, J_s], axis=-2),
-            np.concatenate([bias, times(J_x_dot[..., rows, :], zeta)], axis=-1))
+    rate, J, bias = vehicle_motion(now.config, now.zeta)
+    J_s = now.J_x[..., rows, :]
+    return Outputs(
+        np.concatenate(error), np.concatenate([rate, times(J_s, now.zeta)], axis=-1),
+        np.concatenate([J, J_s], axis=-2),
+        np.concatenate([bias, times(now.J_x_dot[..., rows, :], now.zeta)], axis=-1))
 
 
 def vehicle_motion(config: np.ndarray, zeta: np.ndarray

@@ -14,7 +14,7 @@ import numpy as np
 
 from uvms_drake.control.convex.staged_program import LinearLimits, NormLimit
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.plan.points import About, Points, Slopes
+from uvms_drake.control.plan.points import Points, Slopes
 
 
 class Inputs(NamedTuple):
@@ -30,19 +30,6 @@ class Inputs(NamedTuple):
     """Derivatives ∂u/∂z, likewise."""
 
 
-class RowGroup(NamedTuple):
-    """Rows of a limit in the arrays."""
-
-    name: str
-    """Name of the limit."""
-    columns: slice
-    """Columns of the rows."""
-    about: About
-    """Arguments of their values; of an input both ends of an interval are side by side."""
-    linear: bool
-    """Whether their slopes are the same at all points."""
-
-
 class Values(NamedTuple):
     """Limited values of a plan."""
 
@@ -53,7 +40,7 @@ class Values(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Entry:
+class Entry:
     """Limit and its place in the arrays."""
 
     limit: Limit
@@ -61,6 +48,11 @@ class _Entry:
     """Columns of its rows; empty for a cone."""
     constant: bool = True
     """Whether its slopes are the same at all points."""
+
+    @property
+    def name(self) -> str:
+        """Name in a program."""
+        return f"limits.{self.limit.name}"
 
     @property
     def is_input(self) -> bool:
@@ -85,8 +77,8 @@ class LimitStack:
 
     def __init__(self, limits: Mapping[str, Limit], at: Points, stages: int, width: int):
         self._stages, self._size = stages, at.model.size
-        self._rows: list[_Entry] = []
-        self._cones: list[_Entry] = []
+        self._rows: list[Entry] = []
+        self._cones: list[Entry] = []
         self._norm_rows: list[np.ndarray] = []
         self._norm_bounds: list[np.ndarray] = []
         # Every limit is a cone or has rows, of an input at both ends of an interval.
@@ -99,11 +91,11 @@ class LimitStack:
                 self._fill(C, slice(None), cone.slopes)
                 self._norm_rows.append(C[0])
                 self._norm_bounds.append(np.append(np.inf, np.full(stages - 1, cone.bound)))
-                self._cones.append(_Entry(limit, slice(0)))
+                self._cones.append(Entry(limit, slice(0)))
                 continue
             own, slopes = limit.row_bounds(at), limit.row_slopes(at)
             end = count + len(own[0]) * (2 if limit.about == "input" else 1)
-            self._rows.append(_Entry(limit, slice(count, end), limit.about != "input" and all(
+            self._rows.append(Entry(limit, slice(count, end), limit.about != "input" and all(
                 each is None or each.ndim == 2 for each in slopes)))
             bounds.append(own)
             count = end
@@ -116,7 +108,7 @@ class LimitStack:
             self._bound(entry, *own)
             if entry.constant:
                 self._fill(self._C, entry.columns, entry.limit.row_slopes(at))
-        self._names = tuple(f"limits.{entry.limit.name}" for entry in self._rows
+        self._names = tuple(entry.name for entry in self._rows
                             for _ in range(entry.columns.stop - entry.columns.start))
 
     def is_of(self, limits: Mapping[str, Limit], stages: int) -> bool:
@@ -143,19 +135,18 @@ class LimitStack:
                 continue
             if type(limit) is not type(entry.limit) or entry not in self._rows:
                 return None
-            new = _Entry(limit, entry.columns, entry.constant)
+            new = Entry(limit, entry.columns, entry.constant)
             out._rows[self._rows.index(entry)] = new
             out._bound(new, limit.lower, limit.upper)
         return out
 
     @property
-    def groups(self) -> list[RowGroup]:
-        """Rows by limit."""
-        return [RowGroup(f"limits.{entry.limit.name}", entry.columns, entry.limit.about,
-                         entry.constant) for entry in self._rows]
+    def rows(self) -> list[Entry]:
+        """Limits that are rows; of an input both ends of an interval are side by side."""
+        return self._rows
 
     @property
-    def _entries(self) -> list[_Entry]:
+    def _entries(self) -> list[Entry]:
         return [*self._rows, *self._cones]
 
     def values(self, knots: Points, ends: Points) -> Values:
@@ -221,7 +212,7 @@ class LimitStack:
     def norms(self, values: Values) -> tuple[NormLimit, ...]:
         """Returns the limits that are norms of a convex program."""
         return tuple(map(NormLimit, self._norm_rows, values.cones, self._norm_bounds,
-                         [f"limits.{entry.limit.name}" for entry in self._cones]))
+                         [entry.name for entry in self._cones]))
 
     @staticmethod
     def _side_by_side(value: np.ndarray) -> np.ndarray:
@@ -235,7 +226,7 @@ class LimitStack:
             if slope is not None:
                 C[:, columns, place] = slope
 
-    def _bound(self, entry: _Entry, lower: np.ndarray, upper: np.ndarray) -> None:
+    def _bound(self, entry: Entry, lower: np.ndarray, upper: np.ndarray) -> None:
         """Writes the bounds of a limit's rows: the state at the first knot is given."""
         if entry.is_input:
             self._lower[:-1, entry.columns] = np.tile(lower, 2)

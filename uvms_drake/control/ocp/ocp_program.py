@@ -29,7 +29,7 @@ from pydrake.solvers import MathematicalProgram, MathematicalProgramResult
 from uvms_drake.common.bindings import named
 from uvms_drake.common.differentiable import differentiable
 from uvms_drake.control.convex.staged_program import LinearLimits, NormLimit
-from uvms_drake.control.ocp.limit_stack import LimitStack, RowGroup
+from uvms_drake.control.ocp.limit_stack import Entry, LimitStack
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.plan.plan import Plan, advance, advance_derivatives
 from uvms_drake.control.plan.points import Points, Slopes
@@ -89,9 +89,9 @@ class Stages:
         self._known: Intervals | None = None
 
     @property
-    def groups(self) -> list[RowGroup]:
+    def limits(self) -> list[Entry]:
         """Limits that are rows."""
-        return self._stack.groups
+        return self._stack.rows
 
     def point(self, plan: Plan) -> np.ndarray:
         """Returns the values of a plan."""
@@ -174,10 +174,10 @@ class Stages:
         now = self.at(which, z)
         return now.gap[k], now.gap_slopes[k]
 
-    def rows(self, k: int, group: RowGroup, which: np.ndarray, z: np.ndarray) -> Values:
+    def rows(self, k: int, limit: Entry, which: np.ndarray, z: np.ndarray) -> Values:
         """Returns the rows of a limit at stage k, by the variables `which`."""
         linear = self.at(which, z).linear
-        return linear.value[k, group.columns], linear.C[k, group.columns, : len(which)]
+        return linear.value[k, limit.columns], linear.C[k, limit.columns, : len(which)]
 
     @property
     def end(self) -> np.ndarray:
@@ -313,21 +313,21 @@ class OcpProgram(MathematicalProgram):
         """Adds the limits of a stage; those that are linear or norms as such."""
         stages, x = self._stages, self._stages.first
         now, knot = stages.at(np.arange(stages.size), x), stages.knot(k)
-        for group in stages.groups:
-            lower, upper = (bound[k, group.columns] for bound in (now.linear.lower,
-                                                                 now.linear.upper))
+        for entry in stages.limits:
+            lower, upper = (bound[k, entry.columns] for bound in (
+                now.linear.lower, now.linear.upper))
             if not np.any(np.isfinite(lower) | np.isfinite(upper)):
                 continue
-            which = (stages.interval(k) if group.about == "input" else
-                     stages.places["y"][k] if group.about == "pose" else knot)
-            if not group.linear:
-                self._add(f"{group.name}[{k}]", partial(stages.rows, k, group, which), which,
+            which = (stages.interval(k) if entry.limit.about == "input" else
+                     stages.places["y"][k] if entry.limit.about == "pose" else knot)
+            if not entry.constant:
+                self._add(f"{entry.name}[{k}]", partial(stages.rows, k, entry, which), which,
                           lower, upper)
                 continue
-            value, C = stages.rows(k, group, which, x[which])
+            value, C = stages.rows(k, entry, which, x[which])
             off = value - C @ x[which]
             named(self.AddLinearConstraint(C, lower - off, upper - off, self._all[which]),
-                  f"{group.name}[{k}]")
+                  f"{entry.name}[{k}]")
         for limit in now.norms:
             if np.isfinite(limit.bound[k]):
                 C = limit.C[:, : len(knot)]
