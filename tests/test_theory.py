@@ -12,7 +12,7 @@ from support.quick import FEW
 
 from uvms_drake.certificate.assumptions import assumed_conditions
 from uvms_drake.certificate.certificate import from_data, to_data
-from uvms_drake.certificate.certify import certified_once
+from uvms_drake.certificate.certify import certify
 from uvms_drake.station.scenario.scenario import load_scenario
 
 CODE = sorted(PACKAGE.rglob("*.py"))
@@ -105,7 +105,7 @@ def test_assumptions_name_their_theorem(name):
 
 @pytest.mark.slow
 def test_a_certificate_has_its_theorems_in_its_file(few_searches):
-    certificate = certified_once(load_scenario("girona500_ideal", FEW))
+    certificate = certify(load_scenario("girona500_ideal", FEW))
     data = json.loads(json.dumps(to_data(certificate)))
     assert len(data["conditions"]) > 20
     assert all(is_theorem(each["theorem"]) for each in data["conditions"])

@@ -101,7 +101,7 @@ UNKNOWN = "declared unknowns, in model_error.share of disturbance.bound"
     (["disturbance.bound=0.2"], "tube in limits.u"),
     ([PAPER, "ancillary=!Transpose {k: 20, sigma: 1}"], "a = "),
     (["ancillary.sigma=0.5"], "σ"),
-    pytest.param(["mpc.horizon=4"], "first plan, distance", marks=pytest.mark.long),
+    (["mpc.horizon=4"], "first plan, distance"),
     (["current=[0.1, 0, 0]"], f"{UNKNOWN} (a current"),
     pytest.param(["waves=[{amplitude: 0.1}]"], f"{UNKNOWN} (a wave", marks=pytest.mark.long),
     (["limits.static_force=22"], "first plan, violation between"),

@@ -35,20 +35,29 @@ def test_outputs_follow_every_input_and_not_the_time(model, monkeypatch, name):
     system = MADE[name](model)
     context = system.CreateDefaultContext()
     inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
-    for port in inputs:
-        port.FixValue(context, np.full(port.size(), 0.1))
+    values = [np.full(port.size(), 0.1) for port in inputs]
+    for port, value in zip(inputs, values, strict=True):
+        port.FixValue(context, value)
+
+    def outputs(context):
+        return [system.get_output_port(i).Eval(context) for i in range(system.num_output_ports())]
 
     def news():
         """Returns which outputs are made at a look at all of them."""
         made.clear()
-        for i in range(system.num_output_ports()):
-            system.get_output_port(i).Eval(context)
+        outputs(context)
         return set(made)
 
     everything = news()
     assert len(everything) == system.num_output_ports()
     context.SetTime(1.0)
     assert news() == set()
-    for port in inputs:
-        port.FixValue(context, np.full(port.size(), 0.2))
+    for i, port in enumerate(inputs):
+        values[i] = np.full(port.size(), 0.2)
+        port.FixValue(context, values[i])
         assert news() == everything
+        fresh = system.CreateDefaultContext()  # Nothing is kept there from other inputs.
+        for each, value in zip(inputs, values, strict=True):
+            each.FixValue(fresh, value)
+        for found, expected in zip(outputs(context), outputs(fresh), strict=True):
+            np.testing.assert_array_equal(found, expected)

@@ -120,8 +120,7 @@ def test_it_is_certified_for_every_wall_of_the_class(few_searches):
 
 @pytest.mark.parametrize(("override", "broken"), [
     ("contact.force_error=3.0", "contact.force_error"),
-    pytest.param("sensing.0.range=[60, 60, 60, 40, 40, 30]",
-                 "sensing, largest force within the range", marks=pytest.mark.long),
+    ("sensing.0.range=[60, 60, 60, 40, 40, 30]", "sensing, largest force within the range"),
     pytest.param("contact.clearance=0.04", "contact.clearance", marks=pytest.mark.long),
     pytest.param("contact.stiffness=8000.0", "safe region, margin", marks=pytest.mark.long),
     pytest.param("contact.speed=0.02", "contact.speed, excess between", marks=pytest.mark.long),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.systems.primitives import LinearSystem
-from support.scenarios import UNLIKE_FIRST
+from support.scenarios import OF_A_STATION
 
 import uvms_drake as uv
 from uvms_drake.model.surface.contact_laws import Linear
@@ -51,7 +51,7 @@ def test_the_rates_are_the_eigenvalues_of_the_loop():
     np.testing.assert_array_equal(context.get_continuous_state_vector().CopyToVector(), [1, 2, 3])
 
 
-@pytest.mark.parametrize("name", UNLIKE_FIRST)
+@pytest.mark.parametrize("name", OF_A_STATION)
 def test_a_shipped_scenario_has_a_step_that_is_short_enough(name, monkeypatch):
     """One that is chosen divides the period of the logs, and one more step in it is not needed."""
     scenario = uv.load_scenario(name)

@@ -8,9 +8,8 @@ from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 OF_A_STATION = tuple(name for name in shipped_scenarios() if "kinematic" not in name)
 """Shipped scenarios but for those with a simulation of their own."""
-ALIKE = ("bluerov2_ceiling", "bluerov2_cp_probe", "girona500_contact_uncertain", "girona500_floor",
-         "girona500_slope", "girona500_unknown_floor")
-"""Those that differ from another one by wall, task or unknowns."""
+ALIKE = ("bluerov2_cp_probe", "girona500_contact_uncertain", "girona500_floor", "girona500_slope")
+"""Those whose controller has the parts of another one's."""
 UNLIKE_FIRST = tuple(pytest.param(name, marks=pytest.mark.long) if name in ALIKE else name
                      for name in OF_A_STATION)
 """The same as parameters of a test; those that are alike are `long`."""

@@ -171,7 +171,6 @@ def test_without_inflation_there_is_no_terminal_set(robot):
     assert "decrease" in check.failures
 
 
-@pytest.mark.long
 def test_with_little_inflation_the_decrease_limits_the_set(robot, found):
     little = inflated(robot, 0.1)
     radius, check = largest_radius(little, samples=500)

@@ -123,7 +123,7 @@ def add_simulated_uvms(plant: MultibodyPlant, robot: Robot | str, error: ModelEr
 
 
 def simulated_uvms(robot: Robot | str, error: ModelError | None) -> Uvms:
-    """Returns the same in a finalized plant of its own."""
+    """Returns the simulated robot, as of `add_simulated_uvms`, in a finalized plant of its own."""
     plant = MultibodyPlant(time_step=0.0)
     uvms = add_simulated_uvms(plant, robot, error)
     plant.Finalize()

@@ -120,7 +120,9 @@ class CompliantSurface(WiredSystem):
         """Returns χ (6,) and R_WE (3, 3), with the workspace in the present state."""
         workspace = self._workspace.Eval(context).context
         self._plant.SetPositionsAndVelocities(workspace, self._plant_state_port.Eval(context))
-        return pose(workspace, self._tip, self._R_TW)
+        chi, R_WE = pose(workspace, self._tip, self._R_TW)
+        chi.setflags(write=False)  # A surface of one's own gets it.
+        return chi, R_WE
 
     def _touch(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
         """Returns −J_χᵀ 𝔉 (nv,) and 𝔉 (6,)."""

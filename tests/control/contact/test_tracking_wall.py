@@ -149,7 +149,7 @@ BEFORE, AT, WHILE = 1.0, 2.5, 5.0
 DURATION = 1.5  # s
 FAULTS = {"lost": LostForce, "frozen": FrozenForce,
           "jumped": partial(JumpedForce, jump=-0.5 * SENSING.noise * np.eye(6)[0])}
-MARKS = {("frozen", AT): (), ("lost", WHILE): pytest.mark.slow, ("jumped", WHILE): pytest.mark.slow}
+MARKS = {("frozen", AT): (), ("lost", WHILE): pytest.mark.slow, ("frozen", WHILE): pytest.mark.slow}
 """Marks of faults at their instants; others are `long`."""
 
 

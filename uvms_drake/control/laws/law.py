@@ -183,8 +183,6 @@ class AncillaryLaw(ABC):
     """Whether the command takes `Pair.contact`."""
     takes_wrench: ClassVar[bool] = False
     """Whether the command takes `Pair.wrench` and `Pair.preview`, of actuators with a delay."""
-    shared: ClassVar[tuple[str, ...]] = ("y", "J_x", "J_x_dot")
-    """Values of a `Pair` that monitor and observer read after the command, computed once."""
 
     @property
     def name(self) -> str:

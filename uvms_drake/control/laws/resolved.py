@@ -34,7 +34,6 @@ class Resolved(AncillaryLaw):
     """σ, gain of the task error [1/s]."""
 
     takes_force = True
-    shared = (*AncillaryLaw.shared, "inverse")
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:

@@ -141,9 +141,9 @@ class LimitStack:
         return out
 
     @property
-    def rows(self) -> list[Entry]:
+    def row_limits(self) -> tuple[Entry, ...]:
         """Limits that are rows; of an input both ends of an interval are side by side."""
-        return self._rows
+        return tuple(self._rows)
 
     @property
     def _entries(self) -> list[Entry]:

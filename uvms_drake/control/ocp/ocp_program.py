@@ -89,9 +89,9 @@ class Stages:
         self._known: Intervals | None = None
 
     @property
-    def limits(self) -> list[Entry]:
+    def row_limits(self) -> tuple[Entry, ...]:
         """Limits that are rows."""
-        return self._stack.rows
+        return self._stack.row_limits
 
     def point(self, plan: Plan) -> np.ndarray:
         """Returns the values of a plan."""
@@ -313,7 +313,7 @@ class OcpProgram(MathematicalProgram):
         """Adds the limits of a stage; those that are linear or norms as such."""
         stages, x = self._stages, self._stages.first
         now, knot = stages.at(np.arange(stages.size), x), stages.knot(k)
-        for entry in stages.limits:
+        for entry in stages.row_limits:
             lower, upper = (bound[k, entry.columns] for bound in (
                 now.linear.lower, now.linear.upper))
             if not np.any(np.isfinite(lower) | np.isfinite(upper)):

@@ -122,12 +122,16 @@ class ThrusterModel:
     @cached_property
     def lower(self) -> np.ndarray:
         """Least forces (m,) [N], zero or negative."""
-        return np.array([curve.force[0] for curve in self.curves])
+        least = np.array([curve.force[0] for curve in self.curves])
+        least.setflags(write=False)
+        return least
 
     @cached_property
     def upper(self) -> np.ndarray:
         """Largest forces (m,) [N]."""
-        return np.array([curve.force[-1] for curve in self.curves])
+        most = np.array([curve.force[-1] for curve in self.curves])
+        most.setflags(write=False)
+        return most
 
     def forces_of(self, commands: np.ndarray) -> np.ndarray:
         """Returns the steady forces (m,) [N] for commands (m,), within the largest current."""
