@@ -15,6 +15,7 @@ import uvms_drake as uv
 from uvms_drake.actuation import Thrusters
 from uvms_drake.certificate.run_verdict import broken
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
+from uvms_drake.control.limits import TubeRadii
 from uvms_drake.control.limits.pose import Joints
 from uvms_drake.control.mpc.planner import FAILED, KEPT
 from uvms_drake.control.mpc.solver_faults import SolverFailure
@@ -75,7 +76,12 @@ def test_a_certified_run_fails_by_a_cut_a_missing_plan_and_any_certified_row():
     speed[-1, 0] += 10.0
     fast = uv.summarise(replace(record, state=np.hstack([record.config, speed])))
     assert "the tube, nu1" in broken(fast) and "the tube, nu1" not in broken(kept)
-    assert not uv.summarise(replace(record, certified=np.array(False)))["tube"]["left"]
+    declared = uv.summarise(replace(
+        record, state=np.hstack([record.config, speed]), certified=np.array(False)))
+    assert "the declared tube (nu1)" in broken(declared)
+    none = replace(record.scenario, tube=TubeRadii())
+    assert not uv.summarise(replace(
+        record, scenario=none, certified=np.array(False)))["tube"]["left"]
 
 
 @pytest.mark.parametrize("ahead", [0, 1])

@@ -84,7 +84,7 @@ def outcome(record: Record) -> dict[str, Any]:
     """Returns the figures of merit of a run, of `metrics`.
 
     `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of the effective disturbance, and `inside` is
-    whether that was at most 1, or d̃ is zero. `left` are the certified rows that were left, and
+    whether that was at most 1, or d̃ is zero. `left` are the rows of the tube that were left, and
     `exits_bands` counts exits of the force bands. `margin` is the smallest of `margins`, and
     `constraint` its name. `limited` is whether the command saturated, `finite` whether all logged
     signals are. With an unknown wall force error and settling are those along n: its tilt and its

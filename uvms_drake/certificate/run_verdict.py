@@ -62,8 +62,9 @@ def verdict_of(summary: dict[str, Any], also: Sequence[str] = ()) -> dict[str, A
 def broken(summary: dict[str, Any]) -> list[str]:
     """Returns the limits that a run has violated, its tube if it left it, and its force bands.
 
-    With a certificate it is the certified tube, along the run, too, a command that was cut and a
-    sample without a plan, and with one in probability also a lost contact.
+    The tube is left in any row. With a certificate it is the certified one, also along the run; a
+    command that was cut and a sample without a plan count then, with one in probability a lost
+    contact.
     """
     names, tube = violated_limits(summary), summary["tube"]
     names += [f"the force band {BANDS[name]}" for name, row in
@@ -71,15 +72,17 @@ def broken(summary: dict[str, Any]) -> list[str]:
     counted = summary["in_probability"] is not None
     names += ["the contact, lost"] * bool(counted and summary["contact"]["losses"])
     if tube["certified"]:
-        names += [f"the tube, {row}" for row in tube["left"]]
         trip = summary.get("safety", {}).get("retreated_s")
         names += ["the command, cut"] * any(event["kind"] == "input_limited" and (
             trip is None or event["time_s"] < trip) for event in summary["events"])
         names += ["the MPC, without a plan"] * bool(summary["mpc"]["own_failures"])
     if tube["certified"] or counted:
-        return names + [f"the tube, {what}" for key, what in (
-            ("exits", "set-wise"), ("exits_along_the_run", "along the run")) if tube[key]]
-    return names + ["the declared tube"] * bool(tube["exits"] and tube["bound_e"] > 0.0)
+        return [*names, *(f"the tube, {row}" for row in tube["left"]), *(
+            f"the tube, {what}" for key, what in (
+                ("exits", "set-wise"), ("exits_along_the_run", "along the run")) if tube[key])]
+    rows = f" ({', '.join(tube['left'])})" if tube["left"] else ""
+    return names + [f"the declared tube{rows}"] * bool(
+        tube["left"] or (tube["exits"] and tube["bound_e"] > 0.0))
 
 
 def violated_limits(summary: dict[str, Any]) -> list[str]:

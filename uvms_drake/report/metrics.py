@@ -258,7 +258,8 @@ def summarise_tube(record: Record) -> dict[str, object]:
     `e` is the error of the law, `error`: y − ȳ, or χ − χ̄ alone; see `FIELDS`. `exits` counts
     the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the
     whole task, position, orientation, joints and velocity, set-wise and along the run; see
-    `TubeMonitor`. `left` are the certified rows that the monitor does not watch and that were left.
+    `TubeMonitor`. `left` are the rows that the monitor does not watch and that were left, none
+    without a tube.
     `largest_use` is the largest of all rows over its radius, of the row `most_used`.
     """
     tube, found = record.scenario.tube, largest_deviations(record)
@@ -274,7 +275,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
         "exits": int(report["set_exits"]),
         "first_exit_s": report["set_first_exit"],
         "exits_along_the_run": int(report["trajectory_exits"]),
-        "left": rows_left(record, found) if record.certified else [],
+        "left": rows_left(record, found) if tube.e > 0.0 else [],
         "worst_ratio": _worst_ratios(record, report),
         "most_used": row, "largest_use": use,
         "disturbance_excesses": int(report["disturbance_exits"]),
