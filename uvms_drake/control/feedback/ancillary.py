@@ -209,7 +209,7 @@ class AncillaryFeedback(WiredSystem):
             del given["contact"]
         if lost and mode != WATCHING:
             given["contact"] = np.zeros(6)
-        _ = now.J_x, now.J_x_dot, now.y  # Shared with monitor and observer; y is last: in J_x.
+        _ = now.J_x, now.J_x_dot, now.y  # Shared; y takes the kinematics of J_x.
         now = now.given(**given)
         # The command, within limits.
         if mode != WATCHING:
