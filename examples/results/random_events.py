@@ -78,7 +78,8 @@ def drawn(index: int) -> tuple[str, list[tuple[str, float, str]], bool]:
     instant = float(draw.uniform(EARLIEST, LATEST))
     for number in range(1 + int(draw.integers(2))):
         kind = str(draw.choice(KINDS))
-        if number and (kind in FAILING or kind == events[0][0]):
+        if number and (kind in FAILING or kind == events[0][0]
+                       or {kind, events[0][0]} == {"current", "wave"}):  # Of one kind of fault.
             continue
         instant += float(draw.uniform(0.0, 3.0)) if number else 0.0
         heading, size = draw.uniform(-np.pi, np.pi), draw.uniform()

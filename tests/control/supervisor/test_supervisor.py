@@ -278,7 +278,7 @@ def tripped(settings, model):
     return initial_watch(10)._replace(
         safety=np.array([RETREATING, 1.0, 8.0, np.nan, 0.0]), **first._replace(
             rate=np.full(10, 0.01), left=np.array([0.2, np.inf]))._asdict(),
-        clocks=np.array([8.98, -np.inf, 8.98, 8.98, 0.0, 0.0, 0.0, 0.0]))
+        clocks=np.array([8.98, -np.inf, 8.98, 8.98, 0.0, 0.0, 0.0, 0.0, np.nan]))
 
 
 def test_while_the_state_is_lost_the_retreat_rests_and_nothing_counts_as_distance(model, settings):
@@ -719,6 +719,25 @@ def test_a_thruster_is_isolated_after_a_drift_or_a_deviation_if_it_is_the_same_f
     assert after(lambda k: drift) == isolated
     assert after(lambda k: drift * (k % 4 > 0)) == 0  # Found for 0.06 s at a time.
     assert after(lambda k: 0.5 * drift) == 0  # Not above the threshold of the drift.
+
+
+@pytest.mark.parametrize(("changes", "rise", "isolated"), [
+    ({}, 0.0, 1), ({}, 2.0, 0), ({"fix_age": 1.0}, 0.0, 0), ({"force": 10.0}, 0.0, 0)])
+def test_a_thruster_that_sticks_long_after_the_trip_is_isolated_too(
+        model, settings, thrusters, changes, rise, isolated):
+    """At a trip by a slope, while it stands: after a small drift, none that rises slowly."""
+    wrench = np.append(30.0 * thrusters.B[:, 0], np.zeros(4))
+    zeta = np.linalg.solve(model.mass_matrix(model.kinematics(START)), wrench)
+    drift = (configuration_rate_matrix(START) @ zeta)[:6]
+    drift *= 1.4 * LIMITS.drift[0] / np.linalg.norm(drift[:3])
+    seen = QUIET._replace(**{"force": 0.0} | changes)
+    now = tripped(settings, model)._replace(
+        safety=np.array([STANDING, list(CAUSES).index("slope") + 1.0, 8.98, np.nan, 0.0]))
+    for time in 20.0 + 0.02 * np.arange(200):
+        share = 0.0 if time < 21.0 else 0.6 if time < 21.0 + rise else 1.0
+        now = updated(now, seen._replace(time=time, drift=share * drift), START, LIMITS,
+                      settings._replace(thrusters=thrusters), model)
+    assert now.safety[4] == isolated and now.safety[0] in (STANDING, RETREATING)
 
 
 def test_a_thruster_that_explained_the_drift_before_the_trip_is_isolated_with_it(

@@ -7,7 +7,8 @@ It is looked for from half of the threshold on until shortly after the trip, bef
 own motion, the turn into the flow and saturated thrusters are in w, and never cut if it alone
 drives an axis. A contact force that is not read is in w, too: so only after a trip by drift or a
 deviation, while the force is read and the drift above its threshold, and if the same thruster is
-found for a while.
+found for a while. After the trip it is looked for again, whatever the cause was, for as long from
+the last drift below half of the threshold on: off the wall, and while there are fixes.
 """
 
 import numpy as np
@@ -16,7 +17,7 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
 ISOLATION = 1.0
-"""Time after the trip in which a thruster is isolated [s]."""
+"""Time after the trip, or after the last small drift, in which a thruster is isolated [s]."""
 SUSPICION = 0.5
 """Ratio of the drift to its threshold from which on one is looked for."""
 CONFIRMED = 0.1

@@ -70,8 +70,9 @@ SATURATED = 2.0
 """`force_status` of a reading at the end of the sensor's range."""
 GOOD = (SOLVED, KEPT, HOVERED)
 """Outcomes of a sample with a plan that is as good as new."""
-DRIFT = list(CAUSES).index("drift")
-"""Index of the drift, which has to be above its threshold for a thruster to be isolated."""
+DRIFT, FIX = list(CAUSES).index("drift"), list(CAUSES).index("fix")
+"""Indices of the drift, which has to be above its threshold for a thruster to be isolated, and of
+the age of the fixes, by which it is seen."""
 
 
 class Safety(NamedTuple):
@@ -96,8 +97,9 @@ class Watch(NamedTuple):
     """Time, position, force, planned speed of the last readings, the newest last (6 ROWS,); NaN for
     none."""
     clocks: np.ndarray
-    """Times [s]: of the last update, touch, finite state and new plan; and for which the command
-    was cut, the force lost, the water driven, and all was well, standing (8,)."""
+    """Times [s]: of the last update, touch, finite state and new plan; for which the command was
+    cut, the force lost, the water driven, and all was well, standing; and of the last drift that
+    was no suspicion (9,)."""
     flow: np.ndarray
     """Low-passed horizontal disturbance (2,) [m/s²]."""
     config: np.ndarray
@@ -121,7 +123,8 @@ def initial_watch(size: int) -> Watch:
     """Returns the memory before the first update, for 6 + n = `size`."""
     return Watch(np.array([WATCHING, 0.0, np.nan, np.nan, 0.0]), np.zeros(len(CAUSES)),
                  np.full(6 * ROWS, np.nan),
-                 np.array([np.nan, -np.inf, np.nan, np.nan, 0.0, 0.0, 0.0, 0.0]), np.zeros(2),
+                 np.array([np.nan, -np.inf, np.nan, np.nan, 0.0, 0.0, 0.0, 0.0, np.nan]),
+                 np.zeros(2),
                  np.zeros(size), np.zeros(size), np.zeros(3), np.zeros(2), np.zeros(2))
 
 
@@ -158,10 +161,14 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     now = before._replace(readings=rows.ravel(), clocks=clocks, flow=flow)
     found = ratios(seen, np.vstack([recent, present]), limits)
     safety, suspect = before.safety.copy(), np.zeros(2)
-    trip = np.nan if safety[0] == WATCHING else safety[2]
+    # The onset: the trip, or later a drift from nothing, off the wall and with fixes.
+    if found[DRIFT] <= SUSPICION:
+        clocks[8] = seen.time
+    later = clocks[8] > safety[2] and found[FIX] <= 1.0 and seen.time - clocks[1] > WINDOW
+    onset = np.nan if safety[0] == WATCHING else clocks[8] if later else safety[2]
     if (settings.thrusters is not None and not safety[4] and found[DRIFT] > SUSPICION
-            and not seen.time - trip > ISOLATION and is_finite(seen.tip) and np.isfinite(seen.force)
-            and not seen.saturated and seen.lost_time == 0.0):
+            and not seen.time - onset > ISOLATION and is_finite(seen.tip)
+            and np.isfinite(seen.force) and not seen.saturated and seen.lost_time == 0.0):
         number = faulty_thruster(settings.thrusters, wrench_of(model, config, seen.drift))
         suspect = before.suspect if number == before.suspect[0] else np.array([number, seen.time])
     isolated = suspect[0] if found[DRIFT] > 1.0 and (
@@ -186,7 +193,7 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
         clocks[7] = 0.0
         return now._replace(rate=np.zeros_like(before.rate))
     name = list(CAUSES)[int(safety[1]) - 1]
-    if isolated and name in OFF_PLAN:
+    if isolated and (later or name in OFF_PLAN):
         safety[4] = isolated
     if since > 0.0:
         waited = seen.time - safety[2] >= settings.distance / settings.speed
