@@ -7,8 +7,8 @@ It is looked for from half of the threshold on until shortly after the trip, bef
 own motion, the turn into the flow and saturated thrusters are in w, and never cut if it alone
 drives an axis. A contact force that is not read is in w, too: so only after a trip by drift or a
 deviation, while the force is read and the drift above its threshold, and if the same thruster is
-found for a while. After the trip it is looked for again, whatever the cause was, for as long from
-the last drift below half of the threshold on: off the wall, and while there are fixes.
+found for a while. Later it is looked for again, whatever the cause was, for as long from the last
+drift below half of the threshold on: while the robot stands off the wall, with fixes.
 """
 
 import numpy as np

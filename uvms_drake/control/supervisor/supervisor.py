@@ -161,10 +161,11 @@ def updated(before: Watch, seen: Seen, config: np.ndarray, limits: Thresholds,
     now = before._replace(readings=rows.ravel(), clocks=clocks, flow=flow)
     found = ratios(seen, np.vstack([recent, present]), limits)
     safety, suspect = before.safety.copy(), np.zeros(2)
-    # The onset: the trip, or later a drift from nothing, off the wall and with fixes.
+    # The onset: the trip, or later a drift from nothing, standing off the wall and with fixes.
     if found[DRIFT] <= SUSPICION:
         clocks[8] = seen.time
-    later = clocks[8] > safety[2] and found[FIX] <= 1.0 and seen.time - clocks[1] > WINDOW
+    later = (safety[0] == STANDING and clocks[8] > safety[2] and found[FIX] <= 1.0
+             and seen.time - clocks[1] > WINDOW)
     onset = np.nan if safety[0] == WATCHING else clocks[8] if later else safety[2]
     if (settings.thrusters is not None and not safety[4] and found[DRIFT] > SUSPICION
             and not seen.time - onset > ISOLATION and is_finite(seen.tip)
