@@ -103,7 +103,7 @@ UNKNOWN = "declared unknowns, in model_error.share of disturbance.bound"
     (["ancillary.sigma=0.5"], "σ"),
     (["mpc.horizon=4"], "first plan, distance"),
     (["current=[0.1, 0, 0]"], f"{UNKNOWN} (a current"),
-    pytest.param(["waves=[{amplitude: 0.1}]"], f"{UNKNOWN} (a wave", marks=pytest.mark.long),
+    (["waves=[{amplitude: 0.1}]"], f"{UNKNOWN} (a wave"),
     (["limits.static_force=22"], "first plan, violation between"),
     (["limits.static_force=21"], "left by the tube, task.force"),
     (["mpc.initial_state=measured"], "mpc.initial_state"),

@@ -19,7 +19,7 @@ from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 pytestmark = pytest.mark.slow
 
-CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "48"))
+CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "120"))
 FIRST = int(os.environ.get("UVMS_DRAKE_FUZZ_FIRST", "0"))
 """Number of the first case: others than the usual ones are looked at by another one."""
 CHUNKS = 6

@@ -353,7 +353,7 @@ def test_a_parameter_that_one_log_alone_excites_has_no_degrees_of_freedom_to_spe
     assert nothing[0] == sigma[0] == 0.0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_parameter_of_which_the_halves_disagree_stays_in_the_fit():
     """With the file's value in its place, three others were off by 3 to 7 of their half-widths."""
     found = identify("girona500_arm5e", synthetic_logs("girona500_arm5e", 29, 8))

@@ -74,7 +74,7 @@ def outcome(file: Path, vehicle: str, known: set[str], folder: Path) -> str:
 
 
 @pytest.mark.parametrize("seeds", [
-    range(20), pytest.param(range(20, 1040), marks=pytest.mark.long)], ids=["few", "many"])
+    range(40), pytest.param(range(40, 1040), marks=pytest.mark.long)], ids=["few", "many"])
 def test_no_mistake_is_silent_in_mass_added_mass_and_axes(seeds, tmp_path):
     files = dict(enumerate(SOURCES))
     lists = {}

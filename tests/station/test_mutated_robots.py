@@ -58,7 +58,7 @@ def outcome(robot: Path, source: Path) -> str:
 
 
 @pytest.mark.parametrize("seeds", [
-    range(40), pytest.param(range(40, 1100), marks=pytest.mark.long)], ids=["few", "many"])
+    range(100), pytest.param(range(100, 1100), marks=pytest.mark.long)], ids=["few", "many"])
 def test_no_mistake_changes_a_robot_in_silence(seeds, sources, tmp_path):
     found: dict[str, list[str]] = {}
     for seed in seeds:
